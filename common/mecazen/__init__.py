@@ -1,0 +1,1 @@
+"""mecazen: messages, bus, time, configuration and command line of the simulator."""

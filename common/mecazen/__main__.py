@@ -1,0 +1,5 @@
+"""The command line: `python -m mecazen`."""
+
+from mecazen.cli import main
+
+main()

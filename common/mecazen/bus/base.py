@@ -1,0 +1,161 @@
+"""The interface of a bus, and what both kinds share: refusing what can't be used."""
+
+from __future__ import annotations
+
+import logging
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Protocol, TypeVar
+
+from mecazen.keys import Call, Topic
+from mecazen.messages import Message
+from mecazen.wire import RefusedError, Stamp, decode
+
+MessageT = TypeVar("MessageT", bound=Message)
+Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
+RequestT = TypeVar("RequestT", bound=Message)
+AnswerT = TypeVar("AnswerT", bound=Message)
+
+Handler = Callable[[MessageT, Stamp | None], None]
+"""Takes a message and the stamp of its tick; no stamp where an outsider sent none."""
+
+logger = logging.getLogger(__name__)
+
+
+class StoppedError(Exception):
+    """`Bus.stop` was called."""
+
+
+class Publisher(Protocol[Message_contra]):
+    """Puts messages on one key."""
+
+    def put(self, message: Message_contra, stamp: Stamp) -> None:
+        """Publish `message` as of the tick of `stamp`."""
+
+
+class Reply(Protocol[Message_contra]):
+    """The answer to one query; given once, now or later."""
+
+    def answer(self, message: Message_contra) -> None:
+        """Answer with a message."""
+
+    def refuse(self, reason: str) -> None:
+        """Answer with an error."""
+
+
+class Presence:
+    """Which services are alive: the names under `mecazen/` that hold a liveliness token."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+        self.on_change: Callable[[], None] = lambda: None
+
+    def update(self, name: str, *, alive: bool) -> None:
+        """Note that `name` has come or gone."""
+        (self.names.add if alive else self.names.discard)(name)
+        self.on_change()
+
+
+class Bus(ABC):
+    """Publish, subscribe, query, answer and liveliness.
+
+    What arrives is decoded and delivered in `spin_once`. A payload that is not what its key
+    carries is refused: counted in `refused`, logged at most once a second for each key, and
+    not delivered, so the last good value stays.
+    """
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        self.presence = Presence()
+        self._last_report: dict[str, float] = {}
+
+    @abstractmethod
+    def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
+        """Return what publishes on a topic."""
+
+    @abstractmethod
+    def subscribe(
+        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+    ) -> None:
+        """Deliver samples of a topic to `handler`.
+
+        A sample that was not taken before the next one came is replaced by it, so a flood
+        neither delays nor fills anything. With `every` all are kept, for who records.
+        """
+
+    @abstractmethod
+    def serve(
+        self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
+    ) -> None:
+        """Answer queries on a call's key; an empty request means its defaults."""
+
+    @abstractmethod
+    def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
+        """Answer queries on `prefix/<path>` with a file's bytes."""
+
+    @abstractmethod
+    def call(
+        self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
+    ) -> AnswerT:
+        """Query a key and return the answer.
+
+        Raises:
+            BusError: Nobody answers, or the answer is an error.
+        """
+
+    @abstractmethod
+    def declare_alive(self, name: str) -> None:
+        """Hold the liveliness token `mecazen/<name>` until the bus is closed."""
+
+    @abstractmethod
+    def spin_once(self, timeout_s: float | None = None) -> bool:
+        """Deliver one thing that arrived; wait for it up to `timeout_s`, or without end.
+
+        Returns:
+            False when nothing arrived in time.
+
+        Raises:
+            StoppedError: `stop` was called.
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Make the next `spin_once` raise StoppedError; callable from a signal handler."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the bus."""
+
+    def refuse(self, key: str, reason: str) -> None:
+        """Count what came on `key` as refused, and log it at most once a second."""
+        self.refused[key] += 1
+        now = time.monotonic()
+        if now - self._last_report.get(key, -1.0) >= 1.0:
+            self._last_report[key] = now
+            logger.warning("msg=refused key=%s count=%d reason=%r", key, self.refused[key], reason)
+
+    def _decode_sample(
+        self,
+        key: str,
+        kind: type[MessageT],
+        payload: bytes,
+        encoding: str,
+        attachment: bytes | None,
+    ) -> tuple[MessageT, Stamp | None] | None:
+        try:
+            stamp = None if attachment is None else Stamp.unpack(attachment)
+            return decode(payload, kind, encoding), stamp
+        except RefusedError as refusal:
+            self.refuse(key, str(refusal))
+            return None
+
+    def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
+        if not payload.strip():
+            return call.request()
+        try:
+            return decode(payload, call.request)
+        except RefusedError as refusal:
+            self.refuse(call.key, str(refusal))
+            raise

@@ -1,0 +1,163 @@
+"""The commands of `mecazen`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import tomli_w
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from mecazen import keys, runtime
+from mecazen.cli import sim, talk
+from mecazen.cli.options import ScenarioArgument, Settings, load
+from mecazen.cli.up import run_up
+from mecazen.config import effective, scenario_path
+from mecazen.errors import MecazenError
+from mecazen.simulate import Result, simulate, simulate_distributed
+from mecazen.trajectory import Trajectory
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
+    "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
+)
+app.add_typer(sim.app, name="sim")
+app.command()(talk.topics)
+app.command()(talk.services)
+app.command()(talk.echo)
+app.command()(talk.pub)
+
+
+@app.command()
+def up(scenario: ScenarioArgument, settings: Settings = None) -> None:
+    """Start a scenario's services as processes, in real time, until Ctrl-C.
+
+    A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
+    all are ended and its error is shown.
+
+    Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop
+    """
+    run_up(scenario_path(scenario), tuple(settings or ()))
+
+
+@app.command()
+def run(
+    service: Annotated[
+        str,
+        typer.Argument(
+            help="An installed service (physics, controller, target, follower), router, or a "
+            "class of your own: file.py:Class.",
+            show_default=False,
+        ),
+    ],
+    scenario: ScenarioArgument,
+    settings: Settings = None,
+) -> None:
+    """Run one service in this terminal, until Ctrl-C.
+
+    Examples: mecazen run router back · mecazen run physics back ·
+    mecazen run my_follower.py:MyFollower back
+    """
+    runtime.run_named(service, load(scenario, settings))
+
+
+@app.command(name="simulate")
+def simulate_command(
+    scenario: ScenarioArgument,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the noise.", show_default="the scenario's")
+    ] = None,
+    duration_s: Annotated[
+        float | None,
+        typer.Option("--duration", help="Simulated seconds.", show_default="the scenario's"),
+    ] = None,
+    distributed: Annotated[
+        bool, typer.Option("--distributed", help="As processes over Zenoh; the result is the same.")
+    ] = False,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Write every tick.", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    settings: Settings = None,
+) -> None:
+    """Run a whole scenario as fast as it can, in lockstep, and score it.
+
+    The same scenario and seed give the same trajectory to the last bit, in this process or
+    with --distributed; its hash says so.
+
+    Examples: mecazen simulate back --seed 7 --json · mecazen simulate side --trajectory run.csv
+    """
+    overrides = list(settings or ())
+    if seed is not None:
+        overrides.append(f"seed={seed}")
+    if duration_s is not None:
+        overrides.append(f"sim.duration_s={duration_s}")
+    path = scenario_path(scenario)
+    loaded = load(scenario, overrides)
+    if trajectory is not None and not trajectory.absolute().parent.is_dir():
+        raise MecazenError(f"--trajectory {trajectory}: no such folder")
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task(f"simulating {path.stem}", total=loaded.sim.ticks)
+
+        def progress(ticks: int) -> None:
+            bar.update(task, completed=ticks)
+
+        result, run = (
+            simulate_distributed(path, tuple(overrides), path.stem, progress)
+            if distributed
+            else simulate(loaded, path.stem, progress)
+        )
+    _report(result, run, trajectory, as_json=as_json)
+
+
+def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool) -> None:
+    if file is not None:
+        run.write(file)
+    if as_json:
+        typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
+        return
+    table = Table("simulated", "real-time factor", "distance error", "heading error", "trajectory")
+    table.add_row(
+        f"{result.duration_s:g} s",
+        f"{result.rtf:.1f}",
+        "-" if result.d_err_m is None else f"{result.d_err_m:.4f} m",
+        "-" if result.theta_err_deg is None else f"{result.theta_err_deg:.2f}°",
+        f"{result.trajectory_sha256[:16]}…",
+    )
+    Console().print(table)
+    if file is not None:
+        Console().print(f"every tick: {file}")
+
+
+@app.command()
+def config(scenario: ScenarioArgument, settings: Settings = None) -> None:
+    """Print the whole effective configuration of a scenario, as TOML that loads again."""
+    typer.echo(tomli_w.dumps(effective(load(scenario, settings))), nl=False)
+
+
+def main() -> None:
+    """Run the command line; what may go wrong ends in one line."""
+    try:
+        app(standalone_mode=True)
+    except MecazenError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(error.exit_code)
+
+
+__all__ = ["app", "keys", "main"]

@@ -1,0 +1,58 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import msgspec
+import typer
+
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import ROUTER, BusConfig, Scenario, load_scenario, scenario_path
+from mecazen.errors import ConfigError
+
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="A scenario's name in configs/scenarios (back, side, teleop, …) or a TOML file.",
+        show_default=False,
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
+        "is a string. May be given several times.",
+        show_default=False,
+    ),
+]
+Connect = Annotated[str, typer.Option(metavar="ENDPOINT", help="The Zenoh router to connect to.")]
+Namespace = Annotated[
+    str | None, typer.Option(help="The robot's Zenoh namespace.", show_default=False)
+]
+
+
+def load(scenario: str, settings: list[str] | None) -> Scenario:
+    """Load a scenario by name or path."""
+    return load_scenario(scenario_path(scenario), tuple(settings or ()))
+
+
+@contextmanager
+def tool_bus(connect: str = ROUTER, namespace: str | None = None) -> Iterator[ZenohBus]:
+    """Open a bus as a client of a router; Ctrl-C ends what is done with it quietly."""
+    try:
+        config = msgspec.convert({"connect": [connect], "namespace": namespace}, BusConfig)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"--namespace {namespace}: {error}") from None
+    bus = ZenohBus(config, "client", lossless=True)
+    try:
+        yield bus
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bus.close()

@@ -1,0 +1,85 @@
+"""`mecazen sim`: simulated time at run time."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import msgspec
+import typer
+
+from mecazen import keys
+from mecazen.cli.options import Connect, Namespace, tool_bus
+from mecazen.config import ROUTER
+from mecazen.errors import ConfigError
+from mecazen.keys import Call
+from mecazen.messages import Message, SimState
+
+STEP_TIMEOUT_S = 3600.0
+
+app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or speed up a simulation.")
+
+
+def _ask(
+    call: Call[Any, SimState],
+    connect: str,
+    namespace: str | None,
+    timeout_s: float = 10.0,
+    **fields: Any,
+) -> None:
+    try:
+        request: Message = msgspec.convert(fields, call.request)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{call.key}: {error}") from None
+    with tool_bus(connect, namespace) as bus:
+        state = bus.call(call, request, timeout_s)
+        typer.echo(msgspec.json.encode(state).decode())
+
+
+@app.command()
+def pause(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+    """Hold simulated time."""
+    _ask(keys.SIM_PAUSE, connect, namespace)
+
+
+@app.command()
+def resume(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+    """Let simulated time go on."""
+    _ask(keys.SIM_RESUME, connect, namespace)
+
+
+@app.command()
+def step(
+    ticks: Annotated[int, typer.Argument(help="Ticks to simulate.")] = 1,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Simulate some ticks while paused, and wait for them."""
+    _ask(keys.SIM_STEP, connect, namespace, STEP_TIMEOUT_S, ticks=ticks)
+
+
+@app.command()
+def reset(
+    seed: Annotated[
+        int | None, typer.Option(help="A new seed.", show_default="the old one")
+    ] = None,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Put robot, person and time back to the start, in place."""
+    _ask(keys.SIM_RESET, connect, namespace, **({} if seed is None else {"seed": seed}))
+
+
+@app.command()
+def speed(
+    factor: Annotated[float, typer.Argument(help="Simulated seconds per wall second.")],
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Run faster or slower than real time."""
+    _ask(keys.SIM_SPEED, connect, namespace, speed=factor)
+
+
+@app.command()
+def state(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+    """Print what simulated time does."""
+    _ask(keys.SIM_STATE, connect, namespace)

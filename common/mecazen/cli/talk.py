@@ -1,0 +1,146 @@
+"""Commands that look at the bus and talk on it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from typing import Annotated, Any
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mecazen import keys
+from mecazen.cli.options import Connect, Namespace, tool_bus
+from mecazen.config import ROUTER
+from mecazen.errors import ConfigError
+from mecazen.keys import topic_of
+from mecazen.wire import JSON_ENCODING, RefusedError, decode
+
+LIVE_S = 1.0
+
+
+def topics(
+    live: Annotated[
+        bool, typer.Option("--live", help=f"Measure the rates for {LIVE_S:g} s.")
+    ] = False,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Show the table of keys: message, rate, who publishes, and what answers queries."""
+    rates: Counter[str] = Counter()
+    if live:
+        with tool_bus(connect, namespace) as bus:
+            bus.subscribe_bytes("**", lambda key, *_: rates.update((_entry(key),)))
+            end = time.monotonic() + LIVE_S
+            while (left := end - time.monotonic()) > 0:
+                bus.spin_once(left)
+    table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
+    for topic in keys.TOPICS:
+        now = [f"{rates[topic.key] / LIVE_S:.0f}"] if live else []
+        table.add_row(
+            topic.key, topic.type.ROS_TYPE, topic.rate, topic.publisher, topic.meaning, *now
+        )
+    table.add_section()
+    for call in keys.CALLS:
+        kind = f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}"
+        table.add_row(call.key, kind, "query", call.server, call.meaning)
+    Console().print(table)
+
+
+def _entry(key: str) -> str:
+    topic = topic_of(key)
+    return key if topic is None else topic.key
+
+
+def services(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+    """Show which services are alive."""
+    with tool_bus(connect, namespace) as bus:
+        alive = bus.alive()
+    names = sorted(name for name in alive if "/" not in name)
+    if not names:
+        typer.echo("no service is alive")
+        return
+    table = Table("service", "state")
+    for name in names:
+        table.add_row(name, "ready" if f"{name}/ready" in alive else "waiting for others")
+    Console().print(table)
+
+
+def echo(
+    key: Annotated[str, typer.Argument(help="A key, or an expression such as 'target/**'.")],
+    count: Annotated[
+        int | None,
+        typer.Option(min=1, help="End after so many samples.", show_default="until Ctrl-C"),
+    ] = None,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Print the samples of a key as JSON, one a line, whatever encoding they came in.
+
+    Examples: mecazen echo odom --count 1 · mecazen echo 'diagnostics/*'
+    """
+    shown = 0
+
+    def show(key: str, payload: bytes, encoding: str, attachment: bytes | None) -> None:
+        nonlocal shown
+        del attachment
+        topic = topic_of(key)
+        try:
+            value: Any = (
+                msgspec.json.decode(payload)
+                if topic is None
+                else decode(payload, topic.type, encoding)
+            )
+            typer.echo(msgspec.json.encode(value).decode())
+        except (RefusedError, msgspec.MsgspecError) as error:
+            typer.echo(f"{key}: {len(payload)} bytes that are no message: {error}", err=True)
+        shown += 1
+
+    with tool_bus(connect, namespace) as bus:
+        bus.subscribe_bytes(key, show)
+        while count is None or shown < count:
+            bus.spin_once()
+
+
+def pub(
+    key: Annotated[str, typer.Argument(help="A key, e.g. cmd_vel.")],
+    message: Annotated[
+        str, typer.Argument(metavar="JSON", help='Its message, e.g. \'{"linear":{"x":0.2}}\'.')
+    ],
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", min=0.01, max=1000, help="Repeat.", show_default="once"),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0, help="Stop repeating.", show_default="until Ctrl-C"),
+    ] = None,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Publish a message given in JSON, once or at a rate.
+
+    Example: mecazen pub cmd_vel '{"linear":{"x":0.3}}' --rate 20 --duration 3
+    """
+    payload = message.encode()
+    topic = topic_of(key)
+    try:
+        if topic is not None:
+            decode(payload, topic.type, JSON_ENCODING)
+        else:
+            msgspec.json.decode(payload)
+    except (RefusedError, msgspec.MsgspecError) as error:
+        raise ConfigError(f"{key}: {error}") from None
+    if duration is not None and rate is None:
+        raise ConfigError("--duration needs --rate")
+    with tool_bus(connect, namespace) as bus:
+        begin, sent = time.monotonic(), 0
+        while True:
+            bus.put_bytes(key, payload, JSON_ENCODING)
+            sent += 1
+            if rate is None or (duration is not None and sent >= duration * rate):
+                break
+            while (left := begin + sent / rate - time.monotonic()) > 0:
+                bus.spin_once(left)

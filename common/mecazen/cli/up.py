@@ -1,0 +1,157 @@
+"""`mecazen up`: all processes of a scenario, and what they do, in one terminal."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from types import FrameType
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import ROUTER, Scenario, load_scenario
+from mecazen.messages import DiagnosticArray, FollowerState, Odometry
+from mecazen.processes import Supervisor
+from mecazen.runtime import find_service
+from mecazen.wire import Stamp
+
+REFRESH_S = 0.25
+QUIET_REPORT_S = 5.0
+"""Simulated time between two lines of status where the output is no terminal."""
+
+WORK = {
+    "router": "where processes and tools meet",
+    "physics": "the robot with its rollers; simulated time",
+    "controller": "cmd_vel → wheels → odom",
+    "target": "the person, and what the sensor sees",
+    "follower": "observations → cmd_vel",
+}
+
+
+def run_up(path: Path, settings: tuple[str, ...]) -> None:
+    """Run a scenario until Ctrl-C or until one of its processes fails.
+
+    Raises:
+        MecazenError: What is wrong with the scenario, or the error of the process that failed.
+    """
+    scenario = load_scenario(path, settings)
+    for part in scenario.services:
+        find_service(part, scenario)
+    console = Console()
+    supervisor = Supervisor(path, settings)
+    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGHUP, _interrupt)
+    try:
+        console.print(f"[bold]mecazen[/] starts scenario [bold]{path.stem}[/] ({path})")
+        supervisor.start_router()
+        bus = ZenohBus(scenario.bus, "client")
+        status = Status(bus, scenario)
+        for part in scenario.services:
+            supervisor.start(part)
+        _introduce(console, scenario, supervisor)
+        _watch(console, supervisor, bus, status)
+    except KeyboardInterrupt:
+        console.print("stopping …")
+    finally:
+        killed = supervisor.stop()
+        for name in killed:
+            console.print(f"{name} did not end in time and was killed")
+    console.print("all processes have ended")
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Status) -> None:
+    with Live(status.text, console=console, auto_refresh=False, transient=True) as live:
+        while True:
+            line = supervisor.poll(REFRESH_S)
+            while line is not None:
+                if "level=info" not in line.text:
+                    console.print(line.text, markup=False, highlight=False)
+                line = supervisor.poll(0.0)
+            while bus.spin_once(0.0):
+                pass
+            if console.is_terminal:
+                live.update(status.text, refresh=True)
+            elif status.due():
+                console.print(status.text)
+
+
+class Status:
+    """One line on what the simulation does, from what is published."""
+
+    def __init__(self, bus: ZenohBus, scenario: Scenario) -> None:
+        self._time_s = 0.0
+        self._reported_s = -QUIET_REPORT_S
+        self._robot = self._person = self._follower = self._physics = ""
+        bus.subscribe(keys.GROUND_TRUTH, self._on_robot)
+        bus.subscribe(keys.diagnostics("physics"), self._on_physics)
+        if "target" in scenario.services:
+            bus.subscribe(keys.TARGET_ODOM, self._on_person)
+        if "follower" in scenario.services:
+            bus.subscribe(keys.FOLLOWER_STATE, self._on_follower)
+
+    @property
+    def text(self) -> str:
+        """The line."""
+        parts = (self._robot, self._person, self._follower, self._physics)
+        return f"[bold]t = {self._time_s:.1f} s[/]  " + "  ·  ".join(filter(None, parts))
+
+    def due(self) -> bool:
+        """Return whether enough simulated time has passed for another line."""
+        if abs(self._time_s - self._reported_s) < QUIET_REPORT_S:
+            return False
+        self._reported_s = self._time_s
+        return True
+
+    def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:
+        if stamp is not None:
+            self._time_s = stamp.time_ns / 1e9
+        self._robot = f"robot {_place(odom)}"
+
+    def _on_person(self, odom: Odometry, stamp: Stamp | None) -> None:
+        del stamp
+        self._person = f"person {_place(odom)}"
+
+    def _on_follower(self, state: FollowerState, stamp: Stamp | None) -> None:
+        del stamp
+        self._follower = f"{state.tracking}, {state.distance_error:+.3f} m off"
+
+    def _on_physics(self, report: DiagnosticArray, stamp: Stamp | None) -> None:
+        del stamp
+        values = {pair.key: pair.value for status in report.status for pair in status.values}
+        self._physics = (
+            f"{values.get('rtf', '?')} × real time, {values.get('missed_deadlines', '?')} missed"
+        )
+
+
+def _place(odom: Odometry) -> str:
+    position = odom.pose.pose.position
+    return f"({position.x:+.2f}, {position.y:+.2f})"
+
+
+def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor) -> None:
+    table = Table("process", "pid", "what it does", title="running", title_justify="left")
+    for name, pid in supervisor.pids.items():
+        table.add_row(name, str(pid), WORK.get(name, scenario.programs.get(name, "")))
+    console.print(table)
+    endpoint = (scenario.bus.meeting_point or (ROUTER,))[0]
+    console.print(f"Tools attach at [bold]{endpoint}[/]. In another terminal:")
+    drive = '{"linear":{"x":0.3}}'
+    lines = ["mecazen echo odom", "mecazen sim pause|resume|reset", "mecazen topics --live"]
+    if "follower" not in scenario.services:
+        lines.insert(0, f"mecazen pub cmd_vel '{drive}' --rate 20   # drives the robot")
+        lines.insert(1, f"zenoh --mode client --connect {endpoint} put -k cmd_vel -v '{drive}'")
+    person = getattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s", None)
+    if person is not None:
+        lines.insert(0, f"mecazen pub target/cmd_vel '{drive}' --rate 20   # walks the person")
+    else:
+        lines.append("mecazen up teleop   # instead of this: robot and person driven by hand")
+    for line in lines:
+        console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
+    console.print("Ctrl-C ends all of it.")

@@ -1,0 +1,67 @@
+"""Planar poses and angles: SI units, radians, x forward, y left (REP-103)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+def wrap(angle: float) -> float:
+    """Return `angle` [rad] brought into (-pi, pi]."""
+    wrapped = math.remainder(angle, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+class Twist2D(NamedTuple):
+    """Planar velocity: x, y [m/s] and yaw rate [rad/s]; the frame is the user's."""
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+
+class Pose2D(NamedTuple):
+    """Planar pose: x, y [m], yaw [rad] of a child frame in a parent frame."""
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def compose(self, other: Pose2D) -> Pose2D:
+        """Return `other`, given in this frame, in this frame's parent."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2D(
+            self.x + c * other.x - s * other.y,
+            self.y + s * other.x + c * other.y,
+            wrap(self.yaw + other.yaw),
+        )
+
+    def between(self, other: Pose2D) -> Pose2D:
+        """Return `other`, given in this frame's parent, in this frame."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        dx, dy = other.x - self.x, other.y - self.y
+        return Pose2D(c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw))
+
+    def integrate(self, twist: Twist2D, dt: float) -> Pose2D:
+        """Return the pose after moving with constant body `twist` for `dt` [s].
+
+        Exact, by the exponential map of SE(2): sin(a)/a and (1 - cos(a))/a have series
+        near a = 0, where the quotients lose their digits.
+        """
+        a = twist.yaw * dt
+        if abs(a) < 1e-4:
+            sinc, cosc = 1.0 - a * a / 6.0, a / 2.0 - a * a * a / 24.0
+        else:
+            sinc, cosc = math.sin(a) / a, (1.0 - math.cos(a)) / a
+        dx, dy = twist.x * dt, twist.y * dt
+        return self.compose(Pose2D(sinc * dx - cosc * dy, cosc * dx + sinc * dy, a))
+
+    def distance(self, other: Pose2D) -> float:
+        """Return the distance between the two origins [m]."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+
+def rotate(x: float, y: float, yaw: float) -> tuple[float, float]:
+    """Return the vector (x, y) turned by `yaw` [rad]."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return c * x - s * y, s * x + c * y

@@ -1,0 +1,321 @@
+"""The messages: frozen structs, field for field ROS's, with ROS's defaults for what is missing.
+
+Vectors are in metres and radians (or their rates) in the frame that the message or its
+header names. Numbers must be finite; unknown fields are ignored when decoding.
+Types under `mecazen_msgs` have no equal in ROS.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, dataclass_transform
+
+import msgspec
+
+from mecazen.geometry import Pose2D, Twist2D, rotate
+
+# msgspec's JSON refuses NaN and Infinity, its MessagePack does not: the bounds refuse both.
+Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
+Int32 = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31 - 1)]
+UInt32 = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
+Floats = tuple[Float, ...]
+Covariance = Annotated[tuple[Float, ...], msgspec.Meta(min_length=36, max_length=36)]
+"""Row-major 6x6 over (x, y, z, rotation about x, y, z)."""
+
+NO_COVARIANCE: tuple[float, ...] = (0.0,) * 36
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
+class Message(msgspec.Struct, frozen=True):
+    """Base of all messages."""
+
+    ROS_TYPE: ClassVar[str]
+
+
+class Time(Message):
+    """Simulated time since the start of the run."""
+
+    ROS_TYPE: ClassVar[str] = "builtin_interfaces/msg/Time"
+    sec: Int32 = 0
+    nanosec: Annotated[int, msgspec.Meta(ge=0, lt=10**9)] = 0
+
+    @classmethod
+    def from_ns(cls, time_ns: int) -> Time:
+        """Return the time of `time_ns` nanoseconds."""
+        sec, nanosec = divmod(time_ns, 10**9)
+        return cls(sec=sec, nanosec=nanosec)
+
+    @property
+    def ns(self) -> int:
+        """The time in nanoseconds."""
+        return self.sec * 10**9 + self.nanosec
+
+
+class Header(Message):
+    """When the data is of, and in which frame."""
+
+    ROS_TYPE: ClassVar[str] = "std_msgs/msg/Header"
+    stamp: Time = Time()
+    frame_id: str = ""
+
+
+class String(Message):
+    """A text."""
+
+    ROS_TYPE: ClassVar[str] = "std_msgs/msg/String"
+    data: str = ""
+
+
+class Clock(Message):
+    """Simulated time."""
+
+    ROS_TYPE: ClassVar[str] = "rosgraph_msgs/msg/Clock"
+    clock: Time = Time()
+
+
+class Vector3(Message):
+    """A free vector."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Vector3"
+    x: Float = 0.0
+    y: Float = 0.0
+    z: Float = 0.0
+
+
+class Point(Message):
+    """A position [m]."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Point"
+    x: Float = 0.0
+    y: Float = 0.0
+    z: Float = 0.0
+
+
+class Quaternion(Message):
+    """An orientation; the identity by default."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Quaternion"
+    x: Float = 0.0
+    y: Float = 0.0
+    z: Float = 0.0
+    w: Float = 1.0
+
+
+class Twist(Message):
+    """Linear [m/s] and angular [rad/s] velocity."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Twist"
+    linear: Vector3 = Vector3()
+    angular: Vector3 = Vector3()
+
+    @classmethod
+    def planar(cls, twist: Twist2D) -> Twist:
+        """Return a planar velocity as a Twist."""
+        return cls(linear=Vector3(x=twist.x, y=twist.y), angular=Vector3(z=twist.yaw))
+
+    def to_planar(self) -> Twist2D:
+        """Return the planar part."""
+        return Twist2D(self.linear.x, self.linear.y, self.angular.z)
+
+
+class Pose(Message):
+    """Position [m] and orientation."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Pose"
+    position: Point = Point()
+    orientation: Quaternion = Quaternion()
+
+    @classmethod
+    def planar(cls, pose: Pose2D) -> Pose:
+        """Return a planar pose as a Pose on the ground."""
+        return cls(
+            position=Point(x=pose.x, y=pose.y),
+            orientation=Quaternion(z=math.sin(pose.yaw / 2), w=math.cos(pose.yaw / 2)),
+        )
+
+    def to_planar(self) -> Pose2D:
+        """Return x, y and the yaw angle; a tilt is projected out.
+
+        The yaw of R_z(yaw) R_y R_x is atan2(2(wz + xy), 1 - 2(y² + z²)); written
+        homogeneously it holds for a quaternion of any length.
+        """
+        q = self.orientation
+        yaw = math.atan2(
+            2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z
+        )
+        return Pose2D(self.position.x, self.position.y, yaw)
+
+
+class PoseWithCovariance(Message):
+    """A pose and how certain it is."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovariance"
+    pose: Pose = Pose()
+    covariance: Covariance = NO_COVARIANCE
+
+
+class TwistWithCovariance(Message):
+    """A velocity and how certain it is."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/TwistWithCovariance"
+    twist: Twist = Twist()
+    covariance: Covariance = NO_COVARIANCE
+
+
+class Odometry(Message):
+    """Pose in header.frame_id, and velocity in child_frame_id."""
+
+    ROS_TYPE: ClassVar[str] = "nav_msgs/msg/Odometry"
+    header: Header = Header()
+    child_frame_id: str = ""
+    pose: PoseWithCovariance = PoseWithCovariance()
+    twist: TwistWithCovariance = TwistWithCovariance()
+
+
+class JointState(Message):
+    """Positions [rad], velocities [rad/s] and efforts [N·m] of named joints; each may be empty."""
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/JointState"
+    header: Header = Header()
+    name: tuple[str, ...] = ()
+    position: Floats = ()
+    velocity: Floats = ()
+    effort: Floats = ()
+
+
+class KeyValue(Message):
+    """A named value."""
+
+    ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/KeyValue"
+    key: str = ""
+    value: str = ""
+
+
+class DiagnosticStatus(Message):
+    """The health of one thing: level 0 ok, 1 warning, 2 error, 3 stale."""
+
+    ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/DiagnosticStatus"
+    level: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
+    name: str = ""
+    message: str = ""
+    hardware_id: str = ""
+    values: tuple[KeyValue, ...] = ()
+
+
+class DiagnosticArray(Message):
+    """The health of one service."""
+
+    ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/DiagnosticArray"
+    header: Header = Header()
+    status: tuple[DiagnosticStatus, ...] = ()
+
+
+class Observation(Message):
+    """One frame of the robot's person sensor: what was seen, none when nothing was.
+
+    header.stamp is when the frame was taken; the message comes later by the sensor's latency.
+    """
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Observation"
+    header: Header = Header()
+    poses: tuple[PoseWithCovariance, ...] = ()
+
+
+class FollowerState(Message):
+    """What the follower believes and wants; poses and velocities in header.frame_id."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/FollowerState"
+    header: Header = Header()
+    tracking: str = ""
+    """waiting, following, coasting or lost."""
+    estimator: str = ""
+    estimate: tuple[Odometry, ...] = ()
+    """The person; empty until first seen."""
+    goal: tuple[Pose, ...] = ()
+    """Where the robot should be; empty until the person is first seen."""
+    distance_error: Float = 0.0
+    """Distance to the estimate less the standoff distance [m]."""
+    bearing_error: Float = 0.0
+    """Angle around the person, of the robot less of the goal [rad]."""
+    heading_error: Float = 0.0
+    """Heading of the robot less of the goal [rad]."""
+    last_seen_s: Float = 0.0
+    """Simulated time since the last frame that showed the person [s]."""
+
+
+class SimState(Message):
+    """What simulated time does; the answer of every `sim/…` query."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/SimState"
+    clock: Time = Time()
+    tick: int = 0
+    seed: UInt32 = 0
+    mode: str = ""
+    paused: bool = False
+    speed: Float = 1.0
+    rtf: Float = 0.0
+    """Real-time factor since the last second or so: simulated over wall time."""
+    missed_deadlines: int = 0
+
+
+class Empty(Message):
+    """A request without arguments."""
+
+    ROS_TYPE: ClassVar[str] = "std_msgs/msg/Empty"
+
+
+class StepRequest(Message):
+    """How many ticks to simulate while paused."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/StepRequest"
+    ticks: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1
+
+
+class ResetRequest(Message):
+    """Back to the start; with a new seed when one is given."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ResetRequest"
+    seed: UInt32 | None = None
+
+
+class SpeedRequest(Message):
+    """Simulated seconds per wall second."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/SpeedRequest"
+    speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
+
+
+class OdometryRequest(Message):
+    """Where the odometry should believe the robot to be, in the odometry frame."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/OdometryRequest"
+    pose: Pose = Pose()
+
+
+def planar_odometry(
+    stamp: Time,
+    frame_id: str,
+    child_frame_id: str,
+    pose: Pose2D,
+    twist: Twist2D,
+    pose_covariance: tuple[float, ...] = NO_COVARIANCE,
+    twist_covariance: tuple[float, ...] = NO_COVARIANCE,
+) -> Odometry:
+    """Return planar motion as an Odometry; `twist` is in the child frame."""
+    return Odometry(
+        header=Header(stamp=stamp, frame_id=frame_id),
+        child_frame_id=child_frame_id,
+        pose=PoseWithCovariance(pose=Pose.planar(pose), covariance=pose_covariance),
+        twist=TwistWithCovariance(twist=Twist.planar(twist), covariance=twist_covariance),
+    )
+
+
+def diagonal_covariance(diagonal: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a row-major 6x6 covariance with the given six variances."""
+    return tuple(diagonal[row] if row == column else 0.0 for row in range(6) for column in range(6))
+
+
+def world_twist(odometry: Odometry) -> Twist2D:
+    """Return the planar velocity of an Odometry, turned from its child frame to its frame."""
+    twist = odometry.twist.twist.to_planar()
+    return Twist2D(*rotate(twist.x, twist.y, odometry.pose.pose.to_planar().yaw), twist.yaw)

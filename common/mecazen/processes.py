@@ -1,0 +1,139 @@
+"""Starts the processes of a scenario, watches them, and ends all of them."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from mecazen.errors import MecazenError
+
+STOP_TIMEOUT_S = 5.0
+"""How long a process may take to end before it is killed."""
+
+
+class Line(NamedTuple):
+    """A line that a process has written."""
+
+    name: str
+    text: str
+
+
+class Ended(NamedTuple):
+    """The end of a process."""
+
+    name: str
+    code: int
+    error: str
+    """Its last words; where it failed as it may, the one line that says why."""
+
+
+class ProcessError(MecazenError):
+    """A process of the simulation failed; the message is its own."""
+
+
+class Supervisor:
+    """The processes of one scenario.
+
+    Each runs `python -m mecazen.runtime` in a session of its own, so that Ctrl-C reaches
+    only this process, which then ends them; and ends by itself if this process dies.
+    """
+
+    def __init__(self, scenario: Path, settings: Sequence[str]) -> None:
+        self._arguments = [str(scenario), *(f"--set={setting}" for setting in settings)]
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._events: queue.SimpleQueue[Line | Ended] = queue.SimpleQueue()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The process of each name that was started."""
+        return {name: process.pid for name, process in self._processes.items()}
+
+    def start(self, name: str) -> None:
+        """Start a service, or the `router`."""
+        command = [sys.executable, "-m", "mecazen.runtime", name, *self._arguments]
+        process = subprocess.Popen(
+            [*command, "--until-orphaned"],
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self._processes[name] = process
+        threading.Thread(target=self._watch, args=(name, process), daemon=True).start()
+
+    def start_router(self, timeout_s: float = 10.0) -> None:
+        """Start the router and wait until it listens.
+
+        Raises:
+            ProcessError: It ended, most often because the port is taken, or says nothing.
+        """
+        self.start("router")
+        while (event := self.poll(timeout_s)) is not None:
+            if isinstance(event, Line) and "msg=started" in event.text:
+                return
+        raise ProcessError("the router does not start")
+
+    def poll(self, timeout_s: float) -> Line | None:
+        """Return the next line that a process wrote, or None when there is none in time.
+
+        Raises:
+            ProcessError: A process has ended that was not told to.
+        """
+        try:
+            event = (
+                self._events.get(timeout=timeout_s) if timeout_s > 0 else self._events.get_nowait()
+            )
+        except queue.Empty:
+            return None
+        if isinstance(event, Line):
+            return event
+        error = event.error.removeprefix("error: ") or f"ended with code {event.code}"
+        raise ProcessError(f"{event.name}: {error}")
+
+    def stop(self) -> list[str]:
+        """End all processes; return the names of those that had to be killed."""
+        for process in self._processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        killed = []
+        for name, process in self._processes.items():
+            try:
+                process.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                killed.append(name)
+            if process.stdin is not None:
+                process.stdin.close()
+        return killed
+
+    def _watch(self, name: str, process: subprocess.Popen[str]) -> None:
+        last = ""
+        if process.stderr is not None:
+            for line in process.stderr:
+                last = line.rstrip()
+                self._events.put(Line(name, last))
+        self._events.put(Ended(name, process.wait(), last))
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Let processes that are started meanwhile share one core.
+
+    The parts of a tick in lockstep come one after the other: on one core none has to be
+    woken on another, which is the larger part of a hop's time.
+    """
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)

@@ -1,0 +1,126 @@
+"""The robot file: geometry, masses and motors of a four-wheel mecanum robot.
+
+Everything that more than one service needs to know of the robot stands here, in SI units
+with the unit in each key. Lengths and positions are in `base_link`: origin on the ground
+below the middle of the four wheels, x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import msgspec
+
+from mecazen.schema import Finite, NonNegative, Positive, Section
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+"""The order of wheels everywhere."""
+
+
+class Base(Section):
+    """The body between the wheels: a box."""
+
+    length_m: Positive
+    width_m: Positive
+    height_m: Positive
+    clearance_m: Positive
+    """Height of the box's underside above the ground."""
+    mass_kg: Positive
+
+
+class Wheels(Section):
+    """The four wheels; the hub is the wheel without its rollers."""
+
+    radius_m: Positive
+    """Radius of the round that the rollers together form."""
+    wheelbase_m: Positive
+    """Distance between the front and the rear axle."""
+    track_m: Positive
+    """Distance between the middles of the left and the right wheels."""
+    hub_mass_kg: Positive
+    hub_width_m: Positive
+    max_torque_nm: Positive
+    max_speed_rad_s: Positive
+
+
+class Rollers(Section):
+    """The rollers of each wheel, all alike."""
+
+    count: Annotated[int, msgspec.Meta(ge=4, le=40)]
+    max_radius_m: Positive
+    """Radius of a roller at its middle."""
+    mass_kg: Positive
+    bearing_friction_nms: NonNegative
+    """Viscous friction of a roller's bearing [N·m·s/rad]."""
+    angle_deg: Annotated[float, msgspec.Meta(ge=10.0, le=80.0)] = 45.0
+    """Angle between a roller's axis and the wheel's axle."""
+    contact_friction: NonNegative = 1.0
+    """Coulomb coefficient of the roller's surface; the ground's own multiplies it."""
+
+
+class Attachment(Section):
+    """A sensor's housing on the base; `position_m` is its centre in base_link."""
+
+    size_m: tuple[Positive, ...]
+    """A box: length, width, height. A cylinder: radius, height."""
+    position_m: tuple[Finite, Finite, Finite]
+    mass_kg: Positive
+
+
+class Robot(Section):
+    """A robot file."""
+
+    name: Annotated[str, msgspec.Meta(pattern="^[a-z][a-z0-9_]*$")]
+    base: Base
+    wheels: Wheels
+    rollers: Rollers
+    camera: Attachment
+    lidar: Attachment
+
+    def __post_init__(self) -> None:
+        wheel, roller = self.wheels, self.rollers
+        if roller.max_radius_m >= wheel.radius_m / 2:
+            raise ValueError(
+                f"rollers.max_radius_m = {roller.max_radius_m} must be below half of "
+                f"wheels.radius_m = {wheel.radius_m}"
+            )
+        if len(self.camera.size_m) != 3:
+            raise ValueError("camera.size_m must be [length, width, height]")
+        if len(self.lidar.size_m) != 2:
+            raise ValueError("lidar.size_m must be [radius, height]")
+
+    @property
+    def half_wheelbase(self) -> float:
+        """Half the distance between the axles [m]."""
+        return self.wheels.wheelbase_m / 2
+
+    @property
+    def half_track(self) -> float:
+        """Half the distance between left and right wheels [m]."""
+        return self.wheels.track_m / 2
+
+    @property
+    def roller_angle(self) -> float:
+        """Angle between a roller's axis and the wheel's axle [rad]."""
+        return math.radians(self.rollers.angle_deg)
+
+    def wheel_position(self, wheel: str) -> tuple[float, float, float]:
+        """Return the centre of `wheel` (a name of `WHEELS`) in base_link [m]."""
+        x = self.half_wheelbase if wheel.startswith("front") else -self.half_wheelbase
+        y = self.half_track if wheel.endswith("left") else -self.half_track
+        return x, y, self.wheels.radius_m
+
+
+def wheel_joint(wheel: str) -> str:
+    """Return the joint name of a wheel."""
+    return f"{wheel}_wheel_joint"
+
+
+def roller_joint(wheel: str, index: int) -> str:
+    """Return the joint name of roller `index` (from 0) of a wheel."""
+    return f"{wheel}_roller_{index:02d}_joint"
+
+
+WHEEL_JOINTS = tuple(wheel_joint(wheel) for wheel in WHEELS)
+"""Joint names of the wheels, in the order of `WHEELS`."""

@@ -1,0 +1,192 @@
+"""Runs one service as a process: configuration, bus, liveliness, signals, errors."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+
+from mecazen import log
+from mecazen.bus.base import StoppedError
+from mecazen.bus.zenoh_bus import ZenohBus, open_session
+from mecazen.config import Scenario, load_scenario, scenario_path
+from mecazen.errors import BusError, ConfigError, MecazenError
+from mecazen.service import NS_PER_S, Service
+
+logger = logging.getLogger(__name__)
+
+
+def installed_services() -> list[str]:
+    """Return the names of the services that are installed here."""
+    return sorted(entry.name for entry in entry_points(group="mecazen.services"))
+
+
+def find_service(name: str, scenario: Scenario) -> type[Service]:
+    """Return the class that plays the part `name` in a scenario.
+
+    Args:
+        name: A part of the scenario, an installed service, or `file.py:Class` of one's own.
+        scenario: Its `programs` may put another class in a part's place.
+
+    Raises:
+        ConfigError: There is no such class.
+    """
+    program = scenario.programs.get(name, name)
+    for entry in entry_points(group="mecazen.services"):
+        if entry.name == program:
+            return _checked(entry.load(), program)
+    place, colon, attribute = program.partition(":")
+    if not colon:
+        known = ", ".join(installed_services()) or "none"
+        raise ConfigError(
+            f"{program}: no such service; installed: {known}; or file.py:Class of your own"
+        )
+    return _checked(getattr(_import(place), attribute, None), program)
+
+
+def _import(place: str) -> ModuleType:
+    try:
+        if not place.endswith(".py"):
+            return importlib.import_module(place)
+        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+        if spec is None or spec.loader is None:
+            raise ConfigError(f"{place}: can't be imported")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except (ImportError, FileNotFoundError, SyntaxError) as error:
+        raise ConfigError(f"{place}: can't be imported: {error}") from None
+    return module
+
+
+def _checked(found: object, program: str) -> type[Service]:
+    if not (isinstance(found, type) and issubclass(found, Service)):
+        raise ConfigError(f"{program}: not a subclass of mecazen.service.Service")
+    return found
+
+
+def run_service(kind: type[Service], scenario: Scenario) -> None:
+    """Run a service on Zenoh until a signal ends it.
+
+    Raises:
+        MecazenError: Its name is taken, the bus can't be opened, or the service failed.
+    """
+    service: Service | None = None
+    log.set_up(kind.NAME, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
+    bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep")
+    _stop_on_signals(bus.stop)
+    try:
+        if kind.NAME in bus.alive():
+            raise BusError(f"another {kind.NAME} is already running on this bus")
+        service = kind(bus, scenario)
+        bus.declare_alive(kind.NAME)
+        announce_readiness(bus, kind.NAME, scenario)
+        logger.info("msg=started mode=%s", scenario.sim.mode)
+        service.run()
+    except StoppedError:
+        logger.info("msg=stopped")
+    finally:
+        bus.close()
+
+
+def run_router(scenario: Scenario) -> None:
+    """Run the Zenoh router where processes and tools meet, until a signal ends it."""
+    log.set_up("router", lambda: 0.0)
+    stopped = _StopFlag()
+    _stop_on_signals(stopped.set)
+    with open_session(scenario.bus, "router"):
+        logger.info("msg=started endpoints=%s", scenario.bus.meeting_point)
+        stopped.wait()
+
+
+class _StopFlag:
+    """Waits for signals without a poll."""
+
+    def __init__(self) -> None:
+        self._stopped = False
+
+    def set(self) -> None:
+        self._stopped = True
+
+    def wait(self) -> None:
+        while not self._stopped:
+            signal.pause()
+
+
+def _stop_on_signals(stop: Callable[[], None]) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop())
+
+
+def announce_readiness(bus: ZenohBus, name: str, scenario: Scenario) -> None:
+    """Declare `<name>/ready` once every other service of the scenario is seen alive.
+
+    A service that sees another's token has a link to it, and the other's subscriptions are
+    known on it. When all are ready, all links of the loop stand, so no first sample is lost.
+    """
+    others = set(scenario.services) - {name}
+
+    def check() -> None:
+        if others <= bus.presence.names:
+            bus.presence.on_change = lambda: None
+            bus.declare_alive(f"{name}/ready")
+
+    bus.presence.on_change = check
+    check()
+
+
+def run_named(name: str, scenario: Scenario, *, until_orphaned: bool = False) -> None:
+    """Run a service, or the `router`, by name; see `find_service`.
+
+    With `until_orphaned` it also ends when standard input closes, as it does when the
+    process that started it dies in whatever way.
+    """
+    if until_orphaned:
+        threading.Thread(target=_end_with_stdin, daemon=True).start()
+    if name == "router":
+        run_router(scenario)
+    else:
+        run_service(find_service(name, scenario), scenario)
+
+
+def _end_with_stdin() -> None:
+    sys.stdin.buffer.read()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def main(name: str | None = None) -> None:
+    """Run a service from the command line: `python -m mecazen_<name> SCENARIO [--set K=V]`."""
+    parser = argparse.ArgumentParser(description="Run one mecazen service.")
+    if name is None:
+        parser.add_argument("service", help="an installed service, router, or file.py:Class")
+    parser.add_argument("scenario", help="a scenario's name or its TOML file")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
+    parser.add_argument("--until-orphaned", action="store_true", help="end with standard input")
+    options = parser.parse_args()
+
+    def run() -> None:
+        scenario = load_scenario(scenario_path(options.scenario), tuple(options.settings))
+        run_named(name or options.service, scenario, until_orphaned=options.until_orphaned)
+
+    exit_with(run)
+
+
+def exit_with(run: Callable[[], None]) -> None:
+    """Run something, and end the process with one line where it fails as it may."""
+    try:
+        run()
+    except MecazenError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(error.exit_code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,19 @@
+"""What configuration structs are made of: a strict base class and ranges of numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated, dataclass_transform
+
+import msgspec
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
+Finite = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+Probability = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+AngleDeg = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+
+
+# msgspec's structs are immutable by inheritance, which type checkers can't see by themselves
+@dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of a configuration file: immutable, and strict about its keys."""

@@ -1,0 +1,128 @@
+"""What every service is: subscriptions, a computation, publications, and nothing else."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import ClassVar, TypeVar
+
+from mecazen import keys
+from mecazen.bus import Bus
+from mecazen.bus.base import Handler
+from mecazen.config import Scenario
+from mecazen.keys import Topic
+from mecazen.messages import (
+    Clock,
+    DiagnosticArray,
+    DiagnosticStatus,
+    Header,
+    KeyValue,
+    Message,
+)
+from mecazen.wire import Stamp
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+NS_PER_S = 10**9
+
+
+class Service(ABC):
+    """A part of the simulation on a bus.
+
+    A subclass subscribes in its constructor, through `subscribe`, and answers each sample in
+    its handler. State that belongs to a run is made in `reset`, which is called by the
+    constructor, and again before the first sample of a new run.
+    """
+
+    NAME: ClassVar[str]
+    """The service's role: its liveliness token, and its section in a scenario."""
+
+    OWNS_TIME: ClassVar[bool] = False
+    """Whether this service makes the ticks and the runs that all others follow."""
+
+    def __init__(self, bus: Bus, scenario: Scenario) -> None:
+        self.bus = bus
+        self.scenario = scenario
+        self.tick_ns = scenario.sim.tick_ns
+        self.stamp = Stamp(0, 0, scenario.seed)
+        """The newest tick that this service has heard of."""
+        self._ended_runs: deque[int] = deque(maxlen=16)
+        self._diagnostics = bus.publisher(keys.diagnostics(self.NAME))
+        if not self.OWNS_TIME:
+            self.subscribe(keys.CLOCK, self._on_clock)
+        self.reset(scenario.seed)
+
+    @abstractmethod
+    def reset(self, seed: int) -> None:
+        """Begin a run: back to the start, with random numbers from `seed`."""
+
+    def run(self) -> None:
+        """Work until the bus is stopped."""
+        while True:
+            self.bus.spin_once()
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what the service says of its health, by name."""
+        return {}
+
+    def subscribe(
+        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+    ) -> None:
+        """Deliver samples of this run; one of a new run resets the service first."""
+
+        def deliver(message: MessageT, stamp: Stamp | None) -> None:
+            if stamp is None or self._is_current(stamp):
+                handler(message, stamp)
+
+        self.bus.subscribe(topic, deliver, every=every)
+
+    def answer_every_tick(
+        self, topic: Topic[MessageT], handler: Callable[[MessageT, Stamp], None]
+    ) -> None:
+        """Deliver only stamped samples, each tick once: what makes a part of the loop."""
+        last = Stamp(-1, 0, 0)
+
+        def deliver(message: MessageT, stamp: Stamp | None) -> None:
+            nonlocal last
+            if stamp is None or (stamp.run == last.run and stamp.time_ns <= last.time_ns):
+                return
+            last = stamp
+            handler(message, stamp)
+
+        self.subscribe(topic, deliver)
+
+    def tick_of(self, stamp: Stamp) -> int:
+        """Return the number of a stamp's tick; the first of a run is 0."""
+        return stamp.time_ns // self.tick_ns
+
+    def _is_current(self, stamp: Stamp) -> bool:
+        if self.OWNS_TIME:
+            return stamp.run == self.stamp.run
+        if stamp.run != self.stamp.run:
+            if stamp.run in self._ended_runs:
+                return False
+            self._ended_runs.append(self.stamp.run)
+            self.stamp = stamp
+            self.reset(stamp.seed)
+        elif stamp.time_ns > self.stamp.time_ns:
+            self.stamp = stamp
+        return True
+
+    def _on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
+        del clock
+        if stamp is not None and stamp.time_ns % NS_PER_S < self.tick_ns:
+            self.publish_diagnostics()
+
+    def publish_diagnostics(self) -> None:
+        """Publish the service's health; done once each simulated second."""
+        refused = self.bus.refused.total()
+        values = {**self.diagnostics(), "refused_payloads": refused}
+        status = DiagnosticStatus(
+            level=1 if refused else 0,
+            name=self.NAME,
+            message="refused payloads" if refused else "ok",
+            values=tuple(KeyValue(key=key, value=str(value)) for key, value in values.items()),
+        )
+        header = Header(stamp=self.stamp.time)
+        self._diagnostics.put(DiagnosticArray(header=header, status=(status,)), self.stamp)

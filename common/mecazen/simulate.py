@@ -1,0 +1,181 @@
+"""One whole lockstep run: in this process, or as processes over Zenoh, with one result."""
+
+from __future__ import annotations
+
+import json
+import math
+import secrets
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import msgspec
+
+from mecazen.bus import LocalBus
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import Scenario, load_scenario
+from mecazen.errors import ConfigError, MecazenError
+from mecazen.processes import Supervisor, on_one_core
+from mecazen.runtime import announce_readiness, find_service
+from mecazen.service import NS_PER_S
+from mecazen.trajectory import Trajectory
+
+Progress = Callable[[int], None]
+"""Is told, now and then, how many ticks are done."""
+
+PROGRESS_TICKS = 100
+PATIENCE_S = 0.25
+"""How long to wait for a sample before asking whether all processes still live."""
+
+COLLECTOR = "collector"
+"""The part that writes down a distributed run; physics waits for it as for the others."""
+
+
+class Result(msgspec.Struct, frozen=True):
+    """What `mecazen simulate --json` prints."""
+
+    scenario: str
+    seed: int
+    ticks: int
+    duration_s: float
+    wall_s: float
+    rtf: float
+    """Real-time factor: simulated over wall time, without the start."""
+    d_err_m: float | None
+    theta_err_deg: float | None
+    trajectory_sha256: str
+
+
+def in_lockstep(scenario: Scenario) -> Scenario:
+    """Return the scenario with simulated time in lockstep."""
+    sim = msgspec.structs.replace(scenario.sim, mode="lockstep")
+    return msgspec.structs.replace(scenario, sim=sim)
+
+
+def simulate(
+    scenario: Scenario, name: str, progress: Progress = lambda _: None
+) -> tuple[Result, Trajectory]:
+    """Run the services of a scenario on the bus within this process.
+
+    Raises:
+        MecazenError: A service failed.
+    """
+    scenario = in_lockstep(scenario)
+    if "physics" not in scenario.services:
+        raise ConfigError("services: nothing to simulate without physics")
+    bus = LocalBus()
+    trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, scenario.services)
+    kinds = {part: find_service(part, scenario) for part in scenario.services}
+    parts = {part: kind(bus, scenario) for part, kind in kinds.items()}
+    for part in parts:
+        bus.declare_alive(part)
+    # Physics is the one part that is not driven by samples alone; its class is not known here.
+    physics = cast(Any, parts["physics"])
+    begin = time.perf_counter()
+    physics.begin()
+    for tick in range(1, scenario.sim.ticks):
+        physics.step()
+        if tick % PROGRESS_TICKS == 0:
+            progress(tick)
+    physics.await_answers()
+    bus.spin()
+    wall_s = time.perf_counter() - begin
+    progress(scenario.sim.ticks)
+    return result(scenario, name, trajectory, wall_s), trajectory
+
+
+def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float) -> Result:
+    """Return the result of a finished run.
+
+    Raises:
+        MecazenError: The run is not whole.
+    """
+    if not trajectory.complete:
+        raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
+    standoff_m, heading_rad = wanted_view(scenario)
+    scores = trajectory.scores(standoff_m, heading_rad)
+    duration_s = scenario.sim.ticks * scenario.sim.tick_ns / NS_PER_S
+    return Result(
+        scenario=name,
+        seed=scenario.seed,
+        ticks=scenario.sim.ticks,
+        duration_s=duration_s,
+        wall_s=wall_s,
+        rtf=duration_s / wall_s,
+        d_err_m=scores.d_err_m,
+        theta_err_deg=scores.theta_err_deg,
+        trajectory_sha256=trajectory.sha256(),
+    )
+
+
+def wanted_view(scenario: Scenario) -> tuple[float, float]:
+    """Return the distance [m] and the difference of headings [rad] that are to be kept.
+
+    They are the follower's to know; a follower that says nothing is held to 1 m and 0°.
+    """
+    standoff = getattr(scenario.sections.get("follower"), "standoff", None)
+    if standoff is None:
+        return 1.0, 0.0
+    return standoff.distance, math.remainder(standoff.heading, math.tau)
+
+
+def simulate_distributed(
+    path: Path, settings: tuple[str, ...], name: str, progress: Progress = lambda _: None
+) -> tuple[Result, Trajectory]:
+    """Run the services of a scenario as processes over Zenoh, in lockstep.
+
+    They meet at a free port and under a namespace of their own, so several runs, and one
+    that is `up`, do not hear each other.
+
+    Args:
+        path: The scenario's file.
+        settings: Overrides, as of `load_scenario`.
+        name: The scenario's name, for the result.
+        progress: See `Progress`.
+
+    Raises:
+        MecazenError: A service failed.
+    """
+    scenario = load_scenario(path, settings)
+    settings = (
+        *settings,
+        "sim.mode=lockstep",
+        f"services={json.dumps([*scenario.services, COLLECTOR])}",
+        f'bus.connect=["tcp/127.0.0.1:{_free_port()}"]',
+        f"bus.namespace=run{secrets.token_hex(4)}",
+    )
+    scenario = load_scenario(path, settings)
+    parts = [part for part in scenario.services if part != COLLECTOR]
+    supervisor = Supervisor(path, settings)
+    try:
+        with on_one_core():
+            supervisor.start_router()
+        bus = ZenohBus(scenario.bus, lossless=True)
+        trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, parts)
+        bus.declare_alive(COLLECTOR)
+        announce_readiness(bus, COLLECTOR, scenario)
+        with on_one_core():
+            for part in parts:
+                supervisor.start(part)
+        begin, told = time.perf_counter(), 0
+        while not trajectory.complete:
+            bus.spin_once(PATIENCE_S)
+            if trajectory.done == 0:
+                begin = time.perf_counter()
+            if trajectory.done >= told + PROGRESS_TICKS:
+                told = trajectory.done
+                progress(told)
+            supervisor.poll(0.0)
+        wall_s = time.perf_counter() - begin
+        progress(scenario.sim.ticks)
+        bus.close()
+    finally:
+        supervisor.stop()
+    return result(scenario, name, trajectory, wall_s), trajectory
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])

@@ -1,0 +1,141 @@
+"""What a run did, tick by tick, and how well the robot followed."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mecazen import keys
+from mecazen.bus import Bus
+from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import FollowerState, Message, Odometry, Twist
+from mecazen.wire import Stamp
+
+COLUMNS = (
+    "t_s",
+    *(
+        f"{who}_{what}"
+        for who in ("robot", "odom", "target", "estimate")
+        for what in ("x_m", "y_m", "yaw_rad")
+    ),
+    "cmd_x_m_s",
+    "cmd_y_m_s",
+    "cmd_yaw_rad_s",
+)
+"""Poses of robot and target are true, in world; odom and estimate are in odom."""
+
+
+class Scores(msgspec.Struct, frozen=True):
+    """The published measures of following, means over all ticks; none without a person."""
+
+    d_err_m: float | None
+    """Mean of |D - D0|, D the distance from robot to person."""
+    theta_err_deg: float | None
+    """Mean of |Θ - Θ0|, Θ the wrapped difference of the headings."""
+
+
+class Trajectory:
+    """Collects the samples of a run from a bus into one row a tick.
+
+    Args:
+        bus: Where the services publish.
+        tick_ns: The control period [ns].
+        ticks: The number of rows of a whole run.
+        services: Who takes part; columns of those who do not stay empty.
+    """
+
+    def __init__(self, bus: Bus, tick_ns: int, ticks: int, services: Sequence[str]) -> None:
+        self._tick_ns = tick_ns
+        self._ticks = ticks
+        self._columns: dict[str, dict[int, tuple[float, ...]]] = {}
+        self._follow(bus, keys.GROUND_TRUTH, _pose)
+        if "controller" in services:
+            self._follow(bus, keys.ODOM, _pose)
+        if "target" in services:
+            self._follow(bus, keys.TARGET_ODOM, _pose)
+        if "follower" in services:
+            self._follow(bus, keys.FOLLOWER_STATE, _estimate)
+            self._follow(bus, keys.CMD_VEL, _twist)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every row is there."""
+        return all(len(column) >= self._ticks for column in self._columns.values())
+
+    @property
+    def done(self) -> int:
+        """Rows of which all is there."""
+        return min(len(column) for column in self._columns.values())
+
+    def rows(self) -> list[tuple[float | None, ...]]:
+        """Return the rows in the order of `COLUMNS`; None where there is nothing."""
+        order = (keys.GROUND_TRUTH, keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE, keys.CMD_VEL)
+        empty = (None, None, None)
+        columns = [self._columns.get(topic.key, {}) for topic in order]
+        return [
+            (
+                tick * self._tick_ns / 1e9,
+                *(value for column in columns for value in column.get(tick, empty)),
+            )
+            for tick in range(self.done)
+        ]
+
+    def csv(self) -> bytes:
+        """Return the rows as CSV, each number with all its digits."""
+        lines = [",".join(COLUMNS)]
+        lines += [
+            ",".join("" if value is None else repr(value) for value in row) for row in self.rows()
+        ]
+        return ("\n".join(lines) + "\n").encode()
+
+    def write(self, path: Path) -> None:
+        """Write the CSV."""
+        path.write_bytes(self.csv())
+
+    def sha256(self) -> str:
+        """Return the hash of the CSV: equal exactly when every number is."""
+        return hashlib.sha256(self.csv()).hexdigest()
+
+    def scores(self, standoff_m: float, heading_rad: float) -> Scores:
+        """Return the measures for a distance and a difference of headings to keep."""
+        robots = self._columns[keys.GROUND_TRUTH.key]
+        persons = self._columns.get(keys.TARGET_ODOM.key, {})
+        pairs = [
+            (Pose2D(*robots[tick]), Pose2D(*persons[tick]))
+            for tick in range(self.done)
+            if tick in persons
+        ]
+        if not pairs:
+            return Scores(d_err_m=None, theta_err_deg=None)
+        return Scores(
+            d_err_m=math.fsum(abs(r.distance(p) - standoff_m) for r, p in pairs) / len(pairs),
+            theta_err_deg=math.degrees(
+                math.fsum(abs(wrap(r.yaw - p.yaw - heading_rad)) for r, p in pairs) / len(pairs)
+            ),
+        )
+
+    def _follow(self, bus: Bus, topic: keys.Topic[Any], read: Any) -> None:
+        column = self._columns.setdefault(topic.key, {})
+
+        def take(message: Message, stamp: Stamp | None) -> None:
+            if stamp is not None:
+                column.setdefault(stamp.time_ns // self._tick_ns, read(message))
+
+        bus.subscribe(topic, take, every=True)
+
+
+def _pose(odometry: Odometry) -> tuple[float, ...]:
+    return tuple(odometry.pose.pose.to_planar())
+
+
+def _estimate(state: FollowerState) -> tuple[float | None, ...]:
+    return _pose(state.estimate[0]) if state.estimate else (None, None, None)
+
+
+def _twist(twist: Twist) -> tuple[float, ...]:
+    return tuple(twist.to_planar())

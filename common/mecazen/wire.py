@@ -1,0 +1,115 @@
+"""Bytes to messages and back: JSON or MessagePack, and the stamp that goes with every sample."""
+
+from __future__ import annotations
+
+import struct
+from functools import cache
+from typing import Literal, NamedTuple, TypeVar, cast
+
+import msgspec
+
+from mecazen.messages import Message, Time
+
+MessageT = TypeVar("MessageT", bound=Message)
+Format = Literal["json", "msgpack"]
+
+MAX_PAYLOAD_BYTES = 1 << 20
+JSON_ENCODING = "application/json"
+MSGPACK_ENCODING = "application/msgpack"
+ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
+
+_STAMP = struct.Struct("<qII")
+_JSON = msgspec.json.Encoder()
+_MSGPACK = msgspec.msgpack.Encoder()
+
+
+class RefusedError(ValueError):
+    """A payload that is not what its key carries."""
+
+
+class Stamp(NamedTuple):
+    """The tick that a sample belongs to: simulated time, the run, and the run's seed.
+
+    A run begins when physics starts or is reset, and has a number of its own, so what is
+    still on its way from before a reset can be told apart.
+    """
+
+    time_ns: int
+    run: int
+    seed: int
+
+    @property
+    def time(self) -> Time:
+        """The simulated time as a message."""
+        return Time.from_ns(self.time_ns)
+
+    def pack(self) -> bytes:
+        """Return the stamp as the 16 bytes of a Zenoh attachment: int64 ns, uint32, uint32."""
+        return _STAMP.pack(self.time_ns, self.run, self.seed)
+
+    @classmethod
+    def unpack(cls, attachment: bytes) -> Stamp:
+        """Return the stamp of an attachment.
+
+        Raises:
+            RefusedError: It is not 16 bytes long, or its time is negative.
+        """
+        if len(attachment) != _STAMP.size:
+            raise RefusedError(f"attachment of {len(attachment)} bytes, a stamp has {_STAMP.size}")
+        stamp = cls(*_STAMP.unpack(attachment))
+        if stamp.time_ns < 0:
+            raise RefusedError("attachment with a negative time")
+        return stamp
+
+
+def encode(message: Message, form: Format) -> bytes:
+    """Return `message` as bytes."""
+    return (_JSON if form == "json" else _MSGPACK).encode(message)
+
+
+@cache
+def _json_decoder(kind: type[MessageT]) -> msgspec.json.Decoder[MessageT]:
+    return msgspec.json.Decoder(kind)
+
+
+@cache
+def _msgpack_decoder(kind: type[MessageT]) -> msgspec.msgpack.Decoder[MessageT]:
+    return msgspec.msgpack.Decoder(kind)
+
+
+def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT:
+    """Return the message in `payload`.
+
+    Args:
+        payload: The bytes as they came.
+        kind: The message that the key carries.
+        encoding: Zenoh's encoding; where it names neither format, the first byte tells.
+
+    Raises:
+        RefusedError: Empty, oversized, truncated, of a wrong type, or with numbers not finite.
+    """
+    if not payload:
+        raise RefusedError("empty payload")
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
+    try:
+        if _format_of(payload, encoding) == "json":
+            return cast(MessageT, _json_decoder(kind).decode(payload))
+        return cast(MessageT, _msgpack_decoder(kind).decode(payload))
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
+
+
+def _format_of(payload: bytes, encoding: str) -> Format:
+    media = encoding.partition(";")[0]
+    if media in (JSON_ENCODING, "text/json"):
+        return "json"
+    if media == MSGPACK_ENCODING:
+        return "msgpack"
+    first = payload[0]
+    if first == 0x7B or first in b" \t\r\n":
+        return "json"
+    # the three ways in which MessagePack begins a map, which every message is
+    if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
+        return "msgpack"
+    raise RefusedError(f"neither JSON nor MessagePack: first byte 0x{first:02x}")

@@ -1,0 +1,1 @@
+"""Wheel kinematics, odometry and limits of a mecanum robot."""

@@ -1,0 +1,5 @@
+"""Runs the controller: `python -m mecazen_controller SCENARIO`."""
+
+from mecazen.runtime import main
+
+main("controller")

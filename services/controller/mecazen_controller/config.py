@@ -1,0 +1,147 @@
+"""The controller's section of a scenario."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+from mecazen.geometry import Twist2D
+from mecazen.robot import WHEEL_JOINTS, Robot
+from mecazen.schema import NonNegative, Positive, Section
+
+from mecazen_controller.kinematics import MecanumKinematics
+from mecazen_controller.limiter import Limits
+
+Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
+"""A key expression without wildcards, as one publishes on."""
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+Limit = Annotated[float, msgspec.Meta(gt=0.0)]
+"""`inf` is no limit."""
+Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+"""Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; of a twist, per s²."""
+
+
+class LinearLimits(Section):
+    """Limits along x or y of base_link."""
+
+    max_velocity_m_s: Limit = 2.0
+    max_acceleration_m_s2: Limit = 2.5
+    max_deceleration_m_s2: Limit | None = None
+    """Left out: as max_acceleration_m_s2."""
+    max_jerk_m_s3: Limit = math.inf
+
+    @property
+    def limits(self) -> Limits:
+        """The same for the limiter."""
+        return Limits(
+            self.max_velocity_m_s,
+            self.max_acceleration_m_s2,
+            self.max_deceleration_m_s2 or self.max_acceleration_m_s2,
+            self.max_jerk_m_s3,
+        )
+
+
+class AngularLimits(Section):
+    """Limits of the yaw rate."""
+
+    max_velocity_rad_s: Limit = 3.0
+    max_acceleration_rad_s2: Limit = 8.0
+    max_deceleration_rad_s2: Limit | None = None
+    """Left out: as max_acceleration_rad_s2."""
+    max_jerk_rad_s3: Limit = math.inf
+
+    @property
+    def limits(self) -> Limits:
+        """The same for the limiter."""
+        return Limits(
+            self.max_velocity_rad_s,
+            self.max_acceleration_rad_s2,
+            self.max_deceleration_rad_s2 or self.max_acceleration_rad_s2,
+            self.max_jerk_rad_s3,
+        )
+
+
+class AxisLimits(Section):
+    """Limits of the commanded twist, in base_link."""
+
+    x: LinearLimits = LinearLimits()
+    y: LinearLimits = LinearLimits()
+    yaw: AngularLimits = AngularLimits()
+
+    @property
+    def limits(self) -> tuple[Limits, Limits, Limits]:
+        """The limits of x, y, yaw for the limiter."""
+        return self.x.limits, self.y.limits, self.yaw.limits
+
+
+class OdometryScale(Section):
+    """Calibration of the wheel odometry: true over nominal motion of each axis."""
+
+    x: Positive = 1.0
+    y: Positive = 1.0
+    yaw: Positive = 1.0
+
+    @property
+    def factors(self) -> Twist2D:
+        """The same for the odometry."""
+        return Twist2D(self.x, self.y, self.yaw)
+
+
+class ControllerConfig(Section):
+    """The wheel controller: keys, frames, geometry, limits and odometry."""
+
+    command_key: Key = "cmd_vel"
+    """Key of the commanded twist, in base_frame_id."""
+    odometry_key: Key = "odom"
+    odom_frame_id: Name = "odom"
+    base_frame_id: Name = "base_link"
+    update_rate_hz: Positive | None = None
+    """Rate of the odometry; it divides the tick rate. Left out: at every tick."""
+    odometry: Literal["wheel", "ground_truth"] = "wheel"
+    """Integrated from the measured wheel speeds, or the simulator's truth."""
+    wheel_joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = (
+        WHEEL_JOINTS
+    )
+    """Joints of the front left, front right, rear left and rear right wheel."""
+    half_wheelbase_m: Positive | None = None
+    """Half the distance between the axles; left out: the robot file's."""
+    half_track_m: Positive | None = None
+    """Half the distance between left and right wheels; left out: the robot file's."""
+    wheel_radius_m: Positive | None = None
+    """Left out: the robot file's."""
+    reference_timeout_s: Positive = 0.5
+    """Simulated time after which a command is stale and the robot comes to rest."""
+    limits: AxisLimits = AxisLimits()
+    odometry_scale: OdometryScale = OdometryScale()
+    pose_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
+    twist_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
+
+    def __post_init__(self) -> None:
+        if len(set(self.wheel_joints)) != len(self.wheel_joints):
+            raise ValueError(f"wheel_joints must be four different names: {self.wheel_joints}")
+
+    def kinematics(self, robot: Robot) -> MecanumKinematics:
+        """Return the kinematics: the lengths given here, else those of `robot`."""
+        return MecanumKinematics(
+            self.wheel_radius_m or robot.wheels.radius_m,
+            self.half_wheelbase_m or robot.half_wheelbase,
+            self.half_track_m or robot.half_track,
+        )
+
+    def ticks_per_update(self, tick: float) -> int:
+        """Return the number of ticks of `tick` [s] from one odometry to the next.
+
+        Raises:
+            ValueError: update_rate_hz does not divide the tick rate.
+        """
+        if self.update_rate_hz is None:
+            return 1
+        ratio = 1.0 / (tick * self.update_rate_hz)
+        ticks = round(ratio)
+        if ticks < 1 or not math.isclose(ticks, ratio, rel_tol=1e-6):
+            raise ValueError(
+                f"update_rate_hz = {self.update_rate_hz:g} must divide the tick rate "
+                f"of {1.0 / tick:g} Hz"
+            )
+        return ticks

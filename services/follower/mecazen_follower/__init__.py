@@ -1,0 +1,1 @@
+"""Estimators and control that keep the robot with the person."""

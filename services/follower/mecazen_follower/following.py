@@ -1,0 +1,91 @@
+"""One tick of following: estimate the person, place the goal, drive towards it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy.typing as npt
+from mecazen.geometry import Pose2D, Twist2D
+
+from mecazen_follower.config import FollowerConfig
+from mecazen_follower.estimators import Estimate
+from mecazen_follower.goal import Errors
+from mecazen_follower.tracking import TrackingState
+
+MAX_STEP_M = 0.5
+"""Farther than this the robot can't have moved in a tick: the odometry was set anew."""
+
+
+class Sighting(NamedTuple):
+    """An observed pose of the person in odom, and its 3x3 covariance of (x, y, yaw)."""
+
+    pose: Pose2D
+    covariance: npt.ArrayLike
+
+
+class Step(NamedTuple):
+    """What one tick gave; poses and the person's velocity in odom, the command in base_link.
+
+    Before the person was first seen there is no `person`, and `goal` and `errors` say nothing.
+    """
+
+    command: Twist2D
+    tracking: TrackingState
+    unseen: float
+    """Time since the person was last seen [s]."""
+    person: Estimate | None = None
+    goal: Pose2D = Pose2D()
+    errors: Errors = Errors(0.0, 0.0, 0.0)
+
+
+class Following:
+    """Keeps the robot at its place beside the person.
+
+    `latency` [s] is the time from the capture of a frame to its arrival, by which the
+    estimate is carried ahead.
+    """
+
+    def __init__(self, config: FollowerConfig, latency: float) -> None:
+        self.estimator = config.make_estimator()
+        self._controller = config.make_controller()
+        self._tracker = config.make_tracker()
+        self._standoff = config.standoff
+        self._latency = latency
+        self._tracking = TrackingState.WAITING
+        self._robot: Pose2D | None = None
+        self._last_seen = 0.0
+
+    def step(self, time: float, dt: float, robot: Pose2D, sighting: Sighting | None) -> Step:
+        """Go ahead by `dt` [s] to `time` [s], with base_link at `robot` in odom.
+
+        Raises:
+            ValueError: The sighting is no pose, see `Estimator.update`; without it the call
+                may be made again.
+        """
+        if self._robot is not None and self._robot.distance(robot) > MAX_STEP_M:
+            self.estimator.reset()
+            self._controller.stop()
+        if sighting is not None:
+            if self._tracking is TrackingState.LOST:
+                # where they were last is no prior any more for where they appear
+                self.estimator.reset()
+            self.estimator.update(*sighting)
+            self._last_seen = time
+        self._robot = robot
+        self._tracking = self._tracker.update(time, seen=sighting is not None)
+        person = self.estimator.estimate
+        if person is None:
+            return Step(self._controller.stop(), self._tracking, 0.0)
+        person = person._replace(pose=person.ahead(self._latency))
+        goal = self._standoff.goal(person.pose)
+        if self._tracking is TrackingState.LOST:
+            command = self._controller.stop()
+        else:
+            velocity = self._standoff.goal_velocity(person.pose, person.velocity)
+            command = self._controller.command(goal, velocity, robot, dt)
+        errors = self._standoff.errors(person.pose, robot)
+        return Step(command, self._tracking, time - self._last_seen, person, goal, errors)
+
+    def predict(self, dt: float) -> None:
+        """Let the person move on for `dt` [s]."""
+        self.estimator.predict(dt)

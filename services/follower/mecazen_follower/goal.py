@@ -1,0 +1,66 @@
+"""Where the robot should stand with respect to the person, and how far off it is."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from mecazen.geometry import Pose2D, Twist2D, wrap
+
+
+class Errors(NamedTuple):
+    """What is off: distance [m], bearing around the person and the robot's heading [rad]."""
+
+    distance: float
+    bearing: float
+    yaw: float
+
+
+class Standoff(NamedTuple):
+    """A place beside a person, in the person's own frame (x ahead, y to the left).
+
+    Attributes:
+        distance: From the person to the robot [m].
+        bearing: Direction from the person to the robot [rad]; 0 is ahead, pi/2 to the left.
+        heading: The robot's heading less the person's [rad].
+    """
+
+    distance: float
+    bearing: float
+    heading: float
+
+    def goal(self, person: Pose2D) -> Pose2D:
+        """Return the pose that the robot should have, in the frame in which `person` is."""
+        x = self.distance * math.cos(self.bearing)
+        y = self.distance * math.sin(self.bearing)
+        return person.compose(Pose2D(x, y, self.heading))
+
+    def goal_velocity(self, person: Pose2D, velocity: Twist2D) -> Twist2D:
+        """Return the goal's velocity, that of a point fixed to the person: v + ω × r.
+
+        `velocity` and the result are in the axes of the frame in which `person` is.
+        """
+        goal = self.goal(person)
+        return Twist2D(
+            velocity.x - velocity.yaw * (goal.y - person.y),
+            velocity.y + velocity.yaw * (goal.x - person.x),
+            velocity.yaw,
+        )
+
+    def errors(self, person: Pose2D, robot: Pose2D) -> Errors:
+        """Return actual less wanted distance, bearing and heading of `robot`."""
+        seen = person.between(robot)
+        return Errors(
+            math.hypot(seen.x, seen.y) - self.distance,
+            wrap(math.atan2(seen.y, seen.x) - self.bearing),
+            wrap(seen.yaw - self.heading),
+        )
+
+
+VIEWS = {
+    "back": (180.0, 0.0),
+    "side_left": (90.0, -90.0),
+    "side_right": (-90.0, 90.0),
+    "front": (0.0, 180.0),
+}
+"""Bearing and heading [deg] of each named view: in all of them the robot faces the person."""

@@ -1,0 +1,37 @@
+"""Observed poses: from the sensor's frame to odom, and covariances from ROS's shape to ours."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mecazen.geometry import Pose2D
+from mecazen.messages import PoseWithCovariance
+
+from mecazen_follower.estimators import Covariance
+from mecazen_follower.following import Sighting
+
+PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
+"""Rows and columns of x, y and yaw in ROS's 6x6."""
+
+
+def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
+    """Return an observed pose and its 3x3 covariance of (x, y, yaw) in odom.
+
+    `robot` is base_link in odom at the time of the capture. What comes in `base_link` is
+    moved by it; what comes in another frame (world, odom) is taken to be in odom already.
+    """
+    pose = seen.pose.to_planar()
+    covariance = np.asarray(seen.covariance).reshape(6, 6)[PLANAR]
+    if frame_id != "base_link":
+        return Sighting(pose, covariance)
+    c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Sighting(robot.compose(pose), turn @ covariance @ turn.T)
+
+
+def ros_covariance(covariance: Covariance) -> tuple[float, ...]:
+    """Return ROS's row-major 6x6 of a 3x3 covariance of (x, y, yaw)."""
+    full = np.zeros((6, 6))
+    full[PLANAR] = covariance
+    return tuple(full.ravel().tolist())

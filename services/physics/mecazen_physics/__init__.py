@@ -1,0 +1,1 @@
+"""A mecanum robot with every roller, in DART, and the owner of simulated time."""

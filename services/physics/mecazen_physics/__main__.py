@@ -1,0 +1,5 @@
+"""Runs the physics: `python -m mecazen_physics SCENARIO`."""
+
+from mecazen.runtime import main
+
+main("physics")

@@ -1,0 +1,165 @@
+"""The robot as a tree of rigid bodies, from which the world and the URDF are both built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.robot import WHEELS, Robot, roller_joint, wheel_joint
+
+from mecazen_physics.rollers import Roller
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body and the joint by which it hangs on its parent.
+
+    The joint's frame is the link's; `translation` (3,) [m] and `rotation` (3, 3) place it in
+    the parent's frame. `axis` (3,) is the axis of a revolute joint in that frame, None for a
+    fixed one. The centre of mass is at `centre` (3,) [m] in the link's frame; `moments` are
+    the principal moments of inertia about it [kg·m²], along the link's axes.
+    """
+
+    name: str
+    parent: str
+    joint: str
+    translation: tuple[float, float, float]
+    rotation: Array
+    axis: tuple[float, float, float] | None
+    mass: float
+    moments: tuple[float, float, float]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def hub_radius(robot: Robot) -> float:
+    """Return the radius of the cylinder left free by the rollers [m]."""
+    return robot.wheels.radius_m - 2.0 * robot.rollers.max_radius_m
+
+
+def base(robot: Robot) -> Link:
+    """Return base_link, the root: its joint leads to the world."""
+    box = robot.base
+    centre = (0.0, 0.0, box.clearance_m + box.height_m / 2)
+    moments = _box(box.mass_kg, box.length_m, box.width_m, box.height_m)
+    identity = np.eye(3)
+    return Link("base_link", "", "", (0.0, 0.0, 0.0), identity, None, box.mass_kg, moments, centre)
+
+
+def links(robot: Robot) -> list[Link]:
+    """Return all links but the base: wheels, rollers, then camera and lidar.
+
+    Wheels and rollers come in the order of the joint states.
+    """
+    wheels = [_wheel(robot, wheel) for wheel in WHEELS]
+    rollers = [
+        _roller(robot, wheel, index) for wheel in WHEELS for index in range(robot.rollers.count)
+    ]
+    return [*wheels, *rollers, _camera(robot), _lidar(robot)]
+
+
+def lump(parts: list[Link]) -> tuple[float, Array, Array]:
+    """Return mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²] of `parts`.
+
+    The parts are the root and links fixed to it without a turn; the result is in the root's
+    frame, by the parallel axis theorem.
+    """
+    mass = sum(part.mass for part in parts)
+    places = [np.add(part.translation, part.centre) for part in parts]
+    pairs = list(zip(parts, places, strict=True))
+    centre = sum((part.mass * place for part, place in pairs), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for part, place in pairs:
+        arm = place - centre
+        inertia += np.diag(part.moments)
+        inertia += part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return mass, centre, inertia
+
+
+def _wheel(robot: Robot, wheel: str) -> Link:
+    mass = robot.wheels.hub_mass_kg
+    across, along = _cylinder(mass, hub_radius(robot), robot.wheels.hub_width_m)
+    return Link(
+        name=f"{wheel}_wheel",
+        parent="base_link",
+        joint=wheel_joint(wheel),
+        translation=robot.wheel_position(wheel),
+        rotation=np.eye(3),
+        axis=(0.0, 1.0, 0.0),
+        mass=mass,
+        moments=(across, along, across),
+    )
+
+
+def _roller(robot: Robot, wheel: str, index: int) -> Link:
+    """Return roller `index` of `wheel`: index 0 at the bottom, the next turned about +y.
+
+    On the ground the axes of front left and rear right rollers point forward and right, of
+    the others forward and left: seen from above, the rollers on top form an X.
+    """
+    roller = Roller.of(robot)
+    side = -1.0 if wheel in {"front_left", "rear_right"} else 1.0
+    z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
+    y = np.array([0.0, 0.0, -1.0])
+    turn = _about_y(2.0 * np.pi * index / roller.count)
+    a, b, c = (turn @ (0.0, 0.0, -roller.axis_distance)).tolist()
+    across, along = roller.inertia
+    return Link(
+        name=f"{wheel}_roller_{index:02d}",
+        parent=f"{wheel}_wheel",
+        joint=roller_joint(wheel, index),
+        translation=(a, b, c),
+        rotation=turn @ np.column_stack([np.cross(y, z), y, z]),
+        axis=(0.0, 0.0, 1.0),
+        mass=roller.mass,
+        moments=(across, across, along),
+    )
+
+
+def _camera(robot: Robot) -> Link:
+    part = robot.camera
+    length, width, height = part.size_m
+    moments = _box(part.mass_kg, length, width, height)
+    return Link(
+        "camera_link",
+        "base_link",
+        "camera_joint",
+        part.position_m,
+        np.eye(3),
+        None,
+        part.mass_kg,
+        moments,
+    )
+
+
+def _lidar(robot: Robot) -> Link:
+    part = robot.lidar
+    radius, height = part.size_m
+    across, along = _cylinder(part.mass_kg, radius, height)
+    return Link(
+        "lidar_link",
+        "base_link",
+        "lidar_joint",
+        part.position_m,
+        np.eye(3),
+        None,
+        part.mass_kg,
+        (across, across, along),
+    )
+
+
+def _about_y(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _box(mass: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the principal moments of a box [kg·m²]."""
+    return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
+
+
+def _cylinder(mass: float, radius: float, height: float) -> tuple[float, float]:
+    """Return the moments of a cylinder across and along its axis [kg·m²]."""
+    return mass * (3 * radius**2 + height**2) / 12, mass * radius**2 / 2

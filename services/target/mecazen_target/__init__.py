@@ -1,0 +1,1 @@
+"""The walking person, and what the robot's sensor sees of them."""

@@ -1,0 +1,5 @@
+"""Runs the target: `python -m mecazen_target SCENARIO`."""
+
+from mecazen.runtime import main
+
+main("target")

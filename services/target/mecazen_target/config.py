@@ -1,0 +1,133 @@
+"""The person's section of a scenario: `[target]`, `[target.path]`, `[target.gait]`.
+
+Every path starts at the pose `x_m`, `y_m`, `yaw_deg` in the world and goes on from there:
+a path's own numbers (a waypoint, a recorded track) are in the frame of that pose.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path  # msgspec reads the annotations when the program runs
+from typing import Annotated, Literal
+
+import msgspec
+from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
+
+Turn = Literal["left", "right"]
+
+
+class _Path(Section, tag_field="kind"):
+    x_m: Finite = 0.0
+    """Start in the world, forward [m]."""
+    y_m: Finite = 0.0
+    """Start in the world, left [m]."""
+    yaw_deg: AngleDeg = 0.0
+    """Heading at the start, in the world [deg]."""
+
+
+class _Walk(_Path):
+    start_after_s: NonNegative = 0.0
+    """The person stands for this long before they set off [s]."""
+
+
+class UTrack(_Walk, tag="u_track"):
+    """A straight, a half circle of radius `speed_m_s / yaw_rate_rad_s`, a straight.
+
+    The defaults are those of "A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view
+    and Self-Following Motion Capture", section IV.B; the paper does not give the length.
+    """
+
+    length_m: Positive = 5.0
+    """Length of each straight [m]."""
+    speed_m_s: Positive = 0.2
+    """Speed along the whole track [m/s]."""
+    yaw_rate_rad_s: Positive = 0.1
+    """Yaw rate on the half circle [rad/s]."""
+    turn: Turn = "left"
+    """Side to which the half circle turns."""
+
+
+class Straight(_Walk, tag="straight"):
+    """A straight line; the person stands at its end."""
+
+    length_m: Positive = 10.0
+    """Length of the line [m]."""
+    speed_m_s: Positive = 0.2
+    """Speed along it [m/s]."""
+
+
+class Circle(_Walk, tag="circle"):
+    """A circle through the start, walked without end."""
+
+    radius_m: Positive = 2.0
+    """Radius of the circle [m]."""
+    speed_m_s: Positive = 0.2
+    """Speed along it [m/s]."""
+    turn: Turn = "left"
+    """Side on which the circle's centre lies."""
+
+
+class FigureOfEight(_Walk, tag="figure_of_eight"):
+    """A lemniscate of Bernoulli that starts at its crossing, walked without end."""
+
+    length_m: Positive = 6.0
+    """Distance between the far ends of the two loops [m]; they bend at `length_m / 6`."""
+    speed_m_s: Positive = 0.2
+    """Speed along the curve [m/s]."""
+    turn: Turn = "left"
+    """Side to which the first loop turns."""
+
+
+class Waypoints(_Walk, tag="waypoints", kw_only=True):
+    """A smooth curve through points; the person stands at the last."""
+
+    points_m: Annotated[
+        tuple[tuple[Finite, Finite], ...], msgspec.Meta(min_length=2, max_length=1000)
+    ]
+    """Points [x, y] in the frame of the start pose [m]; the person starts at the first."""
+    speed_m_s: Positive = 0.2
+    """Speed along the curve [m/s]."""
+
+
+class Standing(_Path, tag="standing"):
+    """The person stands at the start."""
+
+
+class Recorded(_Walk, tag="recorded", kw_only=True):
+    """A recorded track, moved so that it starts at the start pose and heading."""
+
+    file: Path
+    """CSV with the columns `t_s`, `x_m`, `y_m`; relative to the scenario's folder."""
+
+
+class Driven(_Path, tag="driven"):
+    """The person moves by the twists on `target/cmd_vel`."""
+
+    timeout_s: Positive = 0.5
+    """The person stops when no command has come for this long [s]."""
+
+
+SteadyWalk = UTrack | Straight | Circle | FigureOfEight | Waypoints
+"""A curve at constant speed."""
+
+Walk = SteadyWalk | Standing | Recorded
+"""A path that is known from the start, as `Driven` is not."""
+
+
+class Gait(Section):
+    """The ripple of a walking person's pelvis; `mecazen_target.gait` gives the sources."""
+
+    sway_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.025
+    """Amplitude of the sway to both sides [m]."""
+    speed_ripple: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.1
+    """Amplitude of the forward speed's ripple, as a share of the speed."""
+    step_length_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.6
+    """Length of a step [m]; people take 0.3 at 0.2 m/s, 0.7 at 1.3 m/s."""
+
+
+class TargetConfig(Section):
+    """The person."""
+
+    path: Walk | Driven = UTrack()
+    """Where the person walks; its `kind` says which of the structs above it is."""
+    gait: Gait | None = None
+    """The ripple of a walking person; none by default."""

@@ -1,0 +1,149 @@
+"""Plane curves by arc length: the shapes of paths that are walked at constant speed.
+
+Each starts at its own pose and says, for a length walked, the pose (heading along the
+curve) and the curvature there, positive to the left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import accumulate, pairwise
+from typing import Protocol
+
+from mecazen.geometry import Pose2D, Twist2D, wrap
+
+from mecazen_target.spline import Spline, natural_slopes
+
+
+class Curve(Protocol):
+    """A curve by arc length."""
+
+    @property
+    def length(self) -> float:
+        """Length of the curve [m]; inf for one without end."""
+
+    def at(self, s: float) -> tuple[Pose2D, float]:
+        """Return pose and curvature [1/m] at the length `s` [m], 0 <= s <= `length`."""
+
+
+class Arcs:
+    """Straights and arcs of circles, each tangent to the one before, from the origin along x.
+
+    `pieces` are pairs of length [m] and curvature [1/m]; the last may be infinitely long.
+    """
+
+    def __init__(self, pieces: Sequence[tuple[float, float]]) -> None:
+        self._pieces = []
+        start, pose = 0.0, Pose2D()
+        for length, curvature in pieces:
+            self._pieces.append((start, pose, curvature))
+            start += length
+            if math.isfinite(length):
+                pose = pose.integrate(Twist2D(1.0, 0.0, curvature), length)
+        self.length = start
+
+    def at(self, s: float) -> tuple[Pose2D, float]:
+        """Return pose and curvature [1/m] at the length `s` [m]."""
+        start, pose, curvature = next(p for p in reversed(self._pieces) if p[0] <= s)
+        return pose.integrate(Twist2D(1.0, 0.0, curvature), s - start), curvature
+
+
+class Lemniscate:
+    """Bernoulli's lemniscate, walked without end from its crossing along x.
+
+    In its own axes x = a·cos u/(1 + sin²u), y = x·sin u, at which its tangent has the angle
+    3·atan(sin u) + pi/2 and the curvature 3·cos u/(a·sqrt(1 + sin²u)); its arc length is an
+    elliptic integral, taken numerically. `size` = 2a [m] is the distance between the ends of
+    the loops; `side` is 1 if the first turns to the left, -1 if to the right.
+    """
+
+    length = math.inf
+    _PIECES = 400  # of one round: the arc length is then right to 1e-9 of the curve's size
+
+    def __init__(self, size: float, side: float) -> None:
+        self._a = size / 2
+        self._side = side
+        start = -math.pi / 2  # the crossing, towards the loop at positive x
+        self._parameter, self._round = _by_arc_length(
+            lambda u: self._a / math.hypot(1.0, math.sin(u)),
+            [start + math.tau * i / self._PIECES for i in range(self._PIECES + 1)],
+        )
+
+    def at(self, s: float) -> tuple[Pose2D, float]:
+        """Return pose and curvature [1/m] at the length `s` [m]."""
+        u, _, _ = self._parameter.at(math.fmod(s, self._round))
+        sin, cos = math.sin(u), math.cos(u)
+        x = self._a * cos / (1.0 + sin * sin)
+        left = Pose2D(x, x * sin, 3.0 * math.atan(sin) + math.pi / 2)
+        x, y, yaw = Pose2D(yaw=math.pi / 4).compose(left)  # it leaves the crossing along x
+        curvature = 3.0 * cos / (self._a * math.hypot(1.0, sin))
+        return Pose2D(x, self._side * y, wrap(self._side * yaw)), self._side * curvature
+
+
+class SmoothCurve:
+    """The natural cubic spline through points [m]: its heading and curvature are continuous.
+
+    The parameter grows between points by the square root of their distance, which keeps
+    the curve near them where distances differ much (E. T. Y. Lee, Choosing nodes in
+    parametric curve interpolation, Computer-Aided Design 21, 1989).
+
+    Raises:
+        ValueError: Two points in a row are the same, or the points turn back so sharply
+            that the heading would all but jump.
+    """
+
+    _PIECES = 50  # between two points
+
+    def __init__(self, points: Sequence[tuple[float, float]]) -> None:
+        steps = [math.sqrt(math.dist(p, q)) for p, q in pairwise(points)]
+        if 0.0 in steps:
+            i = steps.index(0.0)
+            raise ValueError(
+                f"points_m: points {i + 1} and {i + 2} are the same, {list(points[i])}"
+            )
+        knots = list(accumulate(steps, initial=0.0))
+        x, y = ([float(p[i]) for p in points] for i in range(2))
+        self._x = Spline(knots, x, natural_slopes(knots, x))
+        self._y = Spline(knots, y, natural_slopes(knots, y))
+        parameters = [
+            start + (end - start) * i / self._PIECES
+            for start, end in pairwise(knots)
+            for i in range(self._PIECES)
+        ]
+        parameters.append(knots[-1])
+        self._refuse_cusps(parameters)
+        self._parameter, self.length = _by_arc_length(self._speed, parameters)
+
+    def _speed(self, u: float) -> float:
+        return math.hypot(self._x.at(u)[1], self._y.at(u)[1])
+
+    def _refuse_cusps(self, parameters: Sequence[float]) -> None:
+        headings = [math.atan2(self._y.at(u)[1], self._x.at(u)[1]) for u in parameters]
+        for i, (h0, h1) in enumerate(pairwise(headings)):
+            if abs(wrap(h1 - h0)) > math.pi / 4:
+                point = round(i / self._PIECES) + 1
+                raise ValueError(
+                    f"points_m turns back too sharply at point {point}; lead it around in a bend"
+                )
+
+    def at(self, s: float) -> tuple[Pose2D, float]:
+        """Return pose and curvature [1/m] at the length `s` [m]."""
+        u, _, _ = self._parameter.at(s)
+        (x, dx, ddx), (y, dy, ddy) = self._x.at(u), self._y.at(u)
+        return Pose2D(x, y, math.atan2(dy, dx)), (dx * ddy - dy * ddx) / math.hypot(dx, dy) ** 3
+
+
+def _by_arc_length(
+    speed: Callable[[float], float], parameters: Sequence[float]
+) -> tuple[Spline, float]:
+    """Return a curve's parameter as a function of its arc length, and its whole length.
+
+    `speed` is the derivative of arc length by parameter; Simpson's rule integrates it
+    between neighbouring `parameters`.
+    """
+    lengths, speeds = [0.0], [speed(u) for u in parameters]
+    for (u0, v0), (u1, v1) in pairwise(zip(parameters, speeds, strict=True)):
+        mean = (v0 + 4.0 * speed((u0 + u1) / 2) + v1) / 6.0
+        lengths.append(lengths[-1] + mean * (u1 - u0))
+    return Spline(lengths, parameters, [1.0 / v for v in speeds]), lengths[-1]

@@ -1,0 +1,97 @@
+"""Paths of the person: where they are, and how they move, at any simulated time."""
+
+from __future__ import annotations
+
+import math
+
+from mecazen.geometry import Pose2D, Twist2D
+
+from mecazen_target import config
+from mecazen_target.curves import Arcs, Curve, Lemniscate, SmoothCurve
+from mecazen_target.motion import Motion, Path
+from mecazen_target.recorded import Track, read_track
+
+
+class SteadyWalk:
+    """A curve walked at constant `speed` [m/s] from time 0 on; the person stands at its end."""
+
+    def __init__(self, curve: Curve, speed: float) -> None:
+        self._curve = curve
+        self._speed = speed
+        self.duration = curve.length / speed
+
+    def at(self, t: float) -> Motion:
+        """Return the motion at the time `t` [s] in the frame of the curve."""
+        s = min(max(t, 0.0) * self._speed, self._curve.length)
+        pose, curvature = self._curve.at(s)
+        if not 0.0 <= t < self.duration:
+            return Motion(pose, Twist2D(), s)
+        return Motion(pose, Twist2D(self._speed, 0.0, self._speed * curvature), s)
+
+
+class Stand:
+    """The person stands at the origin."""
+
+    duration = math.inf
+
+    def at(self, t: float) -> Motion:
+        """Return the motion at the time `t` [s]."""
+        return Motion(Pose2D())
+
+
+class Placed:
+    """A path, begun at the time `start_after` [s], its frame at the pose `start`."""
+
+    def __init__(self, path: Path, start: Pose2D, start_after: float = 0.0) -> None:
+        self._path = path
+        self._start = start
+        self._start_after = start_after
+        self.duration = start_after + path.duration
+
+    def at(self, t: float) -> Motion:
+        """Return the motion at the time `t` [s], the pose in the world."""
+        motion = self._path.at(t - self._start_after)
+        return motion._replace(pose=self._start.compose(motion.pose))
+
+
+def start_pose(path: config.Walk | config.Driven) -> Pose2D:
+    """Return the configured pose in the world at which a path starts."""
+    return Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
+
+
+def make_path(path: config.Walk) -> Path:
+    """Return the path that the configuration describes, in the world.
+
+    Raises:
+        ValueError: Waypoints that no smooth curve joins, or a recorded track that can't be
+            read; one line.
+    """
+    start = start_pose(path)
+    match path:
+        case config.Standing():
+            return Placed(Stand(), start)
+        case config.Recorded():
+            track = Track(read_track(path.file))
+            first = track.at(0.0).pose
+            return Placed(track, start.compose(first.between(Pose2D())), path.start_after_s)
+        case _:
+            walk = SteadyWalk(_curve(path), path.speed_m_s)
+            return Placed(walk, start, path.start_after_s)
+
+
+def _curve(path: config.SteadyWalk) -> Curve:
+    match path:
+        case config.UTrack():
+            curvature = path.yaw_rate_rad_s / path.speed_m_s
+            straight = (path.length_m, 0.0)
+            arc = (math.pi / curvature, curvature if path.turn == "left" else -curvature)
+            return Arcs([straight, arc, straight])
+        case config.Straight():
+            return Arcs([(path.length_m, 0.0)])
+        case config.Circle():
+            curvature = 1.0 / path.radius_m
+            return Arcs([(math.inf, curvature if path.turn == "left" else -curvature)])
+        case config.FigureOfEight():
+            return Lemniscate(path.length_m, 1.0 if path.turn == "left" else -1.0)
+        case config.Waypoints():
+            return SmoothCurve(path.points_m)

@@ -1,0 +1,189 @@
+"""A recorded track: positions at times become a smooth motion with a heading."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+
+from mecazen_target.motion import Motion
+from mecazen_target.spline import Spline, limited_slopes
+
+MAX_DURATION_S = 4 * 3600.0
+"""The longest track that is read; more is most often a wrong unit of time."""
+
+MIN_STEP_S = 0.001
+"""The shortest time between two rows."""
+
+STANDING_M_S = 0.1
+"""Below this speed the person stands: the heading is held."""
+
+WALKING_M_S = 0.2
+"""From this speed on the heading follows the motion at once; in between, part of it."""
+
+MAX_YAW_RATE = 3.0
+"""How fast a person turns while walking [rad/s]."""
+
+_WINDOW_S = 0.8  # of the mean, two periods at 2.5 Hz: errors of single samples leave it
+_STEP_S = 0.04  # between knots of heading and distance
+_CORRECTION = 5.0  # [1/s] at which the heading makes up for what it lags
+
+
+class Sample(NamedTuple):
+    """A row of a recorded track."""
+
+    t: float
+    x: float
+    y: float
+
+
+class Track:
+    """The motion of a recorded track, from time 0 on, in the frame of the recording.
+
+    Cubics in time join the samples: where they repeat, the person stands still exactly, and
+    over a gap they walk evenly. The position is the mean of that curve over 0.8 s around,
+    since samples of tracked people jump by decimetres, which nobody's body does; the first
+    and the last sample stay where they are.
+
+    The heading is the direction of motion. It is held where the person stands, and turns
+    no faster than people do: who stops and leaves in another direction turns while they set
+    off, and until then the twist has a lateral part. A track that never moves has the
+    heading 0.
+    """
+
+    def __init__(self, samples: Sequence[Sample]) -> None:
+        self.duration = samples[-1].t - samples[0].t
+        self._half = min(_WINDOW_S, self.duration) / 2
+        # Turned by 180 degrees about its ends, the track goes on, and the means keep them.
+        first, last = samples[0], samples[-1]
+        before = [_opposite(sample, first) for sample in reversed(samples[1:])]
+        after = [_opposite(sample, last) for sample in reversed(samples[:-1])]
+        through = [*before, *samples, *after]
+        times = [sample.t - first.t for sample in through]
+        x, y = [sample.x for sample in through], [sample.y for sample in through]
+        dx, dy = limited_slopes(times, x, y)
+        self._x, self._y = Spline(times, x, dx), Spline(times, y, dy)
+        pieces = math.ceil(self.duration / _STEP_S)
+        knots = [self.duration * i / pieces for i in range(pieces + 1)]
+        velocities = [self._velocity(t) for t in knots]
+        headings = _headings(velocities, self.duration / pieces)
+        self._yaw = Spline(knots, headings, *limited_slopes(knots, headings))
+        speeds = [math.hypot(*velocity) for velocity in velocities]
+        self._distance = Spline(knots, self._distances(knots, speeds), speeds)
+
+    def at(self, t: float) -> Motion:
+        """Return the motion at the time `t` [s], standing before 0 and after the end."""
+        inside = min(max(t, 0.0), self.duration)
+        yaw, yaw_rate, _ = self._yaw.at(inside)
+        distance, _, _ = self._distance.at(inside)
+        x, y = (_mean(curve, inside, self._half) for curve in (self._x, self._y))
+        pose = Pose2D(x, y, wrap(yaw))
+        if t != inside:
+            return Motion(pose, Twist2D(), distance)
+        return Motion(pose, Twist2D(*rotate(*self._velocity(t), -yaw), yaw_rate), distance)
+
+    def _velocity(self, t: float) -> tuple[float, float]:
+        """Return the derivative of the mean position: what is passed over the window."""
+        x, y = (
+            (curve.at(t + self._half)[0] - curve.at(t - self._half)[0]) / (2 * self._half)
+            for curve in (self._x, self._y)
+        )
+        return x, y
+
+    def _distances(self, knots: Sequence[float], speeds: Sequence[float]) -> list[float]:
+        """Return the distances walked at `knots`, by Simpson's rule."""
+        distances = [0.0]
+        for (t0, v0), (t1, v1) in pairwise(zip(knots, speeds, strict=True)):
+            middle = math.hypot(*self._velocity((t0 + t1) / 2))
+            distances.append(distances[-1] + (v0 + 4.0 * middle + v1) / 6.0 * (t1 - t0))
+        return distances
+
+
+def _opposite(sample: Sample, centre: Sample) -> Sample:
+    return Sample(*(2 * c - s for s, c in zip(sample, centre, strict=True)))
+
+
+def _mean(curve: Spline, t: float, half: float) -> float:
+    return (curve.integral(t + half) - curve.integral(t - half)) / (2 * half)
+
+
+def _headings(velocities: Sequence[tuple[float, float]], step: float) -> list[float]:
+    """Return the heading [rad] at each of `velocities`, `step` [s] apart; not wrapped.
+
+    It turns as the direction of motion does, and makes up for what it lags; as much of
+    that as the person walks, and as fast as a person turns.
+    """
+    directions = [math.atan2(y, x) for x, y in velocities]
+    shares = [_walking(math.hypot(x, y)) for x, y in velocities]
+    moving = (d for d, share in zip(directions, shares, strict=True) if share > 0.0)
+    headings = [next(moving, 0.0)]
+    most = MAX_YAW_RATE * step
+    for (d0, d1), (share0, share1) in zip(pairwise(directions), pairwise(shares), strict=True):
+        lag = wrap(d0 - headings[-1])
+        turn = wrap(d1 - d0) + _CORRECTION * step * lag
+        headings.append(headings[-1] + min(share0, share1) * min(max(turn, -most), most))
+    return headings
+
+
+def _walking(speed: float) -> float:
+    """Return 0 for standing, 1 for walking, and a smooth step in between."""
+    part = min(max((speed - STANDING_M_S) / (WALKING_M_S - STANDING_M_S), 0.0), 1.0)
+    return part * part * (3.0 - 2.0 * part)
+
+
+def read_track(file: Path) -> list[Sample]:
+    """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others.
+
+    Raises:
+        ValueError: The file can't be read or is no such table: file, line and what is
+            allowed, in one line.
+    """
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as lines:
+            samples = list(_rows(csv.DictReader(lines)))
+    except OSError as error:
+        raise ValueError(f"{file}: can't be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{file}: must be text in UTF-8") from error
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{file}: {error}") from error
+    if len(samples) < 2:
+        raise ValueError(f"{file}: must have at least 2 rows below its header, has {len(samples)}")
+    duration = samples[-1].t - samples[0].t
+    if duration > MAX_DURATION_S:
+        raise ValueError(
+            f"{file}: t_s must span at most {MAX_DURATION_S:g} s, spans {duration:g} s"
+        )
+    return samples
+
+
+def _rows(reader: csv.DictReader[str]) -> Iterator[Sample]:
+    header = reader.fieldnames or []
+    missing = [name for name in ("t_s", "x_m", "y_m") if name not in header]
+    if missing:
+        raise ValueError(f"line 1: must name the columns t_s,x_m,y_m; {','.join(missing)} missing")
+    last = -math.inf
+    for row in reader:
+        line = f"line {reader.line_num}"
+        sample = Sample(*(_number(line, name, row[name]) for name in ("t_s", "x_m", "y_m")))
+        if sample.t - last < MIN_STEP_S:
+            raise ValueError(
+                f"{line}: t_s must grow by at least {MIN_STEP_S} s, {sample.t:g} follows {last:g}"
+            )
+        last = sample.t
+        yield sample
+
+
+def _number(line: str, name: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= 1e9:
+        raise ValueError(f"{line}: {name} must be a number from -1e9 to 1e9, is {text or ''!r}")
+    return value

@@ -1,0 +1,76 @@
+"""The controller's configuration: defaults, fallbacks, and what is refused."""
+
+import math
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+from mecazen_controller.config import ControllerConfig
+from mecazen_controller.kinematics import MecanumKinematics
+from mecazen_controller.limiter import Limits
+
+ROBOT = SimpleNamespace(wheels=SimpleNamespace(radius_m=0.05), half_wheelbase=0.15, half_track=0.1)
+
+
+def load(**table):
+    return msgspec.convert(table, ControllerConfig)
+
+
+def test_defaults_are_those_a_ros_user_expects():
+    config = load()
+    assert (config.command_key, config.odometry_key) == ("cmd_vel", "odom")
+    assert (config.odom_frame_id, config.base_frame_id) == ("odom", "base_link")
+    assert config.wheel_joints[0] == "front_left_wheel_joint"
+    assert config.odometry_scale.factors == (1.0, 1.0, 1.0)
+
+
+def test_lengths_come_from_the_robot_unless_given():
+    assert load().kinematics(ROBOT) == MecanumKinematics(0.05, 0.15, 0.1)
+    assert load(half_track_m=0.2).kinematics(ROBOT) == MecanumKinematics(0.05, 0.15, 0.2)
+
+
+def test_limits_per_axis_default_deceleration_to_acceleration_and_jerk_to_none():
+    x, y, yaw = load(
+        limits={
+            "x": {"max_deceleration_m_s2": 4.0},
+            "y": {"max_velocity_m_s": math.inf, "max_jerk_m_s3": 9.0},
+        }
+    ).limits.limits
+    assert x == Limits(2.0, 2.5, 4.0, math.inf)
+    assert y == Limits(math.inf, 2.5, 2.5, 9.0)
+    assert yaw == Limits(3.0, 8.0, 8.0, math.inf)
+
+
+def test_effective_configuration_loads_to_the_same():
+    config = load(limits={"yaw": {"max_velocity_rad_s": math.inf}}, update_rate_hz=50.0)
+    assert msgspec.convert(msgspec.to_builtins(config), ControllerConfig) == config
+
+
+def test_update_rate_is_every_tick_or_a_divisor_of_the_tick_rate():
+    assert load().ticks_per_update(0.01) == 1
+    assert load(update_rate_hz=100.0).ticks_per_update(0.01) == 1
+    assert load(update_rate_hz=12.5).ticks_per_update(0.01) == 8
+    for rate in (30.0, 200.0):
+        with pytest.raises(ValueError, match="must divide the tick rate of 100 Hz"):
+            load(update_rate_hz=rate).ticks_per_update(0.01)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"command_key": "/cmd_vel"}, "command_key"),
+        ({"command_key": "robot/*"}, "command_key"),
+        ({"odometry": "imu"}, "odometry"),
+        ({"wheel_joints": ["a", "b", "c"]}, "wheel_joints"),
+        ({"wheel_joints": ["a", "b", "c", "c"]}, "four different names"),
+        ({"limits": {"x": {"max_velocity_m_s": 0.0}}}, "max_velocity_m_s"),
+        ({"limits": {"yaw": {"max_velocity_rad_s": math.nan}}}, "max_velocity_rad_s"),
+        ({"limits": {"x": {"max_velocity_rad_s": 1.0}}}, "unknown field"),
+        ({"reference_timeout_s": 0.0}, "reference_timeout_s"),
+        ({"pose_covariance_diagonal": [1.0] * 5}, "pose_covariance_diagonal"),
+        ({"odometry_scale": {"y": -1.0}}, "odometry_scale"),
+    ],
+)
+def test_what_is_wrong_is_refused_and_named(table, message):
+    with pytest.raises(msgspec.ValidationError, match=message):
+        load(**table)

@@ -1,0 +1,59 @@
+"""The published equations by hand, and their round trip."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mecazen.geometry import Twist2D
+from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
+
+ROBOT = MecanumKinematics(wheel_radius=0.05, half_wheelbase=0.15, half_track=0.1)
+speeds = st.floats(-100.0, 100.0)
+twists = st.builds(Twist2D, speeds, speeds, speeds)
+
+
+@pytest.mark.parametrize(
+    ("twist", "wheels"),
+    [
+        ((0.5, 0.0, 0.0), (10.0, 10.0, 10.0, 10.0)),
+        ((0.0, 0.5, 0.0), (-10.0, 10.0, 10.0, -10.0)),
+        # 0.25 m of lever at 2 rad/s is 0.5 m/s
+        ((0.0, 0.0, 2.0), (-10.0, 10.0, -10.0, 10.0)),
+        ((0.5, 0.5, 0.0), (0.0, 20.0, 20.0, 0.0)),
+        ((1.0, -0.5, 0.4), (28.0, 12.0, 8.0, 32.0)),
+    ],
+)
+def test_equations_by_hand_both_ways(twist, wheels):
+    assert ROBOT.inverse(Twist2D(*twist)) == pytest.approx(wheels)
+    assert ROBOT.forward(WheelSpeeds(*wheels)) == pytest.approx(twist, abs=1e-12)
+
+
+def test_wheels_that_fight_each_other_do_not_move_the_body():
+    assert ROBOT.forward(WheelSpeeds(1.0, 1.0, -1.0, -1.0)) == Twist2D()
+
+
+@given(twists)
+def test_forward_undoes_inverse(twist):
+    assert ROBOT.forward(ROBOT.inverse(twist)) == pytest.approx(twist, abs=1e-9)
+
+
+def test_desaturation_halves_all_when_the_fastest_is_twice_too_fast():
+    assert WheelSpeeds(28.0, 12.0, -8.0, 32.0).desaturate(16.0) == (14.0, 6.0, -4.0, 16.0)
+
+
+def test_speeds_within_the_limit_stay_as_they_are():
+    wheels = WheelSpeeds(28.0, 12.0, -8.0, -32.0)
+    assert wheels.desaturate(32.0) == wheels
+    assert WheelSpeeds().desaturate(1.0) == WheelSpeeds()
+
+
+@given(twists, st.floats(0.1, 50.0))
+def test_desaturation_keeps_the_direction_of_motion(twist, max_speed):
+    wheels = ROBOT.inverse(twist)
+    limited = wheels.desaturate(max_speed)
+    assert max(map(abs, limited)) <= max_speed
+    ratio = min(1.0, max_speed / max(map(abs, wheels), default=1.0)) if any(wheels) else 1.0
+    expected = Twist2D(*(ratio * v for v in twist))
+    assert ROBOT.forward(limited) == pytest.approx(expected, abs=1e-9)
+    assert all(math.isfinite(speed) for speed in limited)

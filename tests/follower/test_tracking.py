@@ -1,0 +1,63 @@
+"""The tracking states over a story of seeing and not seeing."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+from mecazen_follower.tracking import Tracker, TrackingState
+
+
+def states(tracker, sightings):
+    return [str(tracker.update(time, seen)) for time, seen in sightings]
+
+
+def test_nobody_seen_yet_is_waiting_however_long():
+    assert states(Tracker(0.1, 2.0), [(0.0, False), (100.0, False)]) == ["waiting", "waiting"]
+
+
+def test_seen_then_coasting_then_lost_then_seen_again():
+    sightings = [
+        (1.0, True),
+        (1.0625, False),  # between two frames
+        (1.25, False),
+        (3.0, False),
+        (3.25, False),
+        (60.0, False),
+        (60.5, True),
+    ]
+    assert states(Tracker(0.125, 2.0), sightings) == [
+        "following",
+        "following",
+        "coasting",
+        "coasting",
+        "lost",
+        "lost",
+        "following",
+    ]
+
+
+def test_the_limits_themselves_are_still_within():
+    tracker = Tracker(0.25, 2.0)
+    assert states(tracker, [(0.0, True), (0.25, False), (2.0, False)]) == [
+        "following",
+        "following",
+        "coasting",
+    ]
+
+
+def test_reset_waits_again():
+    tracker = Tracker(0.1, 2.0)
+    tracker.update(5.0, True)
+    tracker.reset()
+    assert tracker.update(0.0, False) is TrackingState.WAITING
+
+
+@given(st.lists(st.tuples(st.floats(0.01, 3.0), st.booleans()), max_size=50))
+def test_seen_is_always_following_and_waiting_never_comes_back(steps):
+    tracker, time, before = Tracker(0.1, 2.0), 0.0, TrackingState.WAITING
+    for dt, seen in steps:
+        time += dt
+        state = tracker.update(time, seen)
+        assert not seen or state is TrackingState.FOLLOWING
+        assert state is not TrackingState.WAITING or before is TrackingState.WAITING
+        # Only a sighting ends a loss.
+        assert before is not TrackingState.LOST or seen or state is TrackingState.LOST
+        before = state

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import dartpy as dart
+import numpy as np
+import pytest
+from mecazen.geometry import Pose2D
+from mecazen.robot import Robot
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.urdf import build_urdf, meshes
+from mecazen_physics.world import World
+
+
+@pytest.fixture
+def tree(robot: Robot) -> ET.Element:
+    return ET.fromstring(build_urdf(robot))  # noqa: S314 - our own text
+
+
+def test_moving_joints_are_those_of_the_world_in_its_order(tree: ET.Element, robot: Robot) -> None:
+    moving = [joint.get("name") for joint in tree.iter("joint") if joint.get("type") != "fixed"]
+    assert tuple(moving) == World(robot, PhysicsConfig(), Pose2D()).joint_names
+    fixed = [joint.get("name") for joint in tree.iter("joint") if joint.get("type") == "fixed"]
+    assert fixed == ["camera_joint", "lidar_joint"]
+
+
+def test_every_link_but_the_root_hangs_on_one_joint(tree: ET.Element) -> None:
+    links = [link.get("name") for link in tree.findall("link")]
+    children = [joint.find("child").get("link") for joint in tree.findall("joint")]  # type: ignore[union-attr]
+    assert sorted(children) == sorted(set(links) - {"base_link"})
+    assert len(set(links)) == len(links)
+
+
+def test_masses_sum_up_to_the_robot_files(tree: ET.Element, robot: Robot) -> None:
+    total = sum(float(mass.get("value", "nan")) for mass in tree.iter("mass"))
+    wheel = robot.wheels.hub_mass_kg + robot.rollers.count * robot.rollers.mass_kg
+    expected = robot.base.mass_kg + 4 * wheel + robot.camera.mass_kg + robot.lidar.mass_kg
+    assert total == pytest.approx(expected, rel=1e-12)
+
+
+def test_one_mesh_serves_all_rollers(tree: ET.Element, robot: Robot) -> None:
+    used = {mesh.get("filename") for mesh in tree.iter("mesh")}
+    assert used == set(meshes(robot)) == {"meshes/roller.stl"}
+
+
+def test_an_independent_reader_finds_the_bodies_of_the_world(
+    robot: Robot, tmp_path: Path
+) -> None:
+    (tmp_path / "meshes").mkdir()
+    for name, data in meshes(robot).items():
+        (tmp_path / name).write_bytes(data)
+    file = tmp_path / "robot.urdf"
+    file.write_text(build_urdf(robot))
+    read = dart.utils.DartLoader().parseSkeleton(str(file))
+    world = World(robot, PhysicsConfig(), Pose2D())
+    ours = world._robot
+    angles = dict(zip(world.joint_names, np.linspace(-3.0, 3.0, len(world.joint_names)), strict=True))
+    for skeleton in (read, ours):
+        for name, angle in angles.items():
+            skeleton.getJoint(name).setPosition(0, angle)
+    for index in range(ours.getNumBodyNodes()):
+        body = ours.getBodyNode(index)
+        other = read.getBodyNode(body.getName())
+        np.testing.assert_allclose(
+            other.getWorldTransform().matrix(),
+            body.getWorldTransform().matrix(),
+            atol=1e-9,  # the URDF has twelve digits
+        )
+    # The world's base carries camera and lidar, so the whole robot is compared.
+    assert read.getMass() == pytest.approx(ours.getMass(), rel=1e-9)
+    np.testing.assert_allclose(read.getCOM(), ours.getCOM(), atol=1e-9)
+    np.testing.assert_allclose(
+        read.getMassMatrix()[:6, :6], ours.getMassMatrix()[:6, :6], atol=1e-8
+    )

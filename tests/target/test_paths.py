@@ -1,0 +1,211 @@
+"""Paths at constant speed: where they lead, and that their twist is their derivative."""
+
+import math
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen_target.config import (
+    Circle,
+    Driven,
+    FigureOfEight,
+    Gait,
+    Standing,
+    Straight,
+    TargetConfig,
+    UTrack,
+    Waypoints,
+)
+from mecazen_target.gait import with_gait
+from mecazen_target.paths import make_path
+
+POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
+PATHS = {
+    "u_track": UTrack(x_m=1.0, y_m=-2.0, yaw_deg=30.0, start_after_s=1.0),
+    "u_track to the right": UTrack(turn="right"),
+    "straight": Straight(speed_m_s=0.7, yaw_deg=-120.0),
+    "circle": Circle(radius_m=1.5, speed_m_s=0.5, turn="right"),
+    "figure_of_eight": FigureOfEight(speed_m_s=0.9, yaw_deg=77.0),
+    "figure_of_eight to the right": FigureOfEight(length_m=3.0, turn="right"),
+    "waypoints": Waypoints(points_m=POINTS, speed_m_s=0.8, yaw_deg=10.0),
+    "standing": Standing(x_m=2.0, yaw_deg=90.0),
+}
+
+
+def difference(before: Pose2D, pose: Pose2D, after: Pose2D, dt: float) -> Twist2D:
+    """Return the body twist at `pose` by the central difference over 2·dt."""
+    dx, dy = (after.x - before.x) / (2 * dt), (after.y - before.y) / (2 * dt)
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    yaw_rate = wrap(after.yaw - before.yaw) / (2 * dt)
+    return Twist2D(c * dx + s * dy, -s * dx + c * dy, yaw_rate)
+
+
+@pytest.mark.parametrize(
+    ("t", "pose", "twist"),
+    [
+        (-1.0, Pose2D(0.0, 0.0, 0.0), Twist2D()),
+        (0.0, Pose2D(0.0, 0.0, 0.0), Twist2D(0.2, 0.0, 0.0)),
+        (10.0, Pose2D(2.0, 0.0, 0.0), Twist2D(0.2, 0.0, 0.0)),
+        # A quarter of the circle: 5 + 2 forward, 2 to the left.
+        (25.0 + 5.0 * math.pi, Pose2D(7.0, 2.0, math.pi / 2), Twist2D(0.2, 0.0, 0.1)),
+        # 10 s after the half circle, which ends at (5, 4).
+        (35.0 + 10.0 * math.pi, Pose2D(3.0, 4.0, math.pi), Twist2D(0.2, 0.0, 0.0)),
+        (100.0, Pose2D(0.0, 4.0, math.pi), Twist2D()),
+    ],
+)
+def test_u_track_is_the_papers(t: float, pose: Pose2D, twist: Twist2D) -> None:
+    motion = make_path(UTrack()).at(t)
+    # Sums of a few rounded numbers below 100.
+    assert motion.pose == pytest.approx(pose, abs=1e-12)
+    assert motion.twist == pytest.approx(twist, abs=1e-12)
+
+
+def test_u_track_lasts_81_4_seconds() -> None:
+    path = make_path(UTrack())
+    assert path.duration == pytest.approx(50.0 + 10.0 * math.pi)
+    assert path.duration == pytest.approx(81.416, abs=1e-3)  # as the digits are given
+    assert path.at(path.duration).twist == Twist2D()
+    assert path.at(path.duration).distance == pytest.approx(10.0 + 2.0 * math.pi)
+
+
+def test_u_track_to_the_right_is_the_mirror_image() -> None:
+    left, right = make_path(UTrack()), make_path(UTrack(turn="right"))
+    for t in range(80):
+        pose, twist, distance = left.at(t)
+        # Both are the same operations but for signs.
+        assert right.at(t).pose == pytest.approx((pose.x, -pose.y, wrap(-pose.yaw)), abs=1e-12)
+        assert right.at(t).twist == (twist.x, twist.y, -twist.yaw)
+        assert right.at(t).distance == distance
+
+
+def test_path_starts_at_its_pose_after_its_delay() -> None:
+    path = make_path(Straight(x_m=1.0, y_m=2.0, yaw_deg=90.0, start_after_s=3.0, speed_m_s=0.5))
+    assert path.at(2.99).pose == pytest.approx((1.0, 2.0, math.pi / 2))
+    assert path.at(2.99).twist == Twist2D()
+    assert path.at(5.0).pose == pytest.approx((1.0, 3.0, math.pi / 2))
+    assert path.duration == 23.0
+
+
+def test_circle_closes() -> None:
+    path = make_path(Circle(radius_m=2.0, speed_m_s=0.2))
+    assert math.isinf(path.duration)
+    assert path.at(10.0 * math.pi).pose == pytest.approx((0.0, 4.0, math.pi), abs=1e-12)
+    # After 1000 rounds the heading is what is left of 6283 rad: about 1e-12 of it is lost.
+    assert path.at(20_000.0 * math.pi).pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-10)
+
+
+def test_figure_of_eight_has_the_lemniscates_length_and_width() -> None:
+    path = make_path(FigureOfEight(length_m=2.0, speed_m_s=1.0))
+    lemniscate_constant = 2.622057554292119  # half the length at half width 1
+    # Simpson's rule with 400 pieces and cubics between: see `Lemniscate`.
+    half, full = path.at(lemniscate_constant).pose, path.at(2 * lemniscate_constant).pose
+    assert half == pytest.approx((0.0, 0.0, -math.pi / 2), abs=1e-8)
+    assert full == pytest.approx((0.0, 0.0, 0.0), abs=1e-8)
+    loop = path.at(lemniscate_constant / 2).pose  # the far end of the first loop
+    assert loop == pytest.approx((math.sqrt(0.5), math.sqrt(0.5), 0.75 * math.pi), abs=1e-8)
+    assert path.at(lemniscate_constant / 2).twist.yaw == pytest.approx(3.0, abs=1e-6)
+
+
+def test_waypoints_are_passed_in_order_and_the_last_is_held() -> None:
+    path = make_path(Waypoints(points_m=POINTS, speed_m_s=1.0))
+    walked = [path.at(0.001 * k).pose for k in range(round(path.duration * 1000) + 2)]
+    nearest = [
+        min(range(len(walked)), key=lambda k: math.dist(walked[k][:2], point)) for point in POINTS
+    ]
+    assert nearest == sorted(nearest)
+    for k, point in zip(nearest, POINTS, strict=True):
+        assert math.dist(walked[k][:2], point) < 1e-3  # a step of the search is 1 mm
+    assert path.at(path.duration + 9.0).pose[:2] == pytest.approx(POINTS[-1], abs=1e-12)
+    assert path.at(path.duration + 9.0).twist == Twist2D()
+
+
+def test_two_waypoints_make_a_straight() -> None:
+    path = make_path(Waypoints(points_m=((1.0, 1.0), (4.0, 5.0)), speed_m_s=1.0))
+    assert path.duration == pytest.approx(5.0)
+    assert path.at(2.5).pose == pytest.approx((2.5, 3.0, math.atan2(4.0, 3.0)))
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (((0.0, 0.0), (1.0, 1.0), (1.0, 1.0)), r"points 2 and 3 are the same, \[1.0, 1.0\]"),
+        (((0.0, 0.0), (2.0, 0.0), (0.0, 0.0)), "back too sharply at point 2"),
+    ],
+)
+def test_waypoints_that_no_smooth_curve_joins_are_refused(
+    points: tuple[tuple[float, float], ...], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_path(Waypoints(points_m=points))
+
+
+@pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
+@pytest.mark.parametrize("name", PATHS)
+def test_twist_is_the_derivative_of_the_pose(name: str, gait: Gait | None) -> None:
+    path, dt = make_path(PATHS[name]), 1e-4
+    jumps = {25.0, 25.0 + 10.0 * math.pi}  # of the U-track's yaw rate
+    for k in range(300):
+        t = 0.0517 + 0.273 * k  # nowhere within dt of a jump
+        assert all(abs(t - jump) > dt for jump in jumps)
+        before, now, after = (
+            motion if gait is None else with_gait(motion, gait)
+            for motion in (path.at(t - dt), path.at(t), path.at(t + dt))
+        )
+        measured = difference(before.pose, now.pose, after.pose, dt)
+        # The arc length of waypoints is right to 1e-5 of a piece; truncation, dt² times a
+        # third derivative below 200, and rounding, 1e-15·10/dt, are less.
+        assert now.twist == pytest.approx(measured, abs=2e-5)
+        speed = (after.distance - before.distance) / (2 * dt)
+        assert speed == pytest.approx(math.hypot(*path.at(t).twist[:2]), abs=1e-9)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)),
+        min_size=2,
+        max_size=8,
+        unique_by=lambda p: (round(p[0], 1), round(p[1], 1)),
+    )
+)
+def test_any_waypoints_are_walked_at_constant_speed_or_refused(
+    points: list[tuple[float, float]],
+) -> None:
+    try:
+        path = make_path(Waypoints(points_m=tuple(points), speed_m_s=1.0))
+    except ValueError as error:
+        assert "too sharply" in str(error)  # noqa: PT017 - most points are walked
+        return
+    assert path.duration >= math.dist(points[0], points[-1]) - 1e-6
+    ends = path.at(0.0).pose[:2], path.at(path.duration).pose[:2]
+    assert ends[0] == pytest.approx(points[0], abs=1e-9)
+    assert ends[1] == pytest.approx(points[-1], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"kind": "spiral"}, "spiral"),
+        ({"kind": "circle", "radius_m": 0.0}, "> 0.0"),
+        ({"kind": "circle", "raduis_m": 1.0}, "raduis_m"),
+        ({"kind": "u_track", "turn": "back"}, "back"),
+        ({"kind": "straight", "speed_m_s": math.inf}, "<= 1"),
+        ({"kind": "waypoints"}, "points_m"),
+        ({"kind": "waypoints", "points_m": [[0.0, 0.0]]}, "length >= 2"),
+        ({"kind": "waypoints", "points_m": [[0.0, 0.0], [1.0]]}, "length 2"),
+        ({"kind": "standing", "start_after_s": 1.0}, "start_after_s"),
+        ({"kind": "driven", "timeout_s": -1.0}, "> 0.0"),
+        ({"radius_m": 1.0}, "kind"),
+    ],
+)
+def test_path_config_is_strict(table: dict[str, object], message: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=message):
+        msgspec.convert({"path": table}, TargetConfig)
+
+
+def test_config_takes_each_kind_and_defaults_to_the_u_track() -> None:
+    assert TargetConfig().path == UTrack()
+    assert TargetConfig().gait is None
+    config = msgspec.convert({"path": {"kind": "driven"}, "gait": {}}, TargetConfig)
+    assert config == TargetConfig(path=Driven(), gait=Gait())

@@ -1,0 +1,255 @@
+"""Recorded tracks: read strictly, smooth, and with a heading that does not spin."""
+
+import io
+import math
+import re
+from contextlib import redirect_stdout
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mecazen.geometry import Twist2D, wrap
+from mecazen_target.config import Gait, Recorded
+from mecazen_target.gait import with_gait
+from mecazen_target.paths import make_path
+from mecazen_target.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
+
+REPOSITORY = Path(__file__).parents[2]
+WALKS = REPOSITORY / "configs" / "walks"
+PEDESTRIANS = REPOSITORY.parent / "shared" / "data" / "pedestrians"
+
+# Between two knots of the heading a monotone cubic is at most 1.5 times as steep as its secant.
+YAW_RATE_LIMIT = 1.5 * MAX_YAW_RATE
+
+
+def line(t: float) -> Sample:
+    return Sample(t, 2.0 + 0.6 * t, 1.0 + 0.8 * t)
+
+
+def walk_and_stand(*legs: tuple[float, float, float]) -> Track:
+    """Return a track at 2.5 Hz of legs: seconds, speed, direction."""
+    t = x = y = 0.0
+    samples = [Sample(t, x, y)]
+    for seconds, speed, direction in legs:
+        for _ in range(round(seconds / 0.4)):
+            t += 0.4
+            x += 0.4 * speed * math.cos(direction)
+            y += 0.4 * speed * math.sin(direction)
+            samples.append(Sample(t, x, y))
+    return Track(samples)
+
+
+def every(track: Track, dt: float = 0.01) -> list[float]:
+    return [k * dt for k in range(1, int(track.duration / dt))]
+
+
+def test_steady_walk_is_a_steady_walk() -> None:
+    track = Track([line(0.4 * k) for k in range(20)])
+    for t in (0.0, 0.1, 3.3, 7.6):
+        pose, twist, distance = track.at(t)
+        # Differences of integrals over up to 20 s: some rounding of 100.
+        assert pose == pytest.approx((*line(t)[1:], math.atan2(0.8, 0.6)), abs=1e-9)
+        assert twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
+        assert distance == pytest.approx(t, abs=1e-9)
+
+
+def test_person_stands_at_the_ends_of_the_recording() -> None:
+    track = Track([line(5.0 + 0.4 * k) for k in range(6)])
+    assert track.duration == pytest.approx(2.0)
+    for t, end in ((-1.0, 5.0), (9.0, 7.0)):
+        assert track.at(t).pose[:2] == pytest.approx(line(end)[1:])
+        assert track.at(t).twist == Twist2D()
+
+
+def test_gap_in_time_is_walked_evenly() -> None:
+    track = Track([line(0.4 * k) for k in range(20) if not 5 <= k < 15])
+    assert track.at(4.0).pose[:2] == pytest.approx(line(4.0)[1:])
+    assert track.at(4.0).twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_heading_on_a_circle_is_the_tangent() -> None:
+    radius, rate = 2.0, 0.5
+    samples = [
+        Sample(t, radius * math.sin(rate * t), -radius * math.cos(rate * t))
+        for t in (0.4 * k for k in range(40))
+    ]
+    track = Track(samples)
+    for t in every(track, 0.1)[20:-20]:  # the ends are straighter: see `Track`
+        pose, twist, _ = track.at(t)
+        assert wrap(pose.yaw - rate * t) == pytest.approx(0.0, abs=1e-3)
+        assert twist.yaw == pytest.approx(rate, rel=0.01)
+        assert twist.y == pytest.approx(0.0, abs=1e-3)
+        # The mean over 0.8 s cuts the curve by v²/r·0.8²/24 = 13.3 mm.
+        assert math.hypot(pose.x, pose.y) == pytest.approx(radius - 0.0133, abs=2e-4)
+
+
+def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off() -> None:
+    track = walk_and_stand((6.0, 1.0, 0.0), (6.0, 0.0, 0.0), (6.0, 1.0, 2.5))
+    # The means begin to move 0.4 s before the samples do.
+    assert {track.at(t).pose.yaw for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {0.0}
+    assert {track.at(t).twist for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {Twist2D()}
+    assert track.at(14.0).pose.yaw == pytest.approx(2.5, abs=0.01)
+    assert track.at(14.0).twist.x == pytest.approx(1.0)
+
+
+def test_who_walks_back_the_way_they_came_turns_around() -> None:
+    track = walk_and_stand((6.0, 1.0, 0.0), (2.0, 0.0, 0.0), (6.0, 1.0, math.pi))
+    assert track.at(7.0).pose.yaw == 0.0
+    assert abs(track.at(11.0).pose.yaw) == pytest.approx(math.pi, abs=0.01)
+    assert track.at(11.0).twist.x == pytest.approx(1.0, abs=0.001)
+
+
+def test_jitter_of_a_standing_person_does_not_turn_them() -> None:
+    jitter = [(0.02, 0.0), (-0.02, 0.01), (0.0, -0.02), (0.01, 0.02), (-0.01, 0.0)]
+    standing = [Sample(4.0 + 0.4 * k, 4.0 + jitter[k % 5][0], jitter[k % 5][1]) for k in range(50)]
+    track = Track([*(Sample(0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing])
+    headings = {track.at(5.0 + 0.1 * k).pose.yaw for k in range(180)}
+    assert len(headings) == 1
+
+
+def test_track_that_never_moves_keeps_its_heading() -> None:
+    track = Track([Sample(0.4 * k, 3.0, 4.0) for k in range(5)])
+    assert track.at(1.0).pose == pytest.approx((3.0, 4.0, 0.0))
+    assert track.at(1.0).twist == Twist2D()
+    assert track.at(1.0).distance == 0.0
+
+
+@settings(max_examples=50, deadline=None)  # building a track takes milliseconds
+@given(
+    st.lists(
+        st.tuples(st.floats(0.05, 3.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
+        min_size=1,
+        max_size=15,
+    )
+)
+def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(
+    steps: list[tuple[float, float, float]],
+) -> None:
+    samples = [Sample(0.0, 0.0, 0.0)]
+    for dt, dx, dy in steps:
+        samples.append(Sample(samples[-1].t + dt, samples[-1].x + dx, samples[-1].y + dy))
+    track = Track(samples)
+    for t0, t1 in pairwise(every(track, 0.02)):
+        before, after = track.at(t0), track.at(t1)
+        turned = abs(wrap(after.pose.yaw - before.pose.yaw))
+        assert turned <= YAW_RATE_LIMIT * 0.02 + 1e-9
+        assert abs(after.twist.yaw) <= YAW_RATE_LIMIT + 1e-9
+        assert after.distance >= before.distance - 1e-3  # cubics across a jump of speed
+
+
+def pedestrians() -> list[object]:
+    files = sorted(PEDESTRIANS.glob("*.csv"))
+    missing = pytest.mark.skip(reason=f"no recorded pedestrians in {PEDESTRIANS}")
+    shipped = [pytest.param(WALKS / "synthetic.csv", id="synthetic")]
+    if not files:
+        return [*shipped, pytest.param(PEDESTRIANS, id="pedestrians", marks=missing)]
+    return [*shipped, *(pytest.param(file, id=file.stem) for file in files)]
+
+
+@pytest.mark.parametrize("file", pedestrians())
+def test_recorded_person_moves_as_people_do(file: Path) -> None:
+    samples = read_track(file)
+    track = Track(samples)
+    off = [math.dist(track.at(s.t - samples[0].t).pose[:2], (s.x, s.y)) for s in samples]
+    # The samples of tracked people are good to about a decimetre, and jump by five.
+    assert max(off) < 0.25
+    assert math.sqrt(sum(d * d for d in off) / len(off)) < 0.06
+    assert off[0] < 1e-9
+    assert off[-1] < 1e-9
+    sideways = 0.0
+    for t in every(track):
+        motion = track.at(t)
+        speed = math.hypot(*motion.twist[:2])
+        assert speed < 2.5  # the fastest first step in the recordings; the rest is below 2.2
+        assert abs(motion.twist.yaw) <= YAW_RATE_LIMIT
+        if speed < STANDING_M_S / 2:  # well away from where walking begins within a knot
+            assert motion.twist.yaw == 0.0
+        sideways += abs(motion.twist.y) * 0.01
+    # Only while they turn to set off; the most is who paces to and fro between pauses.
+    assert sideways < 0.08 * track.at(track.duration).distance
+
+
+@pytest.mark.parametrize("file", pedestrians())
+@pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
+def test_recorded_twist_is_the_derivative_of_the_pose(file: Path, gait: Gait | None) -> None:
+    path, dt = make_path(Recorded(file=file, x_m=1.0, yaw_deg=40.0, start_after_s=2.0)), 1e-5
+    for k in range(300):
+        t = 2.0 + (k + 0.5) / 300 * (path.duration - 2.0)
+        before, now, after = (
+            motion if gait is None else with_gait(motion, gait)
+            for motion in (path.at(t - dt), path.at(t), path.at(t + dt))
+        )
+        c, s = math.cos(now.pose.yaw), math.sin(now.pose.yaw)
+        dx, dy = (
+            (after.pose.x - before.pose.x) / (2 * dt),
+            (after.pose.y - before.pose.y) / (2 * dt),
+        )
+        measured = (
+            c * dx + s * dy,
+            -s * dx + c * dy,
+            wrap(after.pose.yaw - before.pose.yaw) / (2 * dt),
+        )
+        # Acceleration jumps at samples, yaw acceleration (up to 1000 rad/s²) at knots: at
+        # worst one of them lies within dt.
+        assert now.twist == pytest.approx(measured, abs=1e-2)
+
+
+def test_recorded_track_begins_at_the_start_pose() -> None:
+    path = make_path(Recorded(file=WALKS / "synthetic.csv", x_m=3.0, y_m=1.0, yaw_deg=90.0))
+    assert path.at(0.0).pose == pytest.approx((3.0, 1.0, math.pi / 2), abs=1e-9)
+    # 9 s at 0.8 m/s along a line, after 1.6 s of speeding up at 0.5 m/s².
+    assert path.at(9.0).pose == pytest.approx((3.0, 1.0 + 0.64 + 7.4 * 0.8, math.pi / 2), abs=0.01)
+    assert path.duration == 60.0
+
+
+def test_synthetic_walk_is_what_its_readme_makes() -> None:
+    program = re.search(r"```python\n(.*?)```", (WALKS / "README.md").read_text(), re.DOTALL)
+    assert program is not None
+    with redirect_stdout(io.StringIO()) as printed:
+        exec(program[1], {})  # noqa: S102 - our own
+    assert printed.getvalue() == (WALKS / "synthetic.csv").read_text()
+
+
+def test_table_is_read_with_more_columns_in_any_order(tmp_path: Path) -> None:
+    file = tmp_path / "walk.csv"
+    file.write_bytes(b"\xef\xbb\xbfid,y_m,t_s,x_m\r\n7,2,0.5,1\r\n\r\n7,3,1e0,-1\r\n")
+    assert read_track(file) == [Sample(0.5, 1.0, 2.0), Sample(1.0, -1.0, 3.0)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: must name the columns t_s,x_m,y_m; t_s,x_m,y_m missing"),
+        ("t_s,x_m\n0,0\n1,1\n", "line 1: must name the columns t_s,x_m,y_m; y_m missing"),
+        ("t_s,x_m,y_m\n0,0,0\n", "must have at least 2 rows below its header, has 1"),
+        ("t_s,x_m,y_m\n0,0,0\n1,a,0\n", "line 3: x_m must be a number .* is 'a'"),
+        ("t_s,x_m,y_m\n0,0,0\n1,0\n", "line 3: y_m must be a number .* is ''"),
+        ("t_s,x_m,y_m\n0,0,0\n1,nan,0\n", "line 3: x_m must be a number .* is 'nan'"),
+        ("t_s,x_m,y_m\n0,0,0\n1,0,-inf\n", "line 3: y_m must be a number .* is '-inf'"),
+        (
+            "t_s,x_m,y_m\n0,0,0\n2,0,0\n2,1,0\n",
+            "line 4: t_s must grow by at least 0.001 s, 2 follows 2",
+        ),
+        ("t_s,x_m,y_m\n0,0,0\n75600,1,0\n", "t_s must span at most 14400 s, spans 75600 s"),
+        ('t_s,x_m,y_m\n0,0,"' + "0" * 200_000, "field larger than field limit"),
+    ],
+)
+def test_malformed_table_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "walk.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_track(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_unreadable_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"no\.csv: can't be read: No such file"):
+        read_track(tmp_path / "no.csv")
+    with pytest.raises(ValueError, match="can't be read: Is a directory"):
+        read_track(tmp_path)
+    (tmp_path / "binary.csv").write_bytes(b"t_s,x_m,y_m\n\xff\xfe\x00")
+    with pytest.raises(ValueError, match=r"binary\.csv: must be text in UTF-8"):
+        read_track(tmp_path / "binary.csv")
