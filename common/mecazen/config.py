@@ -10,9 +10,10 @@ import difflib
 import math
 import re
 import tomllib
+from datetime import date, datetime, time
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
 
 import msgspec
 import msgspec.inspect as mi
@@ -146,6 +147,11 @@ class Scenario(Section):
     def __post_init__(self) -> None:
         if abs(self.sim.tick_s * 1e9 - self.sim.tick_ns) > 1e-3:
             raise ValueError(f"sim.tick_s = {self.sim.tick_s} must be whole nanoseconds")
+        if self.sim.ticks < 1:
+            raise ValueError(
+                f"sim.duration_s = {self.sim.duration_s} must be at least a tick of "
+                f"sim.tick_s = {self.sim.tick_s}"
+            )
         if len(set(self.services)) != len(self.services):
             raise ValueError("services: each at most once")
 
@@ -204,16 +210,15 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     """
     raw = _read_toml(path)
     settings = dict(_parse_override(override) for override in overrides)
-    sources: dict[str, str] = {}
+    origin = _Origin(path, settings=tuple(settings))
     if "robot" in settings:
         raw["robot"] = settings.pop("robot")
     if isinstance(raw.get("robot"), str):
-        robot_path = (path.parent / raw["robot"]).resolve()
-        raw["robot"] = _read_toml(robot_path)
-        sources["robot"] = str(robot_path)
+        robot = path.parent / raw["robot"]
+        raw["robot"] = _read_toml(robot)
+        origin = origin._replace(robot=robot.resolve())
     for key, value in settings.items():
         _override(raw, key, value)
-        sources[key] = f"--set {key}"
     if "sections" in raw:
         raise ConfigError(f"{path}: unknown key 'sections'")
     kinds = installed_sections()
@@ -221,11 +226,11 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
         name: raw.pop(name) for name in {**kinds, **dict.fromkeys(KNOWN_SERVICES)} if name in raw
     }
     decoded = {
-        name: _convert(section, kinds[name], name, path, sources)
+        name: _convert(section, kinds[name], name, origin)
         for name, section in sections.items()
         if name in kinds
     }
-    scenario = _convert(raw, Scenario, "", path, sources, extra=tuple(kinds))
+    scenario = _convert(raw, Scenario, "", origin, extra=tuple(kinds))
     for part, program in scenario.programs.items():
         if ".py:" in program:
             # a file of one's own lies beside the scenario, wherever the process is started
@@ -253,24 +258,29 @@ def _without_none(value: Any) -> Any:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: can't be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be read: {error.strerror}") from None
+    except ValueError as error:  # no UTF-8, or a name that no file can have
+        raise ConfigError(_one_line(f"{path}: can't be read: {error}")) from None
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # besides wrong TOML: too many digits
+        raise ConfigError(_one_line(f"{path}: not TOML: {error}")) from None
 
 
 def _parse_override(override: str) -> tuple[str, Any]:
     key, equals, text = override.partition("=")
     key = key.strip()
     if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
-        raise ConfigError(f"--set {override}: must be key.path=value")
+        raise ConfigError(_one_line(f"--set {override}: must be key.path=value"))
     try:
-        return key, tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        parsed = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
         return key, text.strip()
+    return key, parsed["value"] if len(parsed) == 1 else text.strip()
 
 
 def _override(raw: dict[str, Any], key: str, value: Any) -> None:
@@ -282,18 +292,33 @@ def _override(raw: dict[str, Any], key: str, value: Any) -> None:
     raw[last] = value
 
 
+class _Origin(NamedTuple):
+    """Where the values of a scenario come from, for what is said of them."""
+
+    path: Path
+    robot: Path | None = None
+    settings: tuple[str, ...] = ()
+    """The keys that are overridden."""
+
+    def name(self, key: str, problem: str, *, of_table: bool) -> str:
+        """Return the file of `key`, and the override that it may come from."""
+        file = self.robot if self.robot and key.partition(".")[0] == "robot" else self.path
+        for setting in self.settings:
+            within = key == setting or key.startswith(f"{setting}.")
+            around = setting.startswith(f"{key}.") if key else True
+            # what is wrong with a table as a whole names those of its keys that matter
+            if within or (around and (not of_table or setting.rpartition(".")[2] in problem)):
+                return f"{file} with --set {setting}"
+        return str(file)
+
+
 def _convert(
-    raw: Any,
-    kind: type[SectionT],
-    prefix: str,
-    path: Path,
-    sources: dict[str, str],
-    extra: tuple[str, ...] = (),
+    raw: Any, kind: type[SectionT], prefix: str, origin: _Origin, extra: tuple[str, ...] = ()
 ) -> SectionT:
     def to_path(wanted: type, value: Any) -> Path:
         if wanted is not Path or not isinstance(value, str):
-            raise ValueError(f"expected a path, got {value!r}")
-        resolved = (path.parent / value).resolve()
+            raise ValueError(f"got {_show(value)}")
+        resolved = (origin.path.parent / value).resolve()
         if not resolved.is_file():
             raise ValueError(f"{resolved}: no such file")
         return resolved
@@ -301,61 +326,84 @@ def _convert(
     try:
         return msgspec.convert(raw, kind, dec_hook=to_path)
     except msgspec.ValidationError as error:
-        raise ConfigError(_explain(str(error), raw, kind, prefix, path, sources, extra)) from None
+        raise ConfigError(_explain(error, raw, kind, prefix, origin, extra)) from None
 
 
 def _explain(
-    text: str,
+    error: msgspec.ValidationError,
     raw: Any,
     kind: type[Section],
     prefix: str,
-    path: Path,
-    sources: dict[str, str],
+    origin: _Origin,
     extra: tuple[str, ...],
 ) -> str:
     """Turn msgspec's message into one line with file, key and what is allowed."""
-    problem, _, where = text.partition(" - at `$")
+    problem, _, where = str(error).rpartition(" - at `$")
+    if not problem:
+        problem, where = where, ""
     steps = re.findall(r"\.?([A-Za-z0-9_-]+)|\[(\d+|\.\.\.)\]", where.rstrip("`"))
-    trail = [name or index for name, index in steps]
-    node, value = _descend(mi.type_info(kind), raw, trail)
-    unknown = re.match(r"Object contains unknown field `(.*)`", problem)
-    missing = re.match(r"Object missing required field `(.*)`", problem)
-    if unknown or missing:
-        trail.append((unknown or missing)[1])  # type: ignore[index]
-        names = sorted([*_fields(node, value), *extra])
-        close = difflib.get_close_matches(trail[-1], names, n=1)
-        hint = f"did you mean {close[0]}? " if close and unknown else ""
-        problem = "unknown key" if unknown else "missing"
-        allowed = f"{hint}allowed: {', '.join(names)}" if unknown else "required"
-    else:
-        allowed = f"allowed: {_describe(node)}" if not isinstance(node, mi.StructType) else ""
-        problem = problem.replace("`", "")
+    node, value, trail = _descend(mi.type_info(kind), raw, [name or step for name, step in steps])
+    # a struct's own checks and those of paths say what is wrong in words of their own
+    own_words = error.__cause__ is not None
+    unknown = re.match(r"Object contains unknown field `(.*)`$", problem, re.DOTALL)
+    missing = re.match(r"Object missing required field `(.*)`$", problem)
+    if unknown and not own_words:
+        names = sorted([*_fields(node), *(extra if not trail else ())])
+        close = difflib.get_close_matches(unknown[1], names, n=1)
+        problem = "unknown key; " + (f"did you mean {close[0]}? " if close else "")
+        problem += f"allowed: {', '.join(names)}"
+        trail = [*trail, unknown[1]]
+    elif missing and not own_words:
+        problem = f"missing; must be {_describe(_fields(node).get(missing[1], node))}"
+        trail = [*trail, missing[1]]
+    elif not own_words:
+        problem = f"got {_show(value)}; allowed: {_describe(node)}"
+    elif not isinstance(node, mi.StructType):
+        problem += f"; allowed: {_describe(node)}"
     key = ".".join([prefix, *trail] if prefix else trail)
-    source = str(path)
-    for begin, name in sources.items():
-        if key == begin or key.startswith(f"{begin}.") or begin.startswith(f"{key}."):
-            source = name
-    return ": ".join(part for part in (source, key, problem) if part) + (
-        f"; {allowed}" if allowed else ""
-    )
+    of_table = own_words and isinstance(node, mi.StructType)
+    source = origin.name(key, problem, of_table=of_table)
+    parts = (source, "" if source.endswith(f" with --set {key}") else key, problem)
+    return _one_line(": ".join(part for part in parts if part))
 
 
-def _descend(node: mi.Type, value: Any, trail: list[str]) -> tuple[mi.Type, Any]:
-    for step in trail:
+def _one_line(text: str) -> str:
+    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]", lambda match: repr(match[0])[1:-1], text)
+
+
+def _show(value: Any) -> str:
+    """Return a value as a reader of TOML expects it, shortened."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and abs(value) >= 10**40:
+        return "a number of too many digits"
+    text = str(value) if isinstance(value, datetime | date | time) else repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}…"
+
+
+def _descend(node: mi.Type, value: Any, steps: list[str]) -> tuple[mi.Type, Any, list[str]]:
+    """Follow the steps of msgspec's path; return the type and value there, and their keys."""
+    trail = []
+    for step in steps:
         node = _choose(node, value)
-        if isinstance(node, mi.StructType):
-            field = next((f for f in node.fields if f.encode_name == step), None)
-            if field is None:
-                break
-            node = field.type
-            value = value.get(step) if isinstance(value, dict) else None
+        key = step
+        if isinstance(node, mi.DictType):
+            # msgspec does not say which: the first that is no string, or no number
+            kinds = str if isinstance(node.value_type, mi.StrType) else (int, float)
+            wrong = {k: v for k, v in value.items() if type(v) is bool or not isinstance(v, kinds)}
+            node, (key, value) = node.value_type, next(iter((wrong or value).items()))
+        elif isinstance(node, mi.StructType):
+            node, value = _fields(node).get(step, node), value.get(step)
+        elif isinstance(node, mi.UnionType):  # no struct has the tag that is given here
+            value = value.get(step)
+        elif isinstance(node, mi.TupleType):
+            node, value = node.item_types[int(step)], value[int(step)]
         elif isinstance(node, mi.VarTupleType | mi.ListType):
-            node, value = node.item_type, None
-        elif isinstance(node, mi.TupleType) and step.isdigit():
-            node, value = node.item_types[int(step)], None
-        else:
-            break
-    return _choose(node, value), value
+            node, value = node.item_type, value[int(step)]
+        trail.append(key)
+    return _choose(node, value), value, trail
 
 
 def _choose(node: mi.Type, value: Any) -> mi.Type:
@@ -372,21 +420,27 @@ def _choose(node: mi.Type, value: Any) -> mi.Type:
     return members[0] if len(members) == 1 else node
 
 
-def _fields(node: mi.Type, value: Any) -> list[str]:
-    node = _choose(node, value)
+def _fields(node: mi.Type) -> dict[str, mi.Type]:
+    """Return what a table may hold: the type of each key, in a union also the tag's."""
+    if isinstance(node, mi.UnionType):
+        return {
+            t.tag_field: node for t in node.types if isinstance(t, mi.StructType) and t.tag_field
+        }
     if not isinstance(node, mi.StructType):
-        return []
-    tag = [node.tag_field] if node.tag_field else []
-    return [f.encode_name for f in node.fields if f.encode_name != "sections"] + tag
+        return {}
+    tag = {node.tag_field: mi.LiteralType((node.tag,))} if node.tag_field else {}
+    return {f.encode_name: f.type for f in node.fields if f.encode_name != "sections"} | tag
 
 
 def _describe(node: mi.Type) -> str:
     """Return what a value of this type may be, in words."""
+    if isinstance(node, mi.Metadata):
+        node = node.type
     if isinstance(node, mi.BoolType):
         return "true or false"
     if isinstance(node, mi.FloatType | mi.IntType):
         bounds = [
-            f"{sign} {bound:g}"
+            f"{sign} {bound:.10g}"
             for sign, bound in ((">", node.gt), (">=", node.ge), ("<", node.lt), ("<=", node.le))
             if bound is not None
         ]
@@ -397,18 +451,20 @@ def _describe(node: mi.Type) -> str:
             ]
         ).strip()
     if isinstance(node, mi.StrType):
-        return "a string" + (f" like {node.pattern}" if node.pattern else "")
+        return "a string" + (f" that matches {node.pattern}" if node.pattern else "")
     if isinstance(node, mi.LiteralType):
         return " or ".join(repr(value) for value in node.values)
     if isinstance(node, mi.UnionType):
         tags = [str(t.tag) for t in node.types if isinstance(t, mi.StructType) and t.tag]
         if tags:
-            return f"kind one of {', '.join(tags)}"
+            return " or ".join(repr(tag) for tag in tags)
         return " or ".join(_describe(t) for t in node.types if not isinstance(t, mi.NoneType))
     if isinstance(node, mi.VarTupleType | mi.ListType):
         return f"a list, each {_describe(node.item_type)}"
     if isinstance(node, mi.TupleType):
         return "[" + ", ".join(_describe(t) for t in node.item_types) + "]"
     if isinstance(node, mi.StructType):
-        return "a table"
+        return "a robot file, or a table" if node.cls is Robot else "a table"
+    if isinstance(node, mi.DictType):
+        return f"a table, each value {_describe(node.value_type)}"
     return "a path to a file"

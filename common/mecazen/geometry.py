@@ -45,14 +45,14 @@ class Pose2D(NamedTuple):
     def integrate(self, twist: Twist2D, dt: float) -> Pose2D:
         """Return the pose after moving with constant body `twist` for `dt` [s].
 
-        Exact, by the exponential map of SE(2): sin(a)/a and (1 - cos(a))/a have series
-        near a = 0, where the quotients lose their digits.
+        Exact, by the exponential map of SE(2). (1 - cos(a))/a is written as 2 sin²(a/2)/a,
+        which keeps its digits near a = 0; there both quotients have series.
         """
         a = twist.yaw * dt
         if abs(a) < 1e-4:
             sinc, cosc = 1.0 - a * a / 6.0, a / 2.0 - a * a * a / 24.0
         else:
-            sinc, cosc = math.sin(a) / a, (1.0 - math.cos(a)) / a
+            sinc, cosc = math.sin(a) / a, 2.0 * math.sin(a / 2.0) ** 2 / a
         dx, dy = twist.x * dt, twist.y * dt
         return self.compose(Pose2D(sinc * dx - cosc * dy, cosc * dx + sinc * dy, a))
 

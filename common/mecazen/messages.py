@@ -18,6 +18,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
 Int32 = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31 - 1)]
 UInt32 = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Floats = tuple[Float, ...]
 Covariance = Annotated[tuple[Float, ...], msgspec.Meta(min_length=36, max_length=36)]
 """Row-major 6x6 over (x, y, z, rotation about x, y, z)."""
@@ -140,9 +141,11 @@ class Pose(Message):
         homogeneously it holds for a quaternion of any length.
         """
         q = self.orientation
-        yaw = math.atan2(
-            2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z
-        )
+        x, y, z, w = q.x, q.y, q.z, q.w
+        longest = max(abs(x), abs(y), abs(z), abs(w))
+        if longest > 1e100:  # whose square may be infinite
+            x, y, z, w = x / longest, y / longest, z / longest, w / longest
+        yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
         return Pose2D(self.position.x, self.position.y, yaw)
 
 
@@ -248,14 +251,14 @@ class SimState(Message):
 
     ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/SimState"
     clock: Time = Time()
-    tick: int = 0
+    tick: Count = 0
     seed: UInt32 = 0
     mode: str = ""
     paused: bool = False
     speed: Float = 1.0
     rtf: Float = 0.0
     """Real-time factor since the last second or so: simulated over wall time."""
-    missed_deadlines: int = 0
+    missed_deadlines: Count = 0
 
 
 class Empty(Message):

@@ -56,13 +56,15 @@ def find_service(name: str, scenario: Scenario) -> type[Service]:
 def _import(place: str) -> ModuleType:
     try:
         if not place.endswith(".py"):
+            if not all(part.isidentifier() for part in place.split(".")):
+                raise ConfigError(f"{place or repr(place)}: neither file.py nor a module's name")
             return importlib.import_module(place)
         spec = importlib.util.spec_from_file_location(Path(place).stem, place)
         if spec is None or spec.loader is None:
             raise ConfigError(f"{place}: can't be imported")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
-    except (ImportError, FileNotFoundError, SyntaxError) as error:
+    except (ImportError, OSError, SyntaxError) as error:
         raise ConfigError(f"{place}: can't be imported: {error}") from None
     return module
 
@@ -108,9 +110,16 @@ def run_router(scenario: Scenario) -> None:
 
 
 class _StopFlag:
-    """Waits for signals without a poll."""
+    """Waits for signals without a poll.
+
+    A signal that comes just before `signal.pause` is not waited for by it; a byte in a pipe
+    stays there.
+    """
 
     def __init__(self) -> None:
+        self._out, self._in = os.pipe()
+        os.set_blocking(self._in, False)
+        signal.set_wakeup_fd(self._in)
         self._stopped = False
 
     def set(self) -> None:
@@ -118,7 +127,7 @@ class _StopFlag:
 
     def wait(self) -> None:
         while not self._stopped:
-            signal.pause()
+            os.read(self._out, 1)
 
 
 def _stop_on_signals(stop: Callable[[], None]) -> None:

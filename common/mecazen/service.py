@@ -67,12 +67,23 @@ class Service(ABC):
         return {}
 
     def subscribe(
-        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+        self,
+        topic: Topic[MessageT],
+        handler: Handler[MessageT],
+        *,
+        every: bool = False,
+        tells_time: bool = True,
     ) -> None:
-        """Deliver samples of this run; one of a new run resets the service first."""
+        """Deliver samples of this run; one of a new run resets the service first.
+
+        Where `tells_time` is false, as on a key that anyone writes, samples of another run
+        are dropped: they can't end this one.
+        """
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
-            if stamp is None or self._is_current(stamp):
+            if stamp is None or (
+                self._is_current(stamp) if tells_time else stamp.run == self.stamp.run
+            ):
                 handler(message, stamp)
 
         self.bus.subscribe(topic, deliver, every=every)

@@ -14,6 +14,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 Format = Literal["json", "msgpack"]
 
 MAX_PAYLOAD_BYTES = 1 << 20
+MAX_TIME_NS = 2**31 * 10**9 - 1
+"""The latest time that a message's `Time` can hold."""
 JSON_ENCODING = "application/json"
 MSGPACK_ENCODING = "application/msgpack"
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
@@ -52,13 +54,13 @@ class Stamp(NamedTuple):
         """Return the stamp of an attachment.
 
         Raises:
-            RefusedError: It is not 16 bytes long, or its time is negative.
+            RefusedError: It is not 16 bytes long, or its time is none that `Time` can hold.
         """
         if len(attachment) != _STAMP.size:
             raise RefusedError(f"attachment of {len(attachment)} bytes, a stamp has {_STAMP.size}")
         stamp = cls(*_STAMP.unpack(attachment))
-        if stamp.time_ns < 0:
-            raise RefusedError("attachment with a negative time")
+        if not 0 <= stamp.time_ns <= MAX_TIME_NS:
+            raise RefusedError(f"attachment with the time {stamp.time_ns} ns")
         return stamp
 
 

@@ -89,9 +89,7 @@ def test_the_middle_and_the_ends_have_the_radii_of_the_formula_by_hand() -> None
 def test_a_mesh_is_closed_fine_and_points_outward(roller: Roller) -> None:
     vertices, triangles = roller.mesh()
     assert len(triangles) > 5000
-    edges = Counter(
-        (int(row[i]), int(row[(i + 1) % 3])) for row in triangles for i in range(3)
-    )
+    edges = Counter((int(row[i]), int(row[(i + 1) % 3])) for row in triangles for i in range(3))
     assert set(edges.values()) == {1}
     assert all((b, a) in edges for a, b in edges)
     a, b, c = vertices[triangles].transpose(1, 0, 2)

@@ -27,7 +27,7 @@ def test_moving_joints_are_those_of_the_world_in_its_order(tree: ET.Element, rob
 
 def test_every_link_but_the_root_hangs_on_one_joint(tree: ET.Element) -> None:
     links = [link.get("name") for link in tree.findall("link")]
-    children = [joint.find("child").get("link") for joint in tree.findall("joint")]  # type: ignore[union-attr]
+    children = [child.get("link") for child in tree.findall("joint/child")]
     assert sorted(children) == sorted(set(links) - {"base_link"})
     assert len(set(links)) == len(links)
 
@@ -44,9 +44,7 @@ def test_one_mesh_serves_all_rollers(tree: ET.Element, robot: Robot) -> None:
     assert used == set(meshes(robot)) == {"meshes/roller.stl"}
 
 
-def test_an_independent_reader_finds_the_bodies_of_the_world(
-    robot: Robot, tmp_path: Path
-) -> None:
+def test_an_independent_reader_finds_the_bodies_of_the_world(robot: Robot, tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     for name, data in meshes(robot).items():
         (tmp_path / name).write_bytes(data)
@@ -55,7 +53,9 @@ def test_an_independent_reader_finds_the_bodies_of_the_world(
     read = dart.utils.DartLoader().parseSkeleton(str(file))
     world = World(robot, PhysicsConfig(), Pose2D())
     ours = world._robot
-    angles = dict(zip(world.joint_names, np.linspace(-3.0, 3.0, len(world.joint_names)), strict=True))
+    angles = dict(
+        zip(world.joint_names, np.linspace(-3.0, 3.0, len(world.joint_names)), strict=True)
+    )
     for skeleton in (read, ours):
         for name, angle in angles.items():
             skeleton.getJoint(name).setPosition(0, angle)

@@ -114,7 +114,7 @@ class Bus(ABC):
         """Deliver one thing that arrived; wait for it up to `timeout_s`, or without end.
 
         Returns:
-            False when nothing arrived in time.
+            False when nothing arrived in time, or nothing can arrive any more.
 
         Raises:
             StoppedError: `stop` was called.

@@ -52,7 +52,9 @@ class LocalBus(Bus):
         """Publish bytes on `key` as an outsider would."""
 
         def deliver() -> None:
-            topic = self._topics[key]
+            topic = self._topics.get(key)
+            if topic is None:
+                return
             decoded = self._decode_sample(key, topic.type, payload, encoding, attachment)
             if decoded is not None:
                 for handler in self._subscribers[key]:

@@ -243,10 +243,14 @@ class ZenohBus(Bus):
         )
         for reply in replies:
             if reply.err is not None:
-                raise BusError(f"{call.key}: {reply.err.payload.to_bytes().decode()}")
+                reason = reply.err.payload.to_bytes().decode(errors="replace")
+                raise BusError(f"{call.key}: {reason}")
             if reply.ok is not None:
                 sample = reply.ok
-                return decode(sample.payload.to_bytes(), call.answer, str(sample.encoding))
+                try:
+                    return decode(sample.payload.to_bytes(), call.answer, str(sample.encoding))
+                except RefusedError as refusal:
+                    raise BusError(f"{call.key}: the answer is {refusal}") from None
         raise BusError(f"{call.key}: nobody answers; is {call.server} running?")
 
     def declare_alive(self, name: str) -> None:

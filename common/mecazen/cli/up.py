@@ -79,7 +79,7 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
             if console.is_terminal:
                 live.update(status.text, refresh=True)
             elif status.due():
-                console.print(status.text)
+                console.print(status.text, soft_wrap=True)
 
 
 class Status:

@@ -24,8 +24,8 @@ y = u·cos γ along it, lies in the roller frame at
     s = sin γ·(R·sin φ) + cos γ·(u·cos γ)
     r = (R·cos φ - d)·sqrt(1 + cos²γ·tan²φ)
 
-which is the profile, with φ as parameter. (r(u) = h taken for the profile is a close
-approximation of it, for it puts the end of a sphere's slanted radius above its centre.)
+which is the profile, with φ as parameter. (Taking h as the radius at s = u is up to 0.2 mm
+off at the ends: h is measured along the normal, which leans against the roller's axis.)
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ class PhysicsService(Service):
 
     def reset(self, seed: int) -> None:
         """Put the robot back to the start, in a world made anew, and begin a run."""
-        self.world = World(self.scenario.robot, self.config, self.scenario.start.pose)
+        self.world = self.make_world()
         self.tick = 0
         self.stamp = Stamp(0, secrets.randbits(32), seed)
         self.command: tuple[float, ...] = (0.0,) * len(WHEELS)
@@ -95,6 +95,10 @@ class PhysicsService(Service):
         self.command_is_effort = False
         self.command_tick = 0
         self.awaited = set(self.answers)
+
+    def make_world(self) -> World:
+        """Return the world of a new run."""
+        return World(self.scenario.robot, self.config, self.scenario.start.pose)
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready; then simulate until stopped."""

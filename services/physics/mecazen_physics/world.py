@@ -7,28 +7,21 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import dartpy as dart
-import numpy as np
-from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import WHEELS, Robot
 
-from mecazen_physics import model
-from mecazen_physics.config import Box, PhysicsConfig
+from mecazen_physics import bodies
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.pid import WheelPid
-from mecazen_physics.rollers import Roller
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
 Vector = tuple[float, float, float]
 
-
-class DivergedError(MecazenError):
-    """The simulated state makes no sense any more."""
-
-
-class UnsupportedError(MecazenError):
-    """The installed dartpy would simulate something else than was asked for."""
+_BASE_DOFS = 6
+_PROBE_DEPTH = 1e-4
 
 
 class WorldState(NamedTuple):
@@ -58,11 +51,12 @@ class World:
     last bit.
 
     Raises:
-        UnsupportedError: if dartpy does not simulate the rollers' shape, or if an obstacle is
-            so low that the robot could drive onto it.
+        UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low
+            that the robot could drive onto it, or a roller's bearing too stiff for the step.
     """
 
     def __init__(self, robot: Robot, config: PhysicsConfig, start: Pose2D) -> None:
+        bodies.check_bearings(robot, config)
         self._config = config
         self._max_torque = robot.wheels.max_torque_nm
         self._max_speed = robot.wheels.max_speed_rad_s
@@ -79,8 +73,8 @@ class World:
         sleep = self._world.getDeactivationOptions()
         sleep.mEnabled = False
         self._world.setDeactivationOptions(sleep)
-        self._surroundings = _surroundings(robot, config)
-        self._robot, self._base, joints = _robot(robot, config, start)
+        self._surroundings = bodies.build_surroundings(robot, config)
+        self._robot, joints = bodies.build_robot(robot, config, start)
         self._wheels = joints[: len(WHEELS)]
         self.joint_names: tuple[str, ...] = tuple(joint.getName() for joint in joints)
         self._person: Any = None
@@ -186,8 +180,7 @@ class World:
         return [wheel.getConstraintImpulse(0) / dt for wheel in self._wheels]
 
     def _add_person(self) -> Any:
-        shape = self._config.person
-        person, body = _person(shape.radius_m, shape.height_m, shape.friction)
+        person, body = bodies.build_person(self._config.person)
         # Neither the ground nor an obstacle stops the person: they go where they are told.
         collisions = self._world.getConstraintSolver().getCollisionOption().collisionFilter
         for index in range(self._surroundings.getNumBodyNodes()):
@@ -268,117 +261,6 @@ def _gravity(config: PhysicsConfig) -> list[float]:
     slope, heading = math.radians(config.slope_deg), math.radians(config.slope_heading_deg)
     along = -GRAVITY * math.sin(slope)
     return [along * math.cos(heading), along * math.sin(heading), -GRAVITY * math.cos(slope)]
-
-
-def _surroundings(robot: Robot, config: PhysicsConfig) -> Any:
-    """Return the ground and the obstacles: one skeleton, so they never collide."""
-    skeleton = dart.dynamics.Skeleton("surroundings")
-    _, ground = skeleton.createWeldJointAndBodyNodePair()
-    plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
-    _collide(ground, plane, config.ground_friction * robot.rollers.contact_friction)
-    for obstacle in config.obstacles:
-        height = obstacle.size_m[-1]
-        if height < robot.wheels.radius_m:
-            # On a face of a box the rollers' contacts jump: only the plane is smooth.
-            raise UnsupportedError(
-                f"an obstacle {height} m high is lower than the wheels' axles "
-                f"({robot.wheels.radius_m} m): driving onto one cannot be simulated"
-            )
-        joint, body = skeleton.createWeldJointAndBodyNodePair()
-        if isinstance(obstacle, Box):
-            shape = dart.dynamics.BoxShape(list(obstacle.size_m))
-            yaw = math.radians(obstacle.yaw_deg)
-        else:
-            shape = dart.dynamics.CylinderShape(*obstacle.size_m)
-            yaw = 0.0
-        pose = _planar(Pose2D(*obstacle.position_m, yaw), height / 2)
-        joint.setTransformFromParentBodyNode(pose)
-        _collide(body, shape, obstacle.friction)
-    skeleton.setMobile(False)
-    return skeleton
-
-
-def _robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any, Any, list[Any]]:
-    """Return the robot's skeleton, its base, and the joints of wheels and rollers.
-
-    Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
-    the speed.
-    """
-    skeleton = dart.dynamics.Skeleton("robot")
-    root, base = skeleton.createFreeJointAndBodyNodePair()
-    base.setName("base_link")
-    root.setTransform(_planar(start, 0.0))
-    links = model.links(robot)
-    trunk = [model.base(robot), *(link for link in links if link.axis is None)]
-    base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
-    _collide(base, box, offset=model.base(robot).centre)
-    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
-    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
-    barrel = _barrel(robot, config)
-    bodies, joints = {"base_link": base}, []
-    for link in links:
-        if link.axis is None:
-            continue
-        parent = bodies[link.parent]
-        joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
-        joint.setName(link.joint)
-        body.setName(link.name)
-        joint.setAxis(link.axis)
-        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, link.translation))
-        body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
-        bodies[link.name] = body
-        joints.append(joint)
-    limit = robot.wheels.max_torque_nm
-    for wheel in joints[: len(WHEELS)]:
-        wheel.setForceUpperLimit(0, limit)
-        wheel.setForceLowerLimit(0, -limit)
-    for roller in joints[len(WHEELS) :]:
-        roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
-        _collide(roller.getChildBodyNode(), barrel)
-    return skeleton, base, joints
-
-
-def _barrel(robot: Robot, config: PhysicsConfig) -> Any:
-    centres, radii = Roller.of(robot).spheres(config.roller_spheres)
-    return dart.dynamics.MultiSphereConvexHullShape(
-        [(radius, [0.0, 0.0, centre]) for centre, radius in zip(centres, radii, strict=True)]
-    )
-
-
-def _person(radius: float, height: float, friction: float) -> tuple[Any, Any]:
-    skeleton = dart.dynamics.Skeleton("person")
-    joint, body = skeleton.createTranslationalJoint2DAndBodyNodePair()
-    joint.setTransformFromParentBodyNode(_planar(Pose2D(), height / 2))
-    joint.setActuatorType(dart.dynamics.VELOCITY)
-    _collide(body, dart.dynamics.CylinderShape(radius, height), friction)
-    return skeleton, body
-
-
-_BASE_DOFS = 6
-_PROBE_DEPTH = 1e-4
-
-# DART takes the lower coefficient of two touching bodies. The robot's own is out of reach, so
-# that of whatever it touches holds.
-_ROBOT_FRICTION = 1e9
-
-
-def _collide(
-    body: Any,
-    shape: Any,
-    friction: float = _ROBOT_FRICTION,
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> None:
-    node = body.createShapeNode(shape)
-    node.setRelativeTranslation(offset)
-    node.createCollisionAspect()
-    node.createDynamicsAspect().setFrictionCoeff(friction)
-
-
-def _planar(pose: Pose2D, z: float) -> Any:
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-    return dart.math.Isometry3(rotation, [pose.x, pose.y, z])
 
 
 def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:

@@ -1,0 +1,71 @@
+# Every target prepares what it needs. PYTHON is any Python 3.11 or later with venv.
+PYTHON ?= python3.11
+SERVICES := physics controller target follower
+SCENARIO ?= back
+WORKSPACE := common $(SERVICES:%=services/%)
+
+# uv where it is present, else pip: the same versions from constraints.txt
+define make_venv
+	rm -rf $(1)
+	if command -v uv >/dev/null; then \
+		uv venv -q -p $(PYTHON) $(1) && \
+		uv pip install -q -p $(1)/bin/python -b constraints.txt -c constraints.txt $(2); \
+	else \
+		$(PYTHON) -m venv $(1) && \
+		$(1)/bin/pip install -q -U --disable-pip-version-check -c constraints.txt pip && \
+		PIP_CONSTRAINT=$(CURDIR)/constraints.txt \
+			$(1)/bin/pip install -q --disable-pip-version-check $(2); \
+	fi
+	touch $(1)/ready
+endef
+
+.PHONY: help install run test lint format bench clean $(SERVICES:%=test-%) test-common test-bench test-system
+
+help:
+	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
+	@echo "make test         everything that is tested; make test-physics and its like: one part"
+	@echo "make lint         style, types and import rules"
+	@echo "make bench        speed and accuracy, beside MuJoCo"
+	@echo "make install      only prepare .venv"
+
+install: .venv/ready
+
+.venv/ready: pyproject.toml constraints.txt common/pyproject.toml $(SERVICES:%=services/%/pyproject.toml)
+	@echo "preparing .venv: a minute or two the first time"
+	@$(call make_venv,.venv,$(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
+
+# one service and nothing else: what it does not declare, it does not find
+.venv-%/ready: constraints.txt common/pyproject.toml services/%/pyproject.toml
+	@echo "preparing .venv-$*"
+	@$(call make_venv,.venv-$*,-e ./common -e ./services/$* --group test)
+
+.venv-common/ready: constraints.txt common/pyproject.toml
+	@echo "preparing .venv-common"
+	@$(call make_venv,.venv-common,-e ./common --group test)
+
+run: .venv/ready
+	@.venv/bin/mecazen up $(SCENARIO)
+
+test: test-common $(SERVICES:%=test-%) test-bench test-system
+
+test-common $(SERVICES:%=test-%): test-%: .venv-%/ready
+	.venv-$*/bin/python -m pytest tests/$*
+
+test-bench test-system: test-%: .venv/ready
+	.venv/bin/python -m pytest tests/$*
+
+lint: .venv/ready
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+format: .venv/ready
+	.venv/bin/ruff check --fix .
+	.venv/bin/ruff format .
+
+bench: .venv/ready
+	.venv/bin/python -m bench $(BENCH)
+
+clean:
+	rm -rf .venv .venv-*

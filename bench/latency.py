@@ -1,0 +1,138 @@
+"""Real time: from `cmd_vel` put by another process to the `joint_command` that obeys it."""
+
+from __future__ import annotations
+
+import random
+import secrets
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import Scenario, load_scenario
+from mecazen.errors import MecazenError
+from mecazen.geometry import Twist2D
+from mecazen.messages import JointState, Twist
+from mecazen.processes import Supervisor
+from mecazen.wire import JSON_ENCODING, Stamp, encode
+
+from bench.figures import Figure, Group, Row, Target
+from bench.scenarios import SCENARIOS
+
+PUTS = 2500
+PAUSE_S = (0.003, 0.009)
+"""Least and longest time between two puts: any phase of the 10 ms tick."""
+ANSWER_S = 1.0
+"""After this an answer is lost; the tick's own command repeats it within 10 ms."""
+START_S = 20.0
+
+SPEED, SPEED_STEP = 0.05, 1e-5
+"""Of the first command and between two [m/s]: within what the controller's limits let pass."""
+
+MEDIAN_MS = Target.below(0.5)
+P99_MS = Target.below(2.0)
+
+
+class Probe:
+    """Puts commands, each with a speed of its own, and sees when the wheels are told of it."""
+
+    def __init__(self, bus: ZenohBus, wheel_radius: float) -> None:
+        self._bus = bus
+        self._radius = wheel_radius
+        self._told = -1
+        self._told_s = 0.0
+        bus.subscribe(keys.JOINT_COMMAND, self._on_joint_command, every=True)
+
+    def measure(self, number: int, timeout_s: float) -> float | None:
+        """Return the time from put to answer of command `number` [s], or None without one."""
+        # backwards: away from the person
+        twist = Twist.planar(Twist2D(x=-SPEED - number * SPEED_STEP))
+        begin = time.perf_counter()
+        self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
+        while self._told != number:
+            left_s = begin + timeout_s - time.perf_counter()
+            if left_s <= 0.0:
+                return None
+            self._bus.spin_once(left_s)
+        return self._told_s - begin
+
+    def rest(self, seconds: float) -> None:
+        """Take what comes for some time."""
+        end = time.perf_counter() + seconds
+        while (left_s := end - time.perf_counter()) > 0.0:
+            self._bus.spin_once(left_s)
+
+    def _on_joint_command(self, joints: JointState, stamp: Stamp | None) -> None:
+        del stamp
+        number = round((-joints.velocity[0] * self._radius - SPEED) / SPEED_STEP)
+        if number != self._told:
+            self._told, self._told_s = number, time.perf_counter()
+
+
+def run(puts: int = PUTS) -> list[Group]:
+    """Drive the scenario `teleop` as an outsider does."""
+    pause = random.Random(1)  # noqa: S311
+    with _teleop() as (bus, scenario):
+        probe = Probe(bus, scenario.robot.wheels.radius_m)
+        _wait_until_it_obeys(probe)
+        latencies, lost = [], 0
+        for number in range(1, puts + 1):
+            probe.rest(pause.uniform(*PAUSE_S))
+            latency = probe.measure(number, ANSWER_S)
+            if latency is None:
+                lost += 1
+            else:
+                latencies.append(latency * 1e3)
+    median, p99 = np.percentile(latencies, (50, 99)).tolist()
+    figures = {
+        "median ms": Figure.of(median, MEDIAN_MS),
+        "p99 ms": Figure.of(p99, P99_MS),
+        "max ms": Figure.of(max(latencies)),
+        "lost": Figure.of(lost),
+    }
+    how = f"{puts} puts by another process at random phases of the tick, in real time"
+    return [Group("Latency: scenario teleop", how, (Row("cmd_vel → joint_command", figures),))]
+
+
+@contextmanager
+def _teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
+    """Run the scenario's processes meanwhile, apart from any others; yield a bus to them."""
+    path = SCENARIOS / "teleop.toml"
+    settings = (
+        f'bus.connect=["tcp/127.0.0.1:{_free_port()}"]',
+        f"bus.namespace=bench{secrets.token_hex(4)}",
+    )
+    scenario = load_scenario(path, settings)
+    supervisor = Supervisor(path, settings)
+    try:
+        supervisor.start_router()
+        for part in scenario.services:
+            supervisor.start(part)
+        bus = ZenohBus(scenario.bus)
+        try:
+            yield bus, scenario
+        finally:
+            bus.close()
+        supervisor.poll(0.0)
+    finally:
+        supervisor.stop()
+
+
+def _wait_until_it_obeys(probe: Probe) -> None:
+    """Repeat the first command until the wheels have reached it.
+
+    Raises:
+        MecazenError: They do not.
+    """
+    deadline = time.monotonic() + START_S
+    while probe.measure(0, 0.1) is None:
+        if time.monotonic() > deadline:
+            raise MecazenError("teleop does not answer cmd_vel")
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])

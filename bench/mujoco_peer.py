@@ -1,0 +1,132 @@
+"""The same robot in MuJoCo, from the same links: rollers as capsules, or as convex meshes."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from typing import Literal, get_args
+
+import mujoco
+from mecazen.robot import WHEEL_JOINTS, Robot
+from mecazen_physics import model
+from mecazen_physics.rollers import Roller
+from mecazen_physics.world import GRAVITY
+
+from bench.engine import Sample
+
+Shape = Literal["capsule", "mesh"]
+SHAPES: tuple[Shape, ...] = get_args(Shape)
+
+OPTIONS = {"integrator": "implicitfast", "cone": "pyramidal", "solver": "Newton"}
+"""MuJoCo's defaults but for the integrator. Elliptic cones, and a higher ratio of friction's to
+normal impedance, cost up to four times as much and bring no gain closer to the geometry's."""
+CONTACT_TIME_CONSTANT_STEPS = 2.0
+"""In steps; the least that MuJoCo allows, so that the soft contacts are as hard as can be."""
+SERVO_GAIN = 10.0
+"""Of the wheels' velocity actuators [N·m·s/rad], integrated implicitly."""
+MESH_RINGS, MESH_SEGMENTS = 33, 48
+
+
+class MujocoEngine:
+    """A robot in MuJoCo; see `bench.engine.Engine`."""
+
+    def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
+        self.name = f"MuJoCo, {shape}"
+        self.robot = robot
+        self.dt_s = dt_s
+        self._model = mujoco.MjModel.from_xml_string(mjcf(robot, dt_s, shape))
+        self._data = mujoco.MjData(self._model)
+        self._wheels = [int(self._model.joint(name).qposadr[0]) for name in WHEEL_JOINTS]
+
+    def advance(self, speeds: Sequence[float], steps: int) -> Sample:
+        """Simulate some steps; see `Engine`."""
+        self._data.ctrl[:] = speeds
+        mujoco.mj_step(self._model, self._data, nstep=steps)
+        position = self._data.qpos.tolist()
+        x, y, z, qw, qx, qy, qz = position[:7]
+        yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+        return Sample(x, y, z, yaw, [position[index] for index in self._wheels])
+
+
+def mjcf(robot: Robot, dt_s: float, shape: Shape) -> str:
+    """Return the robot on flat ground as MJCF."""
+    root = ET.Element("mujoco", model=robot.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(root, "option", timestep=str(dt_s), gravity=f"0 0 {-GRAVITY}", **OPTIONS)
+    contact = ET.SubElement(ET.SubElement(root, "default"), "geom")
+    contact.set("solref", f"{CONTACT_TIME_CONSTANT_STEPS * dt_s} 1")
+    contact.set("friction", _text([robot.rollers.contact_friction, 0.0, 0.0]))
+    if shape == "mesh":
+        vertices, _ = Roller.of(robot).mesh(MESH_RINGS, MESH_SEGMENTS)
+        asset = ET.SubElement(root, "asset")
+        ET.SubElement(asset, "mesh", name="roller", vertex=_text(vertices.ravel().tolist()))
+    world = ET.SubElement(root, "worldbody")
+    ET.SubElement(world, "geom", type="plane", size="0 0 1", conaffinity="0")
+    _add_robot(world, robot, shape)
+    actuators = ET.SubElement(root, "actuator")
+    limit = robot.wheels.max_torque_nm
+    for joint in WHEEL_JOINTS:
+        ET.SubElement(
+            actuators,
+            "velocity",
+            joint=joint,
+            kv=str(SERVO_GAIN),
+            forcerange=_text([-limit, limit]),
+        )
+    return ET.tostring(root, encoding="unicode")
+
+
+def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
+    """Add the links as bodies: camera and lidar lumped with the base, as in our world."""
+    links = model.links(robot)
+    mass, centre, inertia = model.lump(
+        [model.base(robot), *(link for link in links if link.axis is None)]
+    )
+    base = ET.SubElement(world, "body", name="base_link")
+    ET.SubElement(base, "freejoint")
+    ET.SubElement(
+        base,
+        "inertial",
+        pos=_text(centre.tolist()),
+        mass=str(mass),
+        fullinertia=_text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()),
+    )
+    bodies = {"base_link": base}
+    for link in links:
+        if link.axis is None:
+            continue
+        axes = link.rotation[:, :2].T.ravel().tolist()
+        body = ET.SubElement(
+            bodies[link.parent],
+            "body",
+            name=link.name,
+            pos=_text(link.translation),
+            xyaxes=_text(axes),
+        )
+        bodies[link.name] = body
+        joint = ET.SubElement(body, "joint", name=link.joint, axis=_text(link.axis))
+        ET.SubElement(
+            body,
+            "inertial",
+            pos=_text(link.centre),
+            mass=str(link.mass),
+            diaginertia=_text(link.moments),
+        )
+        if link.parent != "base_link":
+            joint.set("damping", str(robot.rollers.bearing_friction_nms))
+            _add_roller(body, Roller.of(robot), shape)
+
+
+def _add_roller(body: ET.Element, roller: Roller, shape: Shape) -> None:
+    """Add a roller's shape, which meets the ground and nothing else."""
+    geom = ET.SubElement(body, "geom", type=shape, contype="0")
+    if shape == "mesh":
+        geom.set("mesh", "roller")
+    else:
+        radius = roller.max_radius
+        geom.set("size", _text([radius, roller.length / 2.0 - radius]))
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(map(repr, map(float, values)))

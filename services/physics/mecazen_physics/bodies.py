@@ -1,0 +1,150 @@
+"""The bodies of the world as DART's skeletons."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import dartpy as dart
+import numpy as np
+from mecazen.geometry import Pose2D
+from mecazen.robot import WHEELS, Robot
+
+from mecazen_physics import model
+from mecazen_physics.config import Box, Person, PhysicsConfig
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.rollers import Roller
+
+# DART takes the lower coefficient of two touching bodies. The robot's own is out of reach, so
+# that of whatever it touches holds.
+_ROBOT_FRICTION = 1e9
+
+
+def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
+    """Refuse a friction c that slows a roller down within a few steps.
+
+    DART damps a joint before it solves the contacts, with c/(1 + c·dt/I) instead of c for a
+    roller that the ground keeps turning.
+
+    Raises:
+        UnsupportedError: if that is more than 10 % off.
+    """
+    highest = 0.1 * Roller.of(robot).inertia[1] / config.dt_s
+    friction = robot.rollers.bearing_friction_nms
+    if friction > highest:
+        raise UnsupportedError(
+            f"rollers.bearing_friction_nms = {friction} must be below {highest:.3g}, "
+            f"or physics.dt_s = {config.dt_s} smaller, to be simulated within 10 %"
+        )
+
+
+def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
+    """Return the ground and the obstacles: one skeleton, so they never collide.
+
+    Raises:
+        UnsupportedError: if an obstacle is so low that the robot could drive onto it.
+    """
+    skeleton = dart.dynamics.Skeleton("surroundings")
+    _, ground = skeleton.createWeldJointAndBodyNodePair()
+    plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
+    _collide(ground, plane, config.ground_friction * robot.rollers.contact_friction)
+    for obstacle in config.obstacles:
+        height = obstacle.size_m[-1]
+        if height < robot.wheels.radius_m:
+            # On a face of a box the rollers' contacts jump: only the plane is smooth.
+            raise UnsupportedError(
+                f"an obstacle {height} m high is lower than the wheels' axles "
+                f"({robot.wheels.radius_m} m): driving onto one cannot be simulated"
+            )
+        joint, body = skeleton.createWeldJointAndBodyNodePair()
+        if isinstance(obstacle, Box):
+            shape = dart.dynamics.BoxShape(list(obstacle.size_m))
+            yaw = math.radians(obstacle.yaw_deg)
+        else:
+            shape = dart.dynamics.CylinderShape(*obstacle.size_m)
+            yaw = 0.0
+        pose = _planar(Pose2D(*obstacle.position_m, yaw), height / 2)
+        joint.setTransformFromParentBodyNode(pose)
+        _collide(body, shape, obstacle.friction)
+    skeleton.setMobile(False)
+    return skeleton
+
+
+def build_robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any, list[Any]]:
+    """Return the robot's skeleton and the joints of its wheels and rollers.
+
+    Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
+    the speed.
+    """
+    skeleton = dart.dynamics.Skeleton("robot")
+    root, base = skeleton.createFreeJointAndBodyNodePair()
+    base.setName("base_link")
+    root.setTransform(_planar(start, 0.0))
+    links = model.links(robot)
+    trunk = [model.base(robot), *(link for link in links if link.axis is None)]
+    base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
+    box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
+    _collide(base, box, offset=model.base(robot).centre)
+    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
+    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
+    barrel = _barrel(robot, config)
+    bodies, joints = {"base_link": base}, []
+    for link in links:
+        if link.axis is None:
+            continue
+        parent = bodies[link.parent]
+        joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
+        joint.setName(link.joint)
+        body.setName(link.name)
+        joint.setAxis(link.axis)
+        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, link.translation))
+        body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
+        bodies[link.name] = body
+        joints.append(joint)
+    limit = robot.wheels.max_torque_nm
+    for wheel in joints[: len(WHEELS)]:
+        wheel.setForceUpperLimit(0, limit)
+        wheel.setForceLowerLimit(0, -limit)
+    for roller in joints[len(WHEELS) :]:
+        roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
+        _collide(roller.getChildBodyNode(), barrel)
+    return skeleton, joints
+
+
+def _barrel(robot: Robot, config: PhysicsConfig) -> Any:
+    centres, radii = Roller.of(robot).spheres(config.roller_spheres)
+    return dart.dynamics.MultiSphereConvexHullShape(
+        [(radius, [0.0, 0.0, centre]) for centre, radius in zip(centres, radii, strict=True)]
+    )
+
+
+def build_person(shape: Person) -> tuple[Any, Any]:
+    """Return the person's skeleton, whose two positions are x and y [m], and its body.
+
+    Its joint goes at the commanded speed whatever it meets.
+    """
+    skeleton = dart.dynamics.Skeleton("person")
+    joint, body = skeleton.createTranslationalJoint2DAndBodyNodePair()
+    joint.setTransformFromParentBodyNode(_planar(Pose2D(), shape.height_m / 2))
+    joint.setActuatorType(dart.dynamics.VELOCITY)
+    cylinder = dart.dynamics.CylinderShape(shape.radius_m, shape.height_m)
+    _collide(body, cylinder, shape.friction)
+    return skeleton, body
+
+
+def _collide(
+    body: Any,
+    shape: Any,
+    friction: float = _ROBOT_FRICTION,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    node = body.createShapeNode(shape)
+    node.setRelativeTranslation(offset)
+    node.createCollisionAspect()
+    node.createDynamicsAspect().setFrictionCoeff(friction)
+
+
+def _planar(pose: Pose2D, z: float) -> Any:
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+    return dart.math.Isometry3(rotation, [pose.x, pose.y, z])

@@ -1,0 +1,387 @@
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import dartpy as dart
+import msgspec
+import numpy as np
+import pytest
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.robot import WHEEL_JOINTS, Robot
+from mecazen_physics import model
+from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
+from mecazen_physics.errors import DivergedError, UnsupportedError
+from mecazen_physics.rollers import Roller, lateral_gain, yaw_gain
+from mecazen_physics.world import GRAVITY, World, WorldState
+
+STEPS = 10  # of 1 ms in a control period
+FORWARD, LEFT, TURN = Twist2D(x=0.3), Twist2D(y=0.3), Twist2D(yaw=0.6)
+
+
+def wheel_speeds(robot: Robot, twist: Twist2D) -> list[float]:
+    """The ideal equations, wheels in the order of `WHEELS` [rad/s]."""
+    turn = (robot.half_wheelbase + robot.half_track) * twist.yaw
+    x, y = twist.x, twist.y
+    return [
+        speed / robot.wheels.radius_m
+        for speed in (x - y - turn, x + y + turn, x + y - turn, x - y + turn)
+    ]
+
+
+def drive(world: World, command: Sequence[float], seconds: float) -> list[WorldState]:
+    """The states at every tick; the first half second brings the wheels up to `command`."""
+    states = []
+    for tick in range(round(seconds * 100)):
+        world.advance([min(1.0, tick / 50) * speed for speed in command], STEPS)
+        states.append(world.state())
+    return states
+
+
+def yaw_of(state: WorldState) -> float:
+    return 2.0 * math.atan2(state.orientation[2], state.orientation[3])
+
+
+def masses(robot: Robot) -> tuple[float, float]:
+    """The robot's mass [kg], and what its turning wheels add to it as they roll [kg]."""
+    roller, hub = Roller.of(robot), model.links(robot)[0]
+    count = robot.rollers.count
+    rest = robot.base.mass_kg + robot.camera.mass_kg + robot.lidar.mass_kg
+    mass = rest + 4 * (robot.wheels.hub_mass_kg + count * roller.mass)
+    # A roller off the ground turns with the wheel but for the turn about its own free axis.
+    across = roller.inertia[0] * math.sin(roller.angle) ** 2
+    about_axle = hub.moments[1] + count * (roller.mass * roller.axis_distance**2 + across)
+    return mass, 4 * about_axle / robot.wheels.radius_m**2
+
+
+@pytest.mark.parametrize(
+    "start", [Pose2D(), Pose2D(1.5, -2.0, 2.5), Pose2D(-3.0, 0.1, -math.pi / 2)]
+)
+def test_a_new_world_is_at_rest_at_exactly_the_start_pose(robot: Robot, start: Pose2D) -> None:
+    state = World(robot, PhysicsConfig(), start).state()
+    assert state.position == (start.x, start.y, 0.0)
+    assert yaw_of(state) == pytest.approx(start.yaw, abs=1e-15)
+    assert state.orientation[:2] == (0.0, 0.0)
+    assert set(state.linear + state.angular) == {0.0}
+    assert {*state.joint_position, *state.joint_velocity, *state.joint_effort} == {0.0}
+
+
+def test_a_robot_without_command_stays_where_it_stands(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    heights = [state.position[2] for state in drive(world, [0.0] * 4, 1.0)]
+    # It starts in contact, so nothing falls: 1 µm is the depth of resting contacts.
+    assert max(map(abs, heights)) < 1e-6
+    assert math.hypot(*world.state().position[:2]) < 1e-6
+
+
+def test_joints_are_four_wheels_then_the_rollers_of_each(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
+    count = robot.rollers.count
+    assert world.joint_names[:4] == WHEEL_JOINTS
+    assert len(world.joint_names) == 4 + 4 * count
+    assert world.joint_names[4] == "front_left_roller_00_joint"
+    assert world.joint_names[-1] == f"rear_right_roller_{count - 1:02d}_joint"
+    world.advance([1.0, 2.0, 3.0, 4.0], 10)
+    assert world.state().joint_velocity[:4] == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=1e-6)
+    assert len(world.state().joint_effort) == len(world.joint_names)
+
+
+def test_forward_motion_is_ideal_and_smooth(robot: Robot) -> None:
+    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, FORWARD), 3.0)[100:]
+    speed = (states[-1].position[0] - states[0].position[0]) / (states[-1].time - states[0].time)
+    # 1 % is the requirement; nothing but the rollers' chords makes it differ at all.
+    assert speed == pytest.approx(FORWARD.x, rel=0.01)
+    heights = [state.position[2] for state in states]
+    assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
+    assert abs(states[-1].position[1]) < 1e-6
+
+
+def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
+    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, LEFT), 3.0)[100:]
+    gain = (states[-1].position[1] - states[0].position[1]) / 1.99 / LEFT.y
+    assert gain == pytest.approx(1.0, abs=0.035)
+    # No slip but at the hand-over between rollers, whose axes differ: 1 % is required.
+    assert gain == pytest.approx(lateral_gain(robot), rel=0.01)
+    assert abs(states[-1].position[0]) < 1e-3
+
+
+def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
+    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, TURN), 3.0)[100:]
+    gain = (yaw_of(states[-1]) - yaw_of(states[0])) / 1.99 / TURN.yaw
+    assert gain == pytest.approx(yaw_gain(robot), rel=0.01)
+    assert math.hypot(*states[-1].position[:2]) < 5e-3  # the rollers' contacts wander
+
+
+def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(), Pose2D(yaw=2.0))
+    before, after = drive(world, wheel_speeds(nexus, Twist2D(0.3, 0.0, 0.4)), 1.0)[-2:]
+    # Ripple of the contacts: some mm/s.
+    assert after.linear == pytest.approx((0.3, 0.0, 0.0), abs=0.01)
+    assert after.angular == pytest.approx((0.0, 0.0, 0.4), abs=0.08)
+    # The same as DART's, and as the finite difference over 10 ms.
+    body = world._robot.getBodyNode(0)
+    np.testing.assert_allclose(
+        (*after.angular, *after.linear), body.getSpatialVelocity(), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        np.subtract(after.position, before.position)[:2] / 0.01,
+        body.getLinearVelocity()[:2],
+        atol=0.01,
+    )
+
+
+def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    torque = 0.05
+    world.advance_effort([torque] * 4, 1000)
+    mass, turning = masses(robot)
+    expected = 4 * torque / robot.wheels.radius_m / (mass + turning)
+    # 2 %: each hand-over sets a roller turning, and chords of the barrel cost a little.
+    assert world.state().linear[0] == pytest.approx(expected, rel=0.02)
+    assert world.state().joint_effort[:4] == [torque] * 4
+
+
+def test_a_coasting_robot_only_loses_energy_and_little(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    drive(world, wheel_speeds(robot, FORWARD), 1.0)
+    energies = []
+    for _ in range(100):
+        world.advance_effort([0.0] * 4, STEPS)
+        energies.append(world._robot.computeKineticEnergy())
+    # Ripple of 0.02 mm stores m·g·20 µm = 3 mJ of some 0.7 J for a while.
+    assert (np.diff(energies) < 0.005 * energies[0]).all()
+    # Chords and hand-overs take 0.3 N from a robot of 130 N, less than rubber on a floor.
+    assert 0.8 * energies[0] < energies[-1] < energies[0]
+
+
+@pytest.mark.parametrize("drive_by", ["velocity", "effort"])
+def test_standing_wheels_hold_the_robot_on_a_slope_with_the_torque_of_its_weight(
+    robot: Robot, drive_by: str
+) -> None:
+    config = msgspec.convert({"slope_deg": 10.0, "drive": drive_by}, PhysicsConfig)
+    world = World(robot, config, Pose2D())
+    state = drive(world, [0.0] * 4, 3.0)[-1]
+    weight = masses(robot)[0] * GRAVITY * math.sin(math.radians(10.0))
+    # 3 %: the PID's integral part is still settling, and the robot creeps as it does.
+    assert sum(state.joint_effort[:4]) == pytest.approx(weight * robot.wheels.radius_m, rel=0.03)
+    assert abs(state.position[0]) < 0.01
+
+
+def test_free_wheels_let_the_robot_roll_down_the_slope(robot: Robot) -> None:
+    heading = math.radians(90.0)
+    config = PhysicsConfig(slope_deg=5.0, slope_heading_deg=90.0)
+    world = World(robot, config, Pose2D(yaw=heading))
+    world.advance_effort([0.0] * 4, 500)
+    mass, turning = masses(robot)
+    expected = -0.5 * GRAVITY * math.sin(math.radians(5.0)) * mass / (mass + turning)
+    # 2 %: as for the acceleration by torque.
+    assert world.state().linear[0] == pytest.approx(expected, rel=0.02)
+    assert world.state().position[1] < 0.0
+
+
+def test_friction_limits_what_holds_on_a_slope(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(slope_deg=30.0, ground_friction=0.2), Pose2D())
+    world.advance([0.0] * 4, 500)
+    slope = math.radians(30.0)
+    expected = -0.5 * GRAVITY * (math.sin(slope) - 0.2 * math.cos(slope))
+    assert world.state().linear[0] == pytest.approx(expected, rel=1e-6)  # Coulomb, exact in DART
+
+
+def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus: Robot) -> None:
+    def power(friction: float) -> float:
+        rollers = msgspec.structs.replace(nexus.rollers, bearing_friction_nms=friction)
+        robot = msgspec.structs.replace(nexus, rollers=rollers)
+        states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, LEFT), 3.0)
+        return float(
+            np.mean([np.dot(s.joint_effort[:4], s.joint_velocity[:4]) for s in states[100:]])
+        )
+
+    friction = 5e-5
+    roller = Roller.of(nexus)
+    arc = np.linspace(-roller.half_arc, roller.half_arc, 101)
+    radius = roller.wheel_radius - roller.axis_distance / np.cos(arc)
+    spin = LEFT.y * lateral_gain(nexus) / math.sin(roller.angle) / radius
+    handovers = roller.count * wheel_speeds(nexus, LEFT)[1] / (2.0 * math.pi)
+    # A roller stops before it meets the ground again: half of what spins it up goes into skid.
+    spin_up = roller.inertia[1] * np.mean(spin**2) * handovers
+    expected = 4 * (friction * np.mean(spin**2) + spin_up)
+    # 10 %: of it 7 % by the step's length; and the mean gain stands for all angles.
+    assert power(friction) - power(0.0) == pytest.approx(expected, rel=0.1)
+
+
+def test_the_motors_limits_hold(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
+    limit = robot.wheels.max_torque_nm
+    for _ in range(50):
+        world.advance([1e3, -1e3, 1e3, -1e3], STEPS)
+        state = world.state()
+        assert max(map(abs, state.joint_effort[:4])) <= limit * (1 + 1e-9)  # solver's rounding
+        assert max(map(abs, state.joint_velocity[:4])) <= robot.wheels.max_speed_rad_s * (1 + 1e-6)
+
+
+def test_commanded_torque_is_limited_and_stops_at_the_motors_speed(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
+    world.advance_effort([100.0, -100.0, 0.0, 0.0], 1)
+    limit, fastest = robot.wheels.max_torque_nm, robot.wheels.max_speed_rad_s
+    assert world.state().joint_effort[:4] == [limit, -limit, 0.0, 0.0]
+    world.advance_effort([100.0, -100.0, 0.0, 0.0], 200)
+    speeds = world.state().joint_velocity
+    step = limit / model.links(robot)[0].moments[1] * 1e-3  # at most one step's gain beyond
+    assert fastest <= speeds[0] <= fastest + step
+    assert -fastest - step <= speeds[1] <= -fastest
+
+
+def test_the_pid_drive_reaches_the_commanded_speed(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(drive="effort"), Pose2D())
+    states = drive(world, wheel_speeds(robot, FORWARD), 2.0)[150:]
+    # 0.5 %: the hand-over between rollers disturbs the wheels by some 0.2 %.
+    assert np.mean([s.joint_velocity[:4] for s in states]) * robot.wheels.radius_m == pytest.approx(
+        FORWARD.x, rel=0.005
+    )
+    assert max(abs(e) for s in states for e in s.joint_effort[:4]) <= robot.wheels.max_torque_nm
+
+
+def test_wheels_spin_on_the_spot_without_friction(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(ground_friction=0.0), Pose2D())
+    drive(world, wheel_speeds(nexus, FORWARD), 0.5)
+    assert math.hypot(*world.state().position[:2]) < 1e-6
+    assert world.state().joint_velocity[0] == pytest.approx(FORWARD.x / 0.05 * 0.98, rel=0.01)
+
+
+def test_a_standing_person_stops_the_robot(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(), Pose2D())
+    world.place_person(Pose2D(0.8, 0.0, 1.0), Twist2D())
+    drive(world, wheel_speeds(nexus, Twist2D(x=0.2)), 3.0)
+    # Contact at 0.8 - 0.2 m; the base's front is 0.19 m ahead of its middle. 5 mm: it yaws.
+    assert world.state().position[0] == pytest.approx(0.41, abs=0.005)
+
+
+def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(person=Person(radius_m=0.15)), Pose2D())
+    for index in range(150):
+        world.place_person(Pose2D(-0.6 + 0.005 * index, 0.0, 0.0), Twist2D(x=0.5))
+        world.advance([0.0] * 4, STEPS)
+    assert world.state().linear[0] > 0.1
+    assert world.state().position[0] > 0.1
+    person = world._person.getPositions()
+    assert tuple(person) == pytest.approx((0.15, 0.0), abs=1e-9)  # their own speed, integrated
+
+
+def test_the_persons_velocity_is_in_their_own_frame(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(), Pose2D())
+    world.place_person(Pose2D(3.0, 0.0, math.pi / 2), Twist2D(x=1.0))
+    world.advance([0.0] * 4, 100)
+    assert tuple(world._person.getPositions()) == pytest.approx((3.0, 0.1), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        Box(size_m=(0.2, 2.0, 0.5), position_m=(0.6, 0.0)),
+        Box(size_m=(2.0, 0.2, 0.5), position_m=(0.6, 0.0), yaw_deg=90.0),
+        Cylinder(size_m=(0.1, 0.5), position_m=(0.6, 0.0)),
+    ],
+)
+def test_an_obstacle_stops_the_robot(nexus: Robot, obstacle: Box | Cylinder) -> None:
+    world = World(nexus, PhysicsConfig(obstacles=(obstacle,)), Pose2D())
+    states = drive(world, wheel_speeds(nexus, Twist2D(x=0.2)), 2.0)
+    reach = 0.19 if isinstance(obstacle, Cylinder) else 0.2  # the base's front, the wheels'
+    # 15 mm: wheels that climb and skid along the obstacle's face.
+    assert states[-1].position[0] == pytest.approx(0.5 - reach, abs=0.015)
+
+
+def test_an_obstacle_to_drive_onto_is_refused(nexus: Robot) -> None:
+    step = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
+    with pytest.raises(UnsupportedError, match=r"0\.01 m high"):
+        World(nexus, PhysicsConfig(obstacles=(step,)), Pose2D())
+
+
+def test_bearing_friction_beyond_the_steps_resolution_is_refused(nexus: Robot) -> None:
+    rollers = msgspec.structs.replace(nexus.rollers, bearing_friction_nms=1e-3)
+    robot = msgspec.structs.replace(nexus, rollers=rollers)
+    with pytest.raises(UnsupportedError, match=r"below .* or physics\.dt_s"):
+        World(robot, PhysicsConfig(), Pose2D())
+
+
+@pytest.mark.parametrize("detector", ["DART", "FCL", "ODE"])
+def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
+    nexus: Robot, monkeypatch: pytest.MonkeyPatch, detector: str
+) -> None:
+    monkeypatch.setattr(dart.simulation, "BULLET", getattr(dart.simulation, detector))
+    with pytest.raises(UnsupportedError, match="does not simulate the rollers' shape"):
+        World(nexus, PhysicsConfig(), Pose2D())
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda robot: robot.setVelocity(7, math.nan), "not finite"),
+        (lambda robot: robot.setPosition(20, math.inf), "not finite"),
+        (lambda robot: robot.setPosition(5, -0.2), "below the ground"),
+        (lambda robot: robot.setPosition(4, math.nan), "moved"),
+        (lambda robot: robot.setVelocity(3, 1e5), "moved|not finite"),
+    ],
+)
+def test_a_diverged_state_is_an_error_with_the_last_good_one(
+    nexus: Robot, spoil: Callable[[object], None], reason: str
+) -> None:
+    world = World(nexus, PhysicsConfig(), Pose2D(1.0, 2.0, 0.0))
+    world.advance([0.0] * 4, 10)
+    spoil(world._robot)
+    with pytest.raises(DivergedError, match=reason) as caught:
+        world.advance([0.0] * 4, 10)
+    assert "last good state at 0.010 s: position (1.0" in str(caught.value)
+    assert world.state().time == pytest.approx(0.01)
+
+
+def trajectory(robot: Robot) -> str:
+    """A hash of a run with everything in it."""
+    obstacles = (
+        Cylinder(size_m=(0.1, 0.5), position_m=(0.5, 0.1)),
+        Box(size_m=(0.1, 2.0, 0.5), position_m=(-0.6, 0.0), yaw_deg=20.0),
+    )
+    config = PhysicsConfig(obstacles=obstacles, drive="velocity")
+    world = World(robot, config, Pose2D(0.1, -0.2, 0.3))
+    digest = hashlib.sha256()
+    for index in range(120):
+        world.place_person(Pose2D(0.9 - 0.005 * index, 0.1, math.pi), Twist2D(x=0.5))
+        twist = Twist2D(0.4 * math.cos(0.1 * index), 0.3 * math.sin(0.1 * index), 0.5)
+        if index % 30 < 25:
+            world.advance(wheel_speeds(robot, twist), STEPS)
+        else:
+            world.advance_effort([0.3, -0.2, 0.1, 0.4], STEPS)
+        digest.update(repr(world.state()).encode())
+    return digest.hexdigest()
+
+
+def test_a_world_built_again_repeats_every_bit(nexus: Robot) -> None:
+    first = trajectory(nexus)
+    other = World(nexus, PhysicsConfig(), Pose2D())
+    other.advance([3.0] * 4, 100)
+    assert trajectory(nexus) == first
+
+
+def test_every_process_computes_the_same_bits(nexus: Robot) -> None:
+    code = (
+        "import importlib.util as u, sys; "
+        "load = lambda n, p: (s := u.spec_from_file_location(n, p), m := u.module_from_spec(s), "
+        "s.loader.exec_module(m))[1]; "
+        "c, t = (load(n, f'{sys.argv[1]}/{n}.py') for n in ('conftest', 'test_world')); "
+        "print(t.trajectory(c.load_robot('nexus')))"
+    )
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(Path(__file__).parent)],
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join(sys.path)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for seed in ("0", "1", "4711")
+    ]
+    hashes = {process.communicate(timeout=60)[0].strip() for process in processes}
+    assert hashes == {trajectory(nexus)}
