@@ -50,13 +50,14 @@ class Figure(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, value: float, target: Target | None = None) -> Figure:
         """Return one value, held against its target."""
-        return cls(value, None, target, target and target.met_by(value))
+        return cls(value, None, target, None if target is None else target.met_by(value))
 
     @classmethod
     def median(cls, values: Sequence[float], target: Target | None = None) -> Figure:
         """Return the median of repetitions and their spread, held against its target."""
         low, middle, high = np.percentile(values, (25, 50, 75)).tolist()
-        return cls(middle, (low, high), target, target and target.met_by(middle))
+        met = None if target is None else target.met_by(middle)
+        return cls(middle, (low, high), target, met)
 
     def cell(self) -> str:
         """Return the figure as a table shows it."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import random
-import secrets
-import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +14,7 @@ from mecazen.config import Scenario, load_scenario
 from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
 from mecazen.messages import JointState, Twist
-from mecazen.processes import Supervisor
+from mecazen.processes import Supervisor, private_meeting_point
 from mecazen.wire import JSON_ENCODING, Stamp, encode
 
 from bench.figures import Figure, Group, Row, Target
@@ -101,10 +99,7 @@ def run(puts: int = PUTS) -> list[Group]:
 def _teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
     """Run the scenario's processes meanwhile, apart from any others; yield a bus to them."""
     path = SCENARIOS / "teleop.toml"
-    settings = (
-        f'bus.connect=["tcp/127.0.0.1:{_free_port()}"]',
-        f"bus.namespace=bench{secrets.token_hex(4)}",
-    )
+    settings = private_meeting_point()
     scenario = load_scenario(path, settings)
     supervisor = Supervisor(path, settings)
     try:
@@ -131,8 +126,3 @@ def _wait_until_it_obeys(probe: Probe) -> None:
     while probe.measure(0, 0.1) is None:
         if time.monotonic() > deadline:
             raise MecazenError("teleop does not answer cmd_vel")
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])

@@ -18,9 +18,10 @@ from bench.engine import Sample
 Shape = Literal["capsule", "mesh"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 
-OPTIONS = {"integrator": "implicitfast", "cone": "pyramidal", "solver": "Newton"}
-"""MuJoCo's defaults but for the integrator. Elliptic cones, and a higher ratio of friction's to
-normal impedance, cost up to four times as much and bring no gain closer to the geometry's."""
+INTEGRATOR = "implicitfast"
+"""The one option that is not MuJoCo's default (Newton's solver, pyramidal cones): elliptic
+cones or a higher impratio cost up to four times as much and bring no gain closer to the
+geometry's."""
 CONTACT_TIME_CONSTANT_STEPS = 2.0
 """In steps; the least that MuJoCo allows, so that the soft contacts are as hard as can be."""
 SERVO_GAIN = 10.0
@@ -53,7 +54,8 @@ def mjcf(robot: Robot, dt_s: float, shape: Shape) -> str:
     """Return the robot on flat ground as MJCF."""
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ET.SubElement(root, "option", timestep=str(dt_s), gravity=f"0 0 {-GRAVITY}", **OPTIONS)
+    gravity = _text([0.0, 0.0, -GRAVITY])
+    ET.SubElement(root, "option", timestep=str(dt_s), gravity=gravity, integrator=INTEGRATOR)
     contact = ET.SubElement(ET.SubElement(root, "default"), "geom")
     contact.set("solref", f"{CONTACT_TIME_CONSTANT_STEPS * dt_s} 1")
     contact.set("friction", _text([robot.rollers.contact_friction, 0.0, 0.0]))

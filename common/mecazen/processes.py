@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import queue
+import secrets
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -122,6 +124,19 @@ class Supervisor:
                 last = line.rstrip()
                 self._events.put(Line(name, last))
         self._events.put(Ended(name, process.wait(), last))
+
+
+def private_meeting_point() -> tuple[str, ...]:
+    """Return settings by which processes meet at a free port, under a namespace of their own.
+
+    Several runs, and one that is `up`, then do not hear each other.
+    """
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    return (
+        f'bus.connect=["tcp/127.0.0.1:{port}"]',
+        f"bus.namespace=run{secrets.token_hex(4)}",
+    )
 
 
 @contextmanager

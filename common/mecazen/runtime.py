@@ -18,7 +18,7 @@ from types import ModuleType
 from mecazen import log
 from mecazen.bus.base import StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import Scenario, load_scenario, scenario_path
+from mecazen.config import BusConfig, Scenario, load_scenario, scenario_path
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.service import NS_PER_S, Service
 
@@ -83,11 +83,10 @@ def run_service(kind: type[Service], scenario: Scenario) -> None:
     """
     service: Service | None = None
     log.set_up(kind.NAME, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
+    _refuse_taken_name(kind.NAME, scenario.bus)
     bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep")
     _stop_on_signals(bus.stop)
     try:
-        if kind.NAME in bus.alive():
-            raise BusError(f"another {kind.NAME} is already running on this bus")
         service = kind(bus, scenario)
         bus.declare_alive(kind.NAME)
         announce_readiness(bus, kind.NAME, scenario)
@@ -99,13 +98,29 @@ def run_service(kind: type[Service], scenario: Scenario) -> None:
         bus.close()
 
 
+def _refuse_taken_name(name: str, config: BusConfig) -> None:
+    """Raise BusError if a service of this name is alive.
+
+    It asks as a client, since only a client's session begins with its link to the router.
+    """
+    try:
+        bus = ZenohBus(config, "client")
+    except BusError:
+        return  # no router yet, so nobody is to be met there either
+    try:
+        if name in bus.alive():
+            raise BusError(f"another {name} is already running on this bus")
+    finally:
+        bus.close()
+
+
 def run_router(scenario: Scenario) -> None:
     """Run the Zenoh router where processes and tools meet, until a signal ends it."""
     log.set_up("router", lambda: 0.0)
     stopped = _StopFlag()
     _stop_on_signals(stopped.set)
     with open_session(scenario.bus, "router"):
-        logger.info("msg=started endpoints=%s", scenario.bus.meeting_point)
+        logger.info("msg=started endpoints=%s", ",".join(scenario.bus.meeting_point or ()))
         stopped.wait()
 
 
@@ -167,7 +182,9 @@ def run_named(name: str, scenario: Scenario, *, until_orphaned: bool = False) ->
 
 
 def _end_with_stdin() -> None:
-    sys.stdin.buffer.read()
+    # not through sys.stdin, whose lock a thread that waits would hold at the process's exit
+    while os.read(0, 4096):
+        pass
     os.kill(os.getpid(), signal.SIGTERM)
 
 

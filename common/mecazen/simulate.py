@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import secrets
-import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +15,7 @@ from mecazen.bus import LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario, load_scenario
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.processes import Supervisor, on_one_core
+from mecazen.processes import Supervisor, on_one_core, private_meeting_point
 from mecazen.runtime import announce_readiness, find_service
 from mecazen.service import NS_PER_S
 from mecazen.trajectory import Trajectory
@@ -126,9 +124,6 @@ def simulate_distributed(
 ) -> tuple[Result, Trajectory]:
     """Run the services of a scenario as processes over Zenoh, in lockstep.
 
-    They meet at a free port and under a namespace of their own, so several runs, and one
-    that is `up`, do not hear each other.
-
     Args:
         path: The scenario's file.
         settings: Overrides, as of `load_scenario`.
@@ -143,8 +138,7 @@ def simulate_distributed(
         *settings,
         "sim.mode=lockstep",
         f"services={json.dumps([*scenario.services, COLLECTOR])}",
-        f'bus.connect=["tcp/127.0.0.1:{_free_port()}"]',
-        f"bus.namespace=run{secrets.token_hex(4)}",
+        *private_meeting_point(),
     )
     scenario = load_scenario(path, settings)
     parts = [part for part in scenario.services if part != COLLECTOR]
@@ -174,8 +168,3 @@ def simulate_distributed(
     finally:
         supervisor.stop()
     return result(scenario, name, trajectory, wall_s), trajectory
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -28,6 +28,9 @@ COLUMNS = (
     "cmd_yaw_rad_s",
 )
 """Poses of robot and target are true, in world; odom and estimate are in odom."""
+
+
+Row = tuple[float | None, ...]
 
 
 class Scores(msgspec.Struct, frozen=True):
@@ -52,27 +55,29 @@ class Trajectory:
     def __init__(self, bus: Bus, tick_ns: int, ticks: int, services: Sequence[str]) -> None:
         self._tick_ns = tick_ns
         self._ticks = ticks
-        self._columns: dict[str, dict[int, tuple[float, ...]]] = {}
+        self._columns: dict[str, dict[int, Row]] = {}
+        self._needed: list[str] = []
         self._follow(bus, keys.GROUND_TRUTH, _pose)
         if "controller" in services:
             self._follow(bus, keys.ODOM, _pose)
         if "target" in services:
             self._follow(bus, keys.TARGET_ODOM, _pose)
         if "follower" in services:
-            self._follow(bus, keys.FOLLOWER_STATE, _estimate)
+            # a follower of one's own need not tell its state; ours does so before it commands
+            self._follow(bus, keys.FOLLOWER_STATE, _estimate, needed=False)
             self._follow(bus, keys.CMD_VEL, _twist)
 
     @property
     def complete(self) -> bool:
         """Whether every row is there."""
-        return all(len(column) >= self._ticks for column in self._columns.values())
+        return self.done >= self._ticks
 
     @property
     def done(self) -> int:
-        """Rows of which all is there."""
-        return min(len(column) for column in self._columns.values())
+        """Rows of which all is there that must be."""
+        return min(len(self._columns[key]) for key in self._needed)
 
-    def rows(self) -> list[tuple[float | None, ...]]:
+    def rows(self) -> list[Row]:
         """Return the rows in the order of `COLUMNS`; None where there is nothing."""
         order = (keys.GROUND_TRUTH, keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE, keys.CMD_VEL)
         empty = (None, None, None)
@@ -106,7 +111,7 @@ class Trajectory:
         robots = self._columns[keys.GROUND_TRUTH.key]
         persons = self._columns.get(keys.TARGET_ODOM.key, {})
         pairs = [
-            (Pose2D(*robots[tick]), Pose2D(*persons[tick]))
+            (Pose2D(*cast(Pose2D, robots[tick])), Pose2D(*cast(Pose2D, persons[tick])))
             for tick in range(self.done)
             if tick in persons
         ]
@@ -119,8 +124,12 @@ class Trajectory:
             ),
         )
 
-    def _follow(self, bus: Bus, topic: keys.Topic[Any], read: Any) -> None:
+    def _follow(
+        self, bus: Bus, topic: keys.Topic[Any], read: Callable[[Any], Row], *, needed: bool = True
+    ) -> None:
         column = self._columns.setdefault(topic.key, {})
+        if needed:
+            self._needed.append(topic.key)
 
         def take(message: Message, stamp: Stamp | None) -> None:
             if stamp is not None:
@@ -129,13 +138,13 @@ class Trajectory:
         bus.subscribe(topic, take, every=True)
 
 
-def _pose(odometry: Odometry) -> tuple[float, ...]:
+def _pose(odometry: Odometry) -> Row:
     return tuple(odometry.pose.pose.to_planar())
 
 
-def _estimate(state: FollowerState) -> tuple[float | None, ...]:
+def _estimate(state: FollowerState) -> Row:
     return _pose(state.estimate[0]) if state.estimate else (None, None, None)
 
 
-def _twist(twist: Twist) -> tuple[float, ...]:
+def _twist(twist: Twist) -> Row:
     return tuple(twist.to_planar())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -50,7 +51,9 @@ def session_config(config: BusConfig, mode: Mode) -> zenoh.Config:
         try:
             base = zenoh.Config.from_file(str(config.zenoh_config))
         except zenoh.ZError as error:
-            raise BusError(f"{config.zenoh_config}: not a Zenoh configuration: {error}") from None
+            raise BusError(
+                f"{config.zenoh_config}: not a Zenoh configuration: {_reason(error)}"
+            ) from None
         listen = config.listen
     meeting = config.meeting_point
     settings: dict[str, Any] = {
@@ -87,14 +90,26 @@ def open_session(config: BusConfig, mode: Mode) -> zenoh.Session:
         return zenoh.open(session_config(config, mode))
     except zenoh.ZError as error:
         endpoints = ", ".join(config.meeting_point or (str(config.zenoh_config),))
-        if mode == "router":
+        reason = _reason(error)
+        if mode == "router" and "Address already in use" in reason:
             raise BusError(
                 f"can't listen on {endpoints}: the port is taken, by another `mecazen up` or "
                 "router? (--set bus.connect='[\"tcp/127.0.0.1:PORT\"]' takes another)"
             ) from None
-        if mode == "client":
+        if mode == "client" and "Unable to connect" in reason:
             raise BusError(f"nothing answers at {endpoints}: is `mecazen up` running?") from None
-        raise BusError(f"can't open the Zenoh session: {error}") from None
+        where = f"listen on {endpoints}" if mode == "router" else "open the Zenoh session"
+        raise BusError(f"can't {where}: {reason}") from None
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Return what Zenoh says in one line, without the places in its sources."""
+    text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
+    parsing = re.search(r"-->\s*(\d+):(\d+)\s.*=\s+(.*)", text, re.DOTALL)
+    if parsing:
+        return f"line {parsing[1]}, column {parsing[2]}: {' '.join(parsing[3].split())}"
+    quoted = re.search(r'msg: "((?:[^"\\]|\\.)*)"', text)
+    return " ".join((quoted[1] if quoted else text).split())
 
 
 class ZenohBus(Bus):
@@ -119,9 +134,6 @@ class ZenohBus(Bus):
         self._queue: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._session = open_session(config, mode)
         self._tokens: list[zenoh.LivelinessToken] = []
-        self._session.liveliness().declare_subscriber(
-            f"{LIVELINESS_PREFIX}**", _direct(self._on_liveliness), history=True
-        )
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic."""
@@ -175,7 +187,7 @@ class ZenohBus(Bus):
         try:
             self._session.declare_subscriber(key, _direct(inbox.receive))
         except zenoh.ZError as error:
-            raise BusError(f"{key!r} is not a key expression: {error}") from None
+            raise BusError(f"{key!r} is not a key expression: {_reason(error)}") from None
 
     def put_bytes(
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
@@ -254,7 +266,15 @@ class ZenohBus(Bus):
         raise BusError(f"{call.key}: nobody answers; is {call.server} running?")
 
     def declare_alive(self, name: str) -> None:
-        """Hold the liveliness token `mecazen/<name>` until the bus is closed."""
+        """Hold the liveliness token `mecazen/<name>` until the bus is closed.
+
+        Who takes part also watches who else does. Not before: Zenoh answers `alive` from
+        what a watching session has heard so far, which is nothing at first.
+        """
+        if not self._tokens:
+            self._session.liveliness().declare_subscriber(
+                f"{LIVELINESS_PREFIX}**", _direct(self._on_liveliness), history=True
+            )
         self._tokens.append(self._session.liveliness().declare_token(f"{LIVELINESS_PREFIX}{name}"))
 
     def alive(self, timeout_s: float = 1.0) -> set[str]:

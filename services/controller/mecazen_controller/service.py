@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 from mecazen import keys
@@ -28,6 +30,9 @@ from mecazen_controller.odometry import Odometry as DeadReckoning
 
 AT_REST = (LimiterState(), LimiterState(), LimiterState())
 
+MAX_VALUE = 1e6
+"""No speed [m/s, rad/s] or coordinate [m] of a robot is larger; one that is gets refused."""
+
 
 class ControllerService(Service):
     """Wheel kinematics, odometry, limits and the command watchdog.
@@ -50,11 +55,13 @@ class ControllerService(Service):
             raise ConfigError(f"controller.{error}") from None
         self.kinematics = config.kinematics(scenario.robot)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
-        self.timeout_ticks = config.reference_timeout_s / self.dt
+        self.timeout_ticks = math.floor(config.reference_timeout_s / self.dt + 1e-9)
         self.pose_covariance = diagonal_covariance(config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(config.twist_covariance_diagonal)
         self.led = "follower" in scenario.services
         self.only_led = self.led and scenario.sim.mode == "lockstep"
+        self.joints_known = False
+        """Whether joint_states has ever named the wheels: then the names are right."""
         self.odom = bus.publisher(replace(keys.ODOM, key=config.odometry_key))
         self.joint_command = bus.publisher(keys.JOINT_COMMAND)
         super().__init__(bus, scenario)
@@ -62,7 +69,8 @@ class ControllerService(Service):
             self.answer_every_tick(keys.JOINT_STATES, self.on_joint_states)
         else:
             self.answer_every_tick(keys.GROUND_TRUTH, self.on_ground_truth)
-        self.subscribe(replace(keys.CMD_VEL, key=config.command_key), self.on_cmd_vel)
+        self.command_topic = replace(keys.CMD_VEL, key=config.command_key)
+        self.subscribe(self.command_topic, self.on_cmd_vel, tells_time=False)
         bus.serve(keys.SET_ODOMETRY, self.on_set_odometry)
 
     def reset(self, seed: int) -> None:
@@ -71,6 +79,7 @@ class ControllerService(Service):
         self.dead_reckoning = DeadReckoning(self.config.odometry_scale.factors)
         self.dead_reckoning.set(self.scenario.start.pose)
         self.tick = -1
+        self.tick_stamp = self.stamp
         self.reference = Twist2D()
         self.reference_tick: int | None = None
         self.velocity = self.next_velocity = AT_REST
@@ -82,9 +91,15 @@ class ControllerService(Service):
         try:
             measured = WheelSpeeds(*(speeds[name] for name in self.config.wheel_joints))
         except KeyError as missing:
-            raise ConfigError(
-                f"controller.wheel_joints: joint_states has no velocity of {missing}"
-            ) from None
+            problem = f"controller.wheel_joints: joint_states has no velocity of {missing}"
+            if self.joints_known:
+                self.bus.refuse(keys.JOINT_STATES.key, problem)
+                return
+            raise ConfigError(problem) from None
+        self.joints_known = True
+        if not _plausible(measured):
+            self.bus.refuse(keys.JOINT_STATES.key, f"speeds out of range: {tuple(measured)}")
+            return
         elapsed = self._begin_tick(stamp)
         self.dead_reckoning.update(self.kinematics.forward(measured), elapsed * self.dt)
         self._answer(
@@ -115,8 +130,11 @@ class ControllerService(Service):
         """Take a reference, and command the wheels with it at once."""
         if self.tick < 0 or (self.only_led and stamp is None):
             return
-        self.reference = twist.to_planar()
-        self.reference_tick = self.tick
+        reference = twist.to_planar()
+        if _plausible(reference):
+            self.reference, self.reference_tick = reference, self.tick
+        else:
+            self.bus.refuse(self.command_topic.key, f"speed out of range: {tuple(reference)}")
         self._command()
 
     def on_set_odometry(self, request: OdometryRequest, reply: Reply[Odometry]) -> None:
@@ -124,7 +142,11 @@ class ControllerService(Service):
         if self.config.odometry != "wheel":
             reply.refuse("controller.odometry is ground_truth: there is nothing to set")
             return
-        self.dead_reckoning.set(request.pose.to_planar())
+        pose = request.pose.to_planar()
+        if not _plausible(pose):
+            reply.refuse(f"pose out of range: coordinates must be within {MAX_VALUE:g} m")
+            return
+        self.dead_reckoning.set(pose)
         reply.answer(
             planar_odometry(
                 self.stamp.time,
@@ -141,6 +163,7 @@ class ControllerService(Service):
             # the follower is late or gone: the tick ends with the reference there is
             self._command()
         last, self.tick = self.tick, self.tick_of(stamp)
+        self.tick_stamp = stamp
         self.velocity = self.next_velocity
         return 0 if last < 0 else self.tick - last
 
@@ -148,7 +171,7 @@ class ControllerService(Service):
         due = self.tick % self.ticks_per_update == 0
         self.awaiting_reference = self.led and due
         if due:
-            self.odom.put(odometry, self.stamp)
+            self.odom.put(odometry, self.tick_stamp)
         if not self.awaiting_reference:
             self._command()
 
@@ -162,11 +185,11 @@ class ControllerService(Service):
         speeds = self.kinematics.inverse(wanted).desaturate(self.max_speed)
         self.joint_command.put(
             JointState(
-                header=Header(stamp=Stamp(self.tick * self.tick_ns, 0, 0).time),
+                header=Header(stamp=self.tick_stamp.time),
                 name=self.config.wheel_joints,
                 velocity=tuple(speeds),
             ),
-            self.stamp._replace(time_ns=self.tick * self.tick_ns),
+            self.tick_stamp,
         )
 
     def _wanted(self) -> Twist2D:
@@ -180,3 +203,7 @@ class ControllerService(Service):
         if self.reference_tick is None:
             return {"reference": "none yet"}
         return {"reference_age_s": round((self.tick - self.reference_tick) * self.dt, 6)}
+
+
+def _plausible(values: Iterable[float]) -> bool:
+    return all(abs(value) <= MAX_VALUE for value in values)

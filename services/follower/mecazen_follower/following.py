@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy.typing as npt
@@ -12,8 +13,10 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.tracking import TrackingState
 
-MAX_STEP_M = 0.5
-"""Farther than this the robot can't have moved in a tick: the odometry was set anew."""
+MAX_STEP = 0.5, 0.5
+"""Farther [m], or turned by more [rad], than this ..."""
+MAX_SPEED = 10.0, 10.0
+"""... and than at this speed [m/s, rad/s], nothing moves: the odometry was set anew."""
 
 
 class Sighting(NamedTuple):
@@ -62,7 +65,7 @@ class Following:
             ValueError: The sighting is no pose, see `Estimator.update`; without it the call
                 may be made again.
         """
-        if self._robot is not None and self._robot.distance(robot) > MAX_STEP_M:
+        if self._robot is not None and _jumped(self._robot.between(robot), dt):
             self.estimator.reset()
             self._controller.stop()
         if sighting is not None:
@@ -89,3 +92,11 @@ class Following:
     def predict(self, dt: float) -> None:
         """Let the person move on for `dt` [s]."""
         self.estimator.predict(dt)
+
+
+def _jumped(moved: Pose2D, dt: float) -> bool:
+    amounts = math.hypot(moved.x, moved.y), abs(moved.yaw)
+    return any(
+        amount > max(step, speed * dt)
+        for amount, step, speed in zip(amounts, MAX_STEP, MAX_SPEED, strict=True)
+    )

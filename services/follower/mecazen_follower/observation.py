@@ -8,7 +8,7 @@ import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.messages import PoseWithCovariance
 
-from mecazen_follower.estimators import Covariance
+from mecazen_follower.estimators import MAX_DISTANCE, Covariance
 from mecazen_follower.following import Sighting
 
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
@@ -20,9 +20,14 @@ def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
 
     `robot` is base_link in odom at the time of the capture. What comes in `base_link` is
     moved by it; what comes in another frame (world, odom) is taken to be in odom already.
+
+    Raises:
+        ValueError: Numbers so large that they can't be turned.
     """
     pose = seen.pose.to_planar()
     covariance = np.asarray(seen.covariance).reshape(6, 6)[PLANAR]
+    if max(abs(pose.x), abs(pose.y), np.abs(covariance).max()) > MAX_DISTANCE**2:
+        raise ValueError("observation is out of range")
     if frame_id != "base_link":
         return Sighting(pose, covariance)
     c, s = math.cos(robot.yaw), math.sin(robot.yaw)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
+from mecazen.follower import Follower
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.messages import (
     FollowerState,
@@ -16,7 +17,7 @@ from mecazen.messages import (
     Twist,
     TwistWithCovariance,
 )
-from mecazen.service import NS_PER_S, Service
+from mecazen.service import NS_PER_S
 from mecazen.wire import Stamp
 
 from mecazen_follower.config import FollowerConfig
@@ -25,82 +26,52 @@ from mecazen_follower.following import Following, Sighting, Step
 from mecazen_follower.observation import in_odom, ros_covariance
 
 HISTORY_TICKS = 500
-"""Odometry that is kept for observations that come late."""
+"""Odometry that is kept, besides the sensor's latency, for observations that come late."""
 
 
-class FollowerService(Service):
+class FollowerService(Follower):
     """Estimates the person from noisy observations and drives the robot to its place.
 
-    At every tick `odom` gives the robot's pose; in ticks that bring a frame of the sensor,
-    the follower waits for `target/observation` as well. Then it publishes `cmd_vel` and
-    `follower/state`. A frame that is late is taken in at the next tick, with the robot's
-    pose at its capture.
+    At every tick it publishes `follower/state` and `cmd_vel`. An observation is placed with
+    the robot's pose at its capture, however late it comes.
     """
-
-    NAME = "follower"
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.section(FollowerConfig, "follower")
-        self.dt = scenario.sim.tick_s
-        self.ticks_per_frame = scenario.sensor.ticks_per_frame(self.dt)
-        self.sees = "target" in scenario.services
-        self.cmd_vel = bus.publisher(keys.CMD_VEL)
+        self.history_ticks = HISTORY_TICKS + round(scenario.sensor.latency_s / scenario.sim.tick_s)
         self.state = bus.publisher(keys.FOLLOWER_STATE)
         super().__init__(bus, scenario)
-        self.answer_every_tick(keys.ODOM, self.on_odom)
-        self.subscribe(keys.OBSERVATION, self.on_observation)
 
     def reset(self, seed: int) -> None:
         """Forget the person and the way."""
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
         self.robot: dict[int, Pose2D] = {}
-        self.frame: Observation | None = None
-        self.frame_ns = -1
-        self.odom: Odometry | None = None
-        self.odom_stamp = self.last_stamp = Stamp(0, 0, 0)
-        self.late_frames = 0
+        self.last_ns: int | None = None
 
-    def on_odom(self, odom: Odometry, stamp: Stamp) -> None:
-        """Take the robot's pose of a tick; act, unless a frame of this tick is still to come."""
-        if self.odom is not None:
-            self.late_frames += 1
-            self._act(self.odom)
-        self.odom, self.odom_stamp = odom, stamp
-        self.robot[stamp.time_ns] = odom.pose.pose.to_planar()
-        if len(self.robot) > HISTORY_TICKS:
+    def follow(self, odom: Odometry, frame: Observation | None, stamp: Stamp) -> Twist2D:
+        """Publish the state of a tick, and return its command."""
+        robot = odom.pose.pose.to_planar()
+        self.robot[stamp.time_ns] = robot
+        if len(self.robot) > self.history_ticks:
             del self.robot[next(iter(self.robot))]
-        due = self.sees and self.tick_of(stamp) % self.ticks_per_frame == 0
-        if not due or self.frame_ns == stamp.time_ns:
-            self._act(odom)
-
-    def on_observation(self, frame: Observation, stamp: Stamp | None) -> None:
-        """Take a frame; act, if it is the one that the tick waits for."""
-        self.frame = frame
-        self.frame_ns = -1 if stamp is None else stamp.time_ns
-        if self.odom is not None and self.frame_ns == self.odom_stamp.time_ns:
-            self._act(self.odom)
-
-    def _act(self, odom: Odometry) -> None:
-        """Publish the command of a tick."""
-        self.odom = None
-        stamp, robot = self.odom_stamp, odom.pose.pose.to_planar()
-        elapsed_ns = stamp.time_ns - self.last_stamp.time_ns
-        self.last_stamp = stamp
-        if elapsed_ns > 0:
-            self.following.predict(elapsed_ns / NS_PER_S)
+        dt = self.dt
+        if self.last_ns is not None:
+            dt = (stamp.time_ns - self.last_ns) / NS_PER_S
+            self.following.predict(dt)
+        self.last_ns = stamp.time_ns
         time = stamp.time_ns / NS_PER_S
         try:
-            step = self.following.step(time, self.dt, robot, self._sighting(robot))
+            step = self.following.step(time, dt, robot, self._sighting(frame, robot))
         except ValueError as refusal:
             self.bus.refuse(keys.OBSERVATION.key, str(refusal))
-            step = self.following.step(time, self.dt, robot, None)
-        self.cmd_vel.put(Twist.planar(step.command), stamp)
+            step = self.following.step(time, dt, robot, None)
+        # before the command: who has the command of a tick has all of the tick
         self.state.put(_state(odom.header, self.config.estimator, step), stamp)
+        return step.command
 
-    def _sighting(self, robot: Pose2D) -> Sighting | None:
-        """Take the waiting frame; return the person in it in odom, if it shows one."""
-        frame, self.frame = self.frame, None
+    def _sighting(self, frame: Observation | None, robot: Pose2D) -> Sighting | None:
+        """Return the person in a frame in odom, if it shows one."""
         if frame is None or not frame.poses:
             return None
         # a frame from before the history, or of a foreign clock, is placed as if taken now

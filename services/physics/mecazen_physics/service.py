@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import secrets
 import time
 
@@ -10,6 +11,7 @@ from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario, whole_ticks
 from mecazen.errors import StepTimeoutError
+from mecazen.geometry import Twist2D
 from mecazen.messages import (
     Clock,
     Empty,
@@ -43,6 +45,10 @@ logger = logging.getLogger(__name__)
 PRESENCE_POLL_S = 0.25
 """How long a missing answer may take before it is asked whether its service still lives."""
 
+FARTHEST_M = 1e6
+"""Largest coordinate of a person: beyond it collisions are no numbers."""
+FASTEST_M_S = 10.0
+"""At most this fast a person pushes the robot, however fast they are said to be."""
 
 SLOW_DOWN_S = 1.0
 """Over this time the wheels are brought to rest when their controller has gone."""
@@ -113,9 +119,14 @@ class PhysicsService(Service):
         self._publish()
 
     def step(self) -> None:
-        """Wait for the answers to this tick, simulate one control period, publish the next."""
+        """Wait for the answers to this tick, simulate one control period, publish the next.
+
+        While time is held, it waits; where that would have no end, on the bus within a
+        process, it returns and nothing has happened.
+        """
         self.await_answers()
-        self._hold()
+        if not self._hold():
+            return
         if self.asked_reset is not None:
             self._reset_as_asked(*self.asked_reset)
             return
@@ -162,19 +173,26 @@ class PhysicsService(Service):
 
     def on_target_odom(self, person: Odometry, stamp: Stamp | None) -> None:
         """Place the person's body."""
-        self.world.place_person(person.pose.pose.to_planar(), person.twist.twist.to_planar())
+        pose, twist = person.pose.pose.to_planar(), person.twist.twist.to_planar()
+        if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
+            self.bus.refuse(keys.TARGET_ODOM.key, f"pose out of range: {tuple(pose)}")
+            return
+        slower = FASTEST_M_S / max(math.hypot(twist.x, twist.y), FASTEST_M_S)
+        self.world.place_person(pose, Twist2D(twist.x * slower, twist.y * slower))
         if stamp is not None and stamp.time_ns == self.stamp.time_ns:
             self.awaited.discard("target")
 
     def on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
         """Hold simulated time at this tick."""
         del request
+        self._end_stepping("paused meanwhile")
         self.paused = True
         reply.answer(self.sim_state())
 
     def on_resume(self, request: Empty, reply: Reply[SimState]) -> None:
         """Let simulated time go on."""
         del request
+        self._end_stepping("resumed meanwhile")
         self.paused = False
         self.schedule.restart(self.tick)
         reply.answer(self.sim_state())
@@ -266,23 +284,28 @@ class PhysicsService(Service):
         if self.awaited and self.asked_reset is None and not self.paused:
             self.missed_deadlines += 1
 
-    def _hold(self) -> None:
-        """Deliver what arrives while simulated time is held."""
+    def _hold(self) -> bool:
+        """Deliver what arrives while simulated time is held; return whether it goes on."""
         while self.asked_reset is None and (
             (self.paused and not self.steps_left)
             or (self.lockstep and self.tick >= self.scenario.sim.ticks - 1)
         ):
-            self.bus.spin_once()
+            if not self.bus.spin_once():
+                return False
+        return True
 
     def _reset_as_asked(self, request: ResetRequest, reply: Reply[SimState]) -> None:
         self.asked_reset = None
-        self.steps_left = 0
-        if self.step_reply is not None:
-            self.step_reply.refuse("reset meanwhile")
-            self.step_reply = None
+        self._end_stepping("reset meanwhile")
         self.reset(self.stamp.seed if request.seed is None else request.seed)
         self.begin()
         reply.answer(self.sim_state())
+
+    def _end_stepping(self, reason: str) -> None:
+        self.steps_left = 0
+        if self.step_reply is not None:
+            self.step_reply.refuse(reason)
+            self.step_reply = None
 
     def _stop_if_commands_are_gone(self) -> None:
         """Let the wheels slow down to rest when nobody commands them any more."""

@@ -29,11 +29,13 @@ class Driven:
         self._command = twist
         self._ticks_left = self._timeout_ticks
 
-    def step(self) -> Motion:
-        """Move the person by one tick and return the new motion."""
-        twist = self._command if self._ticks_left > 0 else Twist2D()
-        self._ticks_left = max(self._ticks_left - 1, 0)
+    def step(self, ticks: int = 1) -> Motion:
+        """Move the person by some ticks, at least 1, and return the new motion."""
+        moving = min(ticks, self._ticks_left)
+        self._ticks_left -= moving
         pose, _, distance = self.motion
-        walked = math.hypot(twist.x, twist.y) * self._tick_s
-        self.motion = Motion(pose.integrate(twist, self._tick_s), twist, distance + walked)
+        twist, duration = self._command, moving * self._tick_s
+        walked = math.hypot(twist.x, twist.y) * duration
+        pose = pose.integrate(twist, duration)
+        self.motion = Motion(pose, twist if moving == ticks else Twist2D(), distance + walked)
         return self.motion

@@ -23,6 +23,9 @@ from mecazen_target.config import TargetConfig
 from mecazen_target.sensor import Frame, Sensor
 from mecazen_target.walker import Walker
 
+MAX_SPEED = 10.0
+"""No person moves or turns faster [m/s, rad/s]: a command that wants it is refused."""
+
 
 class TargetService(Service):
     """The person walks a path, or is driven by `target/cmd_vel`.
@@ -43,7 +46,7 @@ class TargetService(Service):
         self.observation = bus.publisher(keys.OBSERVATION)
         super().__init__(bus, scenario)
         self.answer_every_tick(keys.GROUND_TRUTH, self.on_ground_truth)
-        self.subscribe(keys.TARGET_CMD_VEL, self.on_cmd_vel)
+        self.subscribe(keys.TARGET_CMD_VEL, self.on_cmd_vel, tells_time=False)
 
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""
@@ -64,7 +67,11 @@ class TargetService(Service):
     def on_cmd_vel(self, twist: Twist, stamp: Stamp | None) -> None:
         """Move the person by hand, where the path is `driven`."""
         del stamp
-        self.walker.command(twist.to_planar())
+        wanted = twist.to_planar()
+        if any(abs(speed) > MAX_SPEED for speed in wanted):
+            self.bus.refuse(keys.TARGET_CMD_VEL.key, f"speed out of range: {tuple(wanted)}")
+            return
+        self.walker.command(wanted)
 
     def _message(self, frame: Frame) -> Observation:
         captured = Time.from_ns(frame.capture_tick * self.tick_ns)

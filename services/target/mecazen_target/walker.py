@@ -42,9 +42,8 @@ class Walker:
         if self._path is not None:
             motion = self._path.at(tick * self._tick_s)
         else:
-            for _ in range(tick - self._tick):
-                self._driven.step()
-            motion = self._driven.motion
+            missed = tick - self._tick
+            motion = self._driven.step(missed) if missed else self._driven.motion
         self._tick = tick
         self.distance = motion.distance
         return motion if self._config.gait is None else with_gait(motion, self._config.gait)

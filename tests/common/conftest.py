@@ -1,0 +1,180 @@
+"""Scenario files, a Zenoh router of one's own, and pairs of buses that hear each other."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mecazen.bus import Bus, LocalBus, StoppedError
+from mecazen.bus.zenoh_bus import ZenohBus, open_session
+from mecazen.config import BusConfig, Scenario, load_scenario
+from mecazen.errors import BusError
+from mecazen.keys import Topic
+from mecazen.messages import String
+from mecazen.wire import Stamp
+
+ROBOT_FILE = Path(__file__).parents[2] / "configs" / "robots" / "nexus.toml"
+GUARD_S = 10.0
+"""Only ends a test that would hang; nothing is measured with it."""
+
+END = Topic("test/end", String, "once", "a test", "all before it has arrived")
+
+
+@pytest.fixture
+def write_scenario(tmp_path: Path) -> Callable[..., Path]:
+    """Write a scenario into `scenarios/`, beside `robots/nexus.toml`; return its path."""
+    for folder in ("robots", "scenarios"):
+        (tmp_path / folder).mkdir()
+    shutil.copy(ROBOT_FILE, tmp_path / "robots" / "nexus.toml")
+
+    def write(text: str = "", robot: str = 'robot = "../robots/nexus.toml"\n') -> Path:
+        path = tmp_path / "scenarios" / "test.toml"
+        path.write_text(robot + text)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def scenario(write_scenario: Callable[..., Path]) -> Scenario:
+    return load_scenario(write_scenario("seed = 5\n"))
+
+
+@pytest.fixture
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+@pytest.fixture(scope="session")
+def router() -> Iterator[str]:
+    """A Zenoh router on loopback; its endpoint."""
+    for _ in range(10):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        try:
+            session = open_session(BusConfig(connect=(endpoint,)), "router")
+        except BusError:
+            continue  # another process was faster on this port
+        with session:
+            yield endpoint
+        return
+    pytest.fail("no free port")
+
+
+@pytest.fixture
+def open_bus(router: str) -> Iterator[Callable[..., ZenohBus]]:
+    """Open Zenoh buses that meet in one random namespace, unless told another."""
+    own = f"test{secrets.token_hex(6)}"
+    buses: list[ZenohBus] = []
+
+    def open_one(mode: str = "peer", namespace: str = own, **settings: Any) -> ZenohBus:
+        config = BusConfig(connect=(router,), namespace=namespace, **settings)
+        buses.append(ZenohBus(config, mode, lossless=True))
+        return buses[-1]
+
+    yield open_one
+    for bus in buses:
+        bus.close()
+
+
+def spin_until(bus: Bus, condition: Callable[[], bool]) -> None:
+    """Deliver what arrives until `condition` holds."""
+    end = time.monotonic() + GUARD_S
+    while not condition():
+        assert time.monotonic() < end, "what was waited for did not come"
+        bus.spin_once(0.1)
+
+
+class Pair:
+    """One bus that listens and answers, and one that publishes and asks.
+
+    On the local bus both are the same.
+    """
+
+    def __init__(self, near: Bus, far: Bus) -> None:
+        self.near = near
+        self.far = far
+        self._ended = 0
+        self._ready = 0
+        near.subscribe(END, self._on_end, every=True)
+        near.declare_alive("near")
+        far.declare_alive("far")  # who is alive itself sees who else is
+
+    @property
+    def is_local(self) -> bool:
+        return self.near is self.far
+
+    def link(self) -> None:
+        """Wait until what the far bus puts reaches every subscription of the near one.
+
+        A token is declared after the subscriptions, so who sees it knows them.
+        """
+        self._ready += 1
+        name = f"near{self._ready}"
+        self.near.declare_alive(name)
+        spin_until(self.far, lambda: name in self.far.presence.names)
+
+    def settle(self) -> None:
+        """Deliver everything that the far bus has put so far."""
+        awaited = self._ended + 1
+        self.far.publisher(END).put(String(), Stamp(0, 0, 0))
+        spin_until(self.near, lambda: self._ended == awaited)
+
+    @contextmanager
+    def serving(self) -> Iterator[None]:
+        """Let the near bus work while the far one waits for its answers."""
+        if self.is_local:
+            yield
+            return
+        thread = threading.Thread(target=run_bus, args=(self.near,))
+        thread.start()
+        try:
+            yield
+        finally:
+            self.near.stop()
+            thread.join(GUARD_S)
+            assert not thread.is_alive()
+
+    def _on_end(self, message: String, stamp: Stamp | None) -> None:
+        del message, stamp
+        self._ended += 1
+
+
+def run_bus(bus: Bus) -> None:
+    try:
+        while True:
+            bus.spin_once()
+    except StoppedError:
+        pass
+
+
+@pytest.fixture(params=["local", "zenoh", "zenoh msgpack"])
+def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
+    with ExitStack() as stack:
+        if request.param == "local":
+            bus = LocalBus()
+            stack.callback(bus.close)
+            yield Pair(bus, bus)
+        else:
+            open_one = request.getfixturevalue("open_bus")
+            form = "msgpack" if "msgpack" in request.param else "json"
+            yield Pair(open_one(format=form), open_one(format=form))
+
+
+@pytest.fixture
+def zenoh_pair(open_bus: Callable[..., ZenohBus]) -> Pair:
+    return Pair(open_bus(), open_bus())
+
+
+@pytest.fixture
+def wait_until() -> Callable[[Bus, Callable[[], bool]], None]:
+    return spin_until

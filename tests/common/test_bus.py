@@ -1,0 +1,231 @@
+"""What both buses do alike; `test_local_bus` and `test_zenoh_bus` hold what only one does."""
+
+from types import SimpleNamespace
+
+import pytest
+from mecazen import keys
+from mecazen.errors import BusError
+from mecazen.messages import (
+    Clock,
+    OdometryRequest,
+    SimState,
+    StepRequest,
+    String,
+    Time,
+    Twist,
+    Vector3,
+)
+from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, MSGPACK_ENCODING, Stamp
+
+STAMP = Stamp(10_000_000, 3, 7)
+
+
+def forward(speed):
+    return Twist(linear=Vector3(x=speed))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The clock that limits the log; it stands until a test moves it."""
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr("mecazen.bus.base.time", SimpleNamespace(monotonic=lambda: now.s))
+    return now
+
+
+@pytest.fixture
+def received(pair):
+    """What arrives on cmd_vel, from a linked far bus."""
+    samples = []
+    pair.near.subscribe(keys.CMD_VEL, lambda message, stamp: samples.append((message, stamp)))
+    pair.link()
+    return samples
+
+
+def test_a_sample_arrives_with_its_stamp(pair, received):
+    pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
+    pair.settle()
+    assert received == [(forward(0.2), STAMP)]
+
+
+def test_with_every_all_samples_arrive_in_order_also_across_keys(pair):
+    samples = []
+    for topic in (keys.CMD_VEL, keys.CLOCK):
+        pair.near.subscribe(topic, lambda message, _: samples.append(message), every=True)
+    pair.link()
+    clocks, commands = pair.far.publisher(keys.CLOCK), pair.far.publisher(keys.CMD_VEL)
+    expected = []
+    for tick in range(100):
+        clocks.put(Clock(Time(tick)), STAMP)
+        commands.put(forward(tick), STAMP)
+        expected += [Clock(Time(tick)), forward(tick)]
+    pair.settle()
+    assert samples == expected
+
+
+def test_each_subscriber_of_a_key_gets_its_samples(pair):
+    first, second = [], []
+    for samples in (first, second):
+        pair.near.subscribe(
+            keys.CMD_VEL, lambda message, _, to=samples: to.append(message), every=True
+        )
+    pair.link()
+    pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
+    pair.settle()
+    assert first == second == [forward(0.2)]
+
+
+def test_samples_of_other_keys_do_not_arrive(pair, received):
+    pair.far.publisher(keys.TARGET_CMD_VEL).put(forward(0.2), STAMP)
+    pair.settle()
+    assert received == []
+
+
+@pytest.mark.parametrize("encoding", ["", JSON_ENCODING])
+def test_an_outsiders_json_arrives_without_a_stamp(pair, received, encoding):
+    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}\n', encoding)
+    pair.settle()
+    assert received == [(forward(0.2), None)]
+
+
+@pytest.mark.parametrize("encoding", ["", MSGPACK_ENCODING])
+def test_an_outsiders_messagepack_arrives(pair, received, encoding):
+    payload = b"\x81\xa6linear\x81\xa1x\xcb\x3f\xe0" + bytes(6)
+    pair.far.put_bytes("cmd_vel", payload, encoding, STAMP.pack())
+    pair.settle()
+    assert received == [(forward(0.5), STAMP)]
+
+
+@pytest.mark.parametrize(
+    ("payload", "attachment"),
+    [
+        (b"", None),
+        (b"{", None),
+        (b"hello", None),
+        (b'{"linear":{"x":"fast"}}', None),
+        (b"\x81\xa6linear\x81\xa1x\xcb\x7f\xf8" + bytes(6), None),
+        (b"[" * 100_000, None),
+        (b"{}" + b" " * MAX_PAYLOAD_BYTES, None),
+        (b"{}", b"15 bytes, not 16"[:15]),
+        (b"{}", b"\xff" * 16),
+    ],
+    ids=["empty", "truncated", "text", "type", "nan", "nested", "oversize", "short", "negative"],
+)
+def test_what_is_refused_is_counted_and_the_last_good_value_stays(
+    pair, received, caplog, payload, attachment
+):
+    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+    pair.settle()
+    pair.far.put_bytes("cmd_vel", payload, "", attachment)
+    pair.settle()
+    assert received == [(forward(0.2), None)]
+    assert pair.near.refused == {"cmd_vel": 1}
+    assert len(caplog.messages) == 1
+    assert caplog.messages[0].startswith("msg=refused key=cmd_vel count=1 reason=")
+    assert len(caplog.messages[0].splitlines()) == 1
+    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    pair.settle()
+    assert received[1:] == [(forward(0.3), None)]
+
+
+def test_refusals_are_logged_once_a_second_for_each_key_and_all_are_counted(pair, caplog, clock):
+    for topic in (keys.CMD_VEL, keys.TARGET_CMD_VEL):
+        pair.near.subscribe(topic, lambda *_: None, every=True)
+    pair.link()
+
+    def put(key, times):
+        for _ in range(times):
+            pair.far.put_bytes(key, b"nonsense")
+        pair.settle()
+
+    put("cmd_vel", 50)
+    put("target/cmd_vel", 2)
+    clock.s += 0.99
+    put("cmd_vel", 50)
+    assert [line.partition(" reason")[0] for line in caplog.messages] == [
+        "msg=refused key=cmd_vel count=1",
+        "msg=refused key=target/cmd_vel count=1",
+    ]
+    clock.s += 0.02
+    put("cmd_vel", 50)
+    assert [line.partition(" reason")[0] for line in caplog.messages[2:]] == [
+        "msg=refused key=cmd_vel count=101"
+    ]
+    assert pair.near.refused == {"cmd_vel": 150, "target/cmd_vel": 2}
+
+
+def test_a_query_is_answered(pair):
+    pair.near.serve(
+        keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks))
+    )
+    pair.link()
+    with pair.serving():
+        assert pair.far.call(keys.SIM_STEP, StepRequest(ticks=5)) == SimState(tick=5)
+        assert pair.far.call(keys.SIM_STEP, StepRequest(ticks=6)).tick == 6
+
+
+def test_a_query_may_be_answered_later(pair):
+    replies = []
+    clocks = pair.near.publisher(keys.CLOCK)
+
+    def ask_the_clock(request, reply):
+        del request
+        replies.append(reply)
+        clocks.put(Clock(Time(1)), STAMP)
+
+    pair.near.serve(keys.SIM_RESET, ask_the_clock)
+    pair.near.subscribe(
+        keys.CLOCK, lambda clock, _: replies.pop().answer(SimState(tick=clock.clock.sec))
+    )
+    pair.link()
+    with pair.serving():
+        assert pair.far.call(keys.SIM_RESET, keys.SIM_RESET.request()).tick == 1
+
+
+def test_when_a_query_is_refused_expect_the_reason(pair):
+    pair.near.serve(keys.SIM_STEP, lambda _, reply: reply.refuse("pause first"))
+    pair.link()
+    with pair.serving(), pytest.raises(BusError, match=r"^sim/step: pause first$"):
+        pair.far.call(keys.SIM_STEP, StepRequest())
+
+
+def test_when_nobody_answers_expect_that_said(pair):
+    pair.link()
+    with pytest.raises(BusError, match=r"^set_odometry: nobody answers") as caught:
+        pair.far.call(keys.SET_ODOMETRY, OdometryRequest())
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_who_is_alive_is_present_and_told_of(pair, wait_until):
+    told = []
+    pair.near.presence.on_change = lambda: told.append(set(pair.near.presence.names))
+    pair.far.declare_alive("physics")
+    pair.far.declare_alive("physics/ready")
+    wait_until(pair.near, lambda: {"physics", "physics/ready"} <= pair.near.presence.names)
+    assert told[-1] >= {"physics", "physics/ready"}
+
+
+def test_spin_once_when_nothing_came_in_time_is_false(pair):
+    pair.link()
+    pair.settle()
+    while pair.near.spin_once(0.0):
+        pass
+    assert pair.near.spin_once(0.001) is False
+
+
+def test_what_a_handler_raises_reaches_who_spins(pair):
+    def fail(message, stamp):
+        raise ZeroDivisionError
+
+    pair.near.subscribe(keys.CMD_VEL, fail)
+    pair.link()
+    pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
+    with pytest.raises(ZeroDivisionError):
+        pair.settle()
+
+
+def test_a_long_text_arrives_whole(pair):
+    text = String("äöü" * 50_000)
+    pair.near.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(text))
+    pair.link()
+    with pair.serving():
+        assert pair.far.call(keys.ROBOT_DESCRIPTION, keys.ROBOT_DESCRIPTION.request()) == text

@@ -1,0 +1,141 @@
+"""Planar poses against figures worked out by hand, and their algebra for any pose."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+
+ROUNDING = 1e-12
+"""A few roundings of numbers of at most 100: 100 times 2⁻⁵² is 2e-14."""
+
+lengths = st.floats(-100.0, 100.0)
+angles = st.floats(-math.pi, math.pi)
+poses = st.builds(Pose2D, lengths, lengths, angles)
+twists = st.builds(Twist2D, st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
+
+
+def assert_same(pose, expected, tolerance=ROUNDING):
+    assert pose.x == pytest.approx(expected.x, abs=tolerance)
+    assert pose.y == pytest.approx(expected.y, abs=tolerance)
+    assert abs(wrap(pose.yaw - expected.yaw)) <= tolerance
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"),
+    [
+        (0.0, 0.0),
+        (math.pi, math.pi),
+        (-math.pi, math.pi),
+        (3.0 * math.pi, math.pi),
+        (math.tau, 0.0),
+        (-math.tau, 0.0),
+        (1.5 * math.pi, -0.5 * math.pi),
+        (-1.5 * math.pi, 0.5 * math.pi),
+        (math.nextafter(math.pi, 4.0), -math.pi),
+        (0.3, 0.3),
+    ],
+)
+def test_an_angle_wraps_into_minus_pi_excluded_to_pi(angle, expected):
+    assert wrap(angle) == pytest.approx(expected, abs=1e-15)
+    assert -math.pi < wrap(angle) <= math.pi
+
+
+@given(st.floats(-1e6, 1e6))
+def test_a_wrapped_angle_is_the_same_direction_and_stays_when_wrapped_again(angle):
+    wrapped = wrap(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert wrap(wrapped) == wrapped
+    # tau is not 2 pi exactly: off by 2.4e-16, times up to 1.6e5 turns
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-10)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-10)
+
+
+def test_compose_expect_the_child_turned_and_shifted_into_the_parent():
+    # facing left at (1, 2), a point 3 ahead and 1 to the left is 3 up and 1 back
+    parent = Pose2D(1.0, 2.0, math.pi / 2)
+    assert_same(parent.compose(Pose2D(3.0, 1.0, 0.5)), Pose2D(0.0, 5.0, math.pi / 2 + 0.5))
+
+
+def test_compose_when_the_yaws_pass_pi_expect_the_sum_wrapped():
+    pose = Pose2D(0.0, 0.0, 3.0).compose(Pose2D(0.0, 0.0, 1.0))
+    assert pose.yaw == pytest.approx(4.0 - math.tau, abs=ROUNDING)
+
+
+def test_between_expect_the_other_as_seen_from_here():
+    # seen from (1, 2) facing left, the origin is 2 behind and 1 to the left
+    seen = Pose2D(1.0, 2.0, math.pi / 2).between(Pose2D(0.0, 0.0, math.pi))
+    assert_same(seen, Pose2D(-2.0, 1.0, math.pi / 2))
+
+
+def test_between_when_the_headings_lie_across_pi_expect_the_short_way():
+    assert Pose2D(yaw=3.1).between(Pose2D(yaw=-3.1)).yaw == pytest.approx(math.tau - 6.2)
+
+
+@given(poses, poses)
+def test_between_undoes_compose(a, b):
+    assert_same(a.between(a.compose(b)), b)
+    assert_same(a.compose(a.between(b)), b)
+
+
+@given(poses, poses, poses)
+def test_compose_is_associative(a, b, c):
+    assert_same(a.compose(b).compose(c), a.compose(b.compose(c)))
+
+
+@given(poses)
+def test_the_origin_changes_nothing(pose):
+    assert_same(pose.compose(Pose2D()), pose)
+    assert_same(Pose2D().compose(pose), pose)
+    assert_same(pose.between(pose), Pose2D())
+
+
+def test_integrate_a_quarter_circle_expect_its_end_to_the_left():
+    # radius v / w = 2: from the origin facing x to (2, 2) facing y
+    pose = Pose2D().integrate(Twist2D(x=1.0, yaw=0.5), math.pi)
+    assert_same(pose, Pose2D(2.0, 2.0, math.pi / 2))
+
+
+def test_integrate_a_sideways_half_circle_expect_its_end_behind():
+    # moving left while turning left on a radius of 1: the centre is at (-1, 0)
+    pose = Pose2D().integrate(Twist2D(y=1.0, yaw=1.0), math.pi)
+    assert_same(pose, Pose2D(-2.0, 0.0, math.pi))
+
+
+def test_integrate_a_straight_line_expect_it_in_the_heading():
+    pose = Pose2D(1.0, 1.0, math.pi / 2).integrate(Twist2D(x=0.2, y=0.1), 10.0)
+    assert_same(pose, Pose2D(0.0, 3.0, math.pi / 2))
+
+
+def test_integrate_a_full_turn_expect_the_start():
+    assert_same(Pose2D(1.0, 2.0, 3.0).integrate(Twist2D(x=1.0, yaw=math.tau), 1.0), Pose2D(1, 2, 3))
+
+
+@given(poses, twists, st.floats(1e-6, 2.0), st.integers(2, 7))
+def test_integrate_in_parts_is_integrate_in_one(pose, twist, dt, parts):
+    stepped = pose
+    for _ in range(parts):
+        stepped = stepped.integrate(twist, dt / parts)
+    assert_same(stepped, pose.integrate(twist, dt))
+
+
+@given(poses, twists, st.floats(1e-6, 1.0))
+def test_integrate_back_is_the_start(pose, twist, dt):
+    assert_same(pose.integrate(twist, dt).integrate(twist, -dt), pose)
+
+
+@pytest.mark.parametrize("angle", [1e-9, 0.99e-4, 1.01e-4, 1e-3, -1.01e-4])
+def test_integrate_a_hardly_bent_arc_keeps_its_digits(angle):
+    # to the side it is a/2 - a³/24 + a⁵/720 …, whose next term is below 1e-18 of the first
+    side = angle / 2 - angle**3 / 24 + angle**5 / 720
+    assert Pose2D().integrate(Twist2D(x=1.0, yaw=angle), 1.0).y == pytest.approx(side, rel=1e-14)
+
+
+def test_distance_is_that_of_the_origins():
+    assert Pose2D(1.0, 1.0, 2.0).distance(Pose2D(4.0, 5.0, -1.0)) == 5.0
+
+
+def test_rotate_a_quarter_turn_expect_x_to_become_y():
+    x, y = rotate(2.0, 1.0, math.pi / 2)
+    assert (x, y) == pytest.approx((-1.0, 2.0), abs=ROUNDING)

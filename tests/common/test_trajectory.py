@@ -1,0 +1,144 @@
+"""The table of a run and its scores, against figures worked out by hand."""
+
+import hashlib
+import math
+
+import pytest
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import FollowerState, Time, Twist, planar_odometry
+from mecazen.trajectory import COLUMNS, Scores, Trajectory
+from mecazen.wire import Stamp
+
+TICK_NS = 10_000_000
+ALL = ("physics", "controller", "target", "follower")
+
+
+class Run:
+    """A bus on which a run is told, and its trajectory."""
+
+    def __init__(self, ticks, services=ALL):
+        self.bus = LocalBus()
+        self.trajectory = Trajectory(self.bus, TICK_NS, ticks, services)
+
+    def put(self, topic, tick, message):
+        self.bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))
+        self.bus.spin()
+
+    def pose(self, topic, tick, *pose):
+        odometry = planar_odometry(Time(), "world", "base", Pose2D(*pose), Twist2D())
+        self.put(topic, tick, odometry)
+
+    def tick(self, tick, robot=(0.0, 0.0, 0.0), person=(1.0, 0.0, 0.0)):
+        self.pose(keys.GROUND_TRUTH, tick, *robot)
+        self.pose(keys.ODOM, tick, 0.5, 0.25, 0.0)
+        self.pose(keys.TARGET_ODOM, tick, *person)
+        self.put(keys.FOLLOWER_STATE, tick, FollowerState())
+        self.put(keys.CMD_VEL, tick, Twist.planar(Twist2D(0.125, -0.5, 2.0)))
+
+
+def test_a_row_holds_time_poses_and_command_in_the_order_of_the_columns():
+    run = Run(1)
+    run.tick(0, robot=(1.0, 2.0, 0.0), person=(3.0, 4.0, 0.0))
+    assert run.trajectory.rows() == [
+        (0.0, 1.0, 2.0, 0.0, 0.5, 0.25, 0.0, 3.0, 4.0, 0.0, None, None, None, 0.125, -0.5, 2.0)
+    ]
+    assert len(COLUMNS) == 16
+
+
+def test_the_csv_has_every_digit_and_nothing_where_nothing_is():
+    run = Run(2)
+    run.tick(0, robot=(0.1 + 0.2, -0.0, 0.0))
+    run.tick(1)
+    assert run.trajectory.csv().decode() == (
+        "t_s,robot_x_m,robot_y_m,robot_yaw_rad,odom_x_m,odom_y_m,odom_yaw_rad,"
+        "target_x_m,target_y_m,target_yaw_rad,estimate_x_m,estimate_y_m,estimate_yaw_rad,"
+        "cmd_x_m_s,cmd_y_m_s,cmd_yaw_rad_s\n"
+        "0.0,0.30000000000000004,-0.0,0.0,0.5,0.25,0.0,1.0,0.0,0.0,,,,0.125,-0.5,2.0\n"
+        "0.01,0.0,0.0,0.0,0.5,0.25,0.0,1.0,0.0,0.0,,,,0.125,-0.5,2.0\n"
+    )
+
+
+def test_an_estimate_is_written_where_there_is_one():
+    run = Run(1)
+    estimate = planar_odometry(Time(), "odom", "person", Pose2D(1.5, 2.5, 0.0), Twist2D())
+    run.put(keys.FOLLOWER_STATE, 0, FollowerState(estimate=(estimate,)))
+    run.tick(0)
+    assert run.trajectory.rows()[0][10:13] == (1.5, 2.5, 0.0)
+
+
+def test_the_hash_is_that_of_the_csv_and_tells_the_last_bit(tmp_path):
+    runs = []
+    for x in (0.3, math.nextafter(0.3, 1.0), 0.3):
+        run = Run(1)
+        run.tick(0, robot=(x, 0.0, 0.0))
+        runs.append(run.trajectory)
+    first, off, same = (run.sha256() for run in runs)
+    assert first == same != off
+    assert first == hashlib.sha256(runs[0].csv()).hexdigest()
+    file = tmp_path / "run.csv"
+    runs[0].write(file)
+    assert file.read_bytes() == runs[0].csv()
+
+
+def test_columns_of_who_does_not_take_part_stay_empty():
+    run = Run(1, services=("physics",))
+    run.tick(0, robot=(1.0, 2.0, 0.0))
+    assert run.trajectory.rows() == [(0.0, 1.0, 2.0, 0.0, *[None] * 12)]
+    assert run.trajectory.complete
+
+
+def test_a_run_is_complete_when_every_column_is():
+    run = Run(2)
+    run.tick(0)
+    assert (run.trajectory.done, run.trajectory.complete) == (1, False)
+    run.pose(keys.GROUND_TRUTH, 1, 0.0, 0.0, 0.0)
+    assert (run.trajectory.done, run.trajectory.complete) == (1, False)
+    run.tick(1)
+    assert (run.trajectory.done, run.trajectory.complete) == (2, True)
+
+
+def test_a_run_that_has_not_begun_has_no_rows_and_no_scores():
+    run = Run(2)
+    assert run.trajectory.rows() == []
+    assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)
+    assert run.trajectory.csv().count(b"\n") == 1
+
+
+def test_the_first_sample_of_a_tick_counts_and_one_without_a_stamp_does_not():
+    run = Run(1)
+    run.bus.put_bytes("cmd_vel", b'{"linear":{"x":9.0}}')
+    run.tick(0)
+    run.put(keys.CMD_VEL, 0, Twist())
+    assert run.trajectory.rows()[0][13:] == (0.125, -0.5, 2.0)
+
+
+def test_the_distance_error_is_the_mean_of_what_the_distance_is_off():
+    run = Run(3)
+    for tick, person in enumerate([(3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
+        run.tick(tick, person=(*person, 0.0))
+    # distances 5, 0.5 and 1 where 1 is wanted: 4, 0.5 and 0
+    assert run.trajectory.scores(1.0, 0.0).d_err_m == 1.5
+
+
+def test_the_heading_error_is_the_mean_of_the_wrapped_difference():
+    run = Run(2)
+    run.tick(0, robot=(0.0, 0.0, math.radians(170)), person=(1.0, 0.0, math.radians(-170)))
+    run.tick(1, robot=(0.0, 0.0, math.radians(10)), person=(1.0, 0.0, 0.0))
+    # 20° the short way, and 10°; yaws pass through quaternions, each with a few roundings
+    assert run.trajectory.scores(1.0, 0.0).theta_err_deg == pytest.approx(15.0, rel=1e-13)
+
+
+def test_the_heading_error_is_from_the_heading_that_is_wanted():
+    run = Run(1)
+    run.tick(0, robot=(0.0, 0.0, math.radians(-170)), person=(1.0, 0.0, math.radians(90)))
+    # the robot's heading is 100° ahead of the person's where -90° is wanted: 190° is 170°
+    scores = run.trajectory.scores(1.0, math.radians(-90))
+    assert scores.theta_err_deg == pytest.approx(170.0, rel=1e-13)
+
+
+def test_without_a_person_there_are_no_scores():
+    run = Run(1, services=("physics", "controller"))
+    run.tick(0)
+    assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)

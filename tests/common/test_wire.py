@@ -1,0 +1,288 @@
+"""Bytes become the message that their key carries, or are refused; nothing else happens."""
+
+import math
+import struct
+
+import msgspec
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from mecazen import keys
+from mecazen.messages import (
+    Clock,
+    DiagnosticStatus,
+    Header,
+    JointState,
+    Observation,
+    Odometry,
+    PoseWithCovariance,
+    SimState,
+    StepRequest,
+    Time,
+    Twist,
+    Vector3,
+)
+from mecazen.wire import (
+    JSON_ENCODING,
+    MAX_PAYLOAD_BYTES,
+    MSGPACK_ENCODING,
+    RefusedError,
+    Stamp,
+    decode,
+    encode,
+)
+
+FORWARD = Twist(linear=Vector3(x=0.2))
+KINDS = sorted(
+    {topic.type for topic in keys.TOPICS}
+    | {call.request for call in keys.CALLS}
+    | {call.answer for call in keys.CALLS},
+    key=lambda kind: kind.__name__,
+)
+
+
+def packed(value):
+    return msgspec.msgpack.encode(value)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b'{"linear":{"x":0.2}}',
+        b'{"linear":{"x":0.2}}\n',
+        b'{"linear":{"x":0.2}}\r\n',
+        b' \t\r\n{"linear": {"x": 2e-1}}',
+        packed({"linear": {"x": 0.2}}),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["", "zenoh/bytes", "text/plain"])
+def test_a_part_of_a_message_without_a_telling_encoding_is_a_whole_message(payload, encoding):
+    assert decode(payload, Twist, encoding) == FORWARD
+
+
+@pytest.mark.parametrize(
+    ("encoding", "form"),
+    [
+        (JSON_ENCODING, "json"),
+        ("application/json;charset=utf-8", "json"),
+        ("text/json", "json"),
+        (MSGPACK_ENCODING, "msgpack"),
+    ],
+)
+def test_the_encoding_is_believed_before_the_first_bytes(encoding, form):
+    assert decode(encode(FORWARD, form), Twist, encoding) == FORWARD
+    other = "msgpack" if form == "json" else "json"
+    with pytest.raises(RefusedError):
+        decode(encode(FORWARD, other), Twist, encoding)
+
+
+@pytest.mark.parametrize("size", [0, 15, 16, 0x10000])
+def test_each_way_in_which_messagepack_begins_a_map_is_known(size):
+    more = {f"field {i}": i for i in range(size)}
+    payload = packed({**more, "linear": {"x": 0.2}})
+    assert payload[0] in {0x81, 0xDE, 0xDF}
+    assert decode(payload, Twist) == FORWARD
+
+
+def test_whole_numbers_are_numbers():
+    assert decode(b'{"linear":{"x":1}}', Twist).linear.x == 1.0
+    assert decode(packed({"linear": {"x": -3}}), Twist).linear.x == -3.0
+
+
+REFUSED = {
+    "empty": (b"", Twist),
+    "only blanks": (b" \n", Twist),
+    "truncated JSON": (b'{"linear":{"x":0.2}', Twist),
+    "truncated MessagePack": (packed({"linear": {"x": 0.2}})[:-1], Twist),
+    "more behind it": (b"{}{}", Twist),
+    "more behind it, MessagePack": (b"\x80\x80", Twist),
+    "a number as a string": (b'{"linear":{"x":"1"}}', Twist),
+    "a bool for a number": (b'{"linear":{"x":true}}', Twist),
+    "a bool for a number, MessagePack": (packed({"linear": {"x": True}}), Twist),
+    "a bool for a whole number": (b'{"sec":true}', Time),
+    "a fraction for a whole number": (b'{"sec":1.5}', Time),
+    "null": (b"null", Twist),
+    "null for a number": (b'{"linear":{"x":null}}', Twist),
+    "null for a message": (b'{"linear":null}', Twist),
+    "nil": (b"\xc0", Twist),
+    "nil for a number": (packed({"linear": {"x": None}}), Twist),
+    "NaN in JSON": (b'{"linear":{"x":NaN}}', Twist),
+    "Infinity in JSON": (b'{"linear":{"x":Infinity}}', Twist),
+    "-Infinity in JSON": (b'{"linear":{"x":-Infinity}}', Twist),
+    "too large for a float": (b'{"linear":{"x":1e400}}', Twist),
+    "too many digits for a float": (b'{"linear":{"x":' + b"9" * 5000 + b"}}", Twist),
+    "NaN in MessagePack": (packed({"linear": {"x": math.nan}}), Twist),
+    "infinity in MessagePack": (packed({"linear": {"x": math.inf}}), Twist),
+    "-infinity in MessagePack": (packed({"linear": {"x": -math.inf}}), Twist),
+    "infinity as a 32 bit float": (b"\x81\xa6linear\x81\xa1x\xca\x7f\x80\x00\x00", Twist),
+    "NaN in a list": (packed({"position": [0.0, math.nan]}), JointState),
+    "a whole number over 32 bits": (b'{"clock":{"sec":4294967296}}', Clock),
+    "a huge whole number": (b'{"tick":' + b"9" * 30 + b"}", SimState),
+    "a whole number of too many digits": (b'{"tick":' + b"9" * 5000 + b"}", SimState),
+    "64 bits, MessagePack": (b"\x81\xa4tick\xcf" + b"\xff" * 8, SimState),
+    "a second of nanoseconds": (b'{"nanosec":1000000000}', Time),
+    "no ticks": (b'{"ticks":0}', StepRequest),
+    "a level that there is not": (b'{"level":4}', DiagnosticStatus),
+    "35 covariances": (packed({"covariance": [0.0] * 35}), PoseWithCovariance),
+    "37 covariances": (packed({"covariance": [0.0] * 37}), PoseWithCovariance),
+    "a list": (b"[]", Twist),
+    "a list, MessagePack": (b"\x90", Twist),
+    "a string": (b'"cmd_vel"', Twist),
+    "a string, MessagePack": (packed("cmd_vel"), Twist),
+    "a number": (b"0.2", Twist),
+    "a list for a message": (b'{"linear":[0.2,0,0]}', Twist),
+    "no UTF-8": (b'{"frame_id":"\xff"}', Header),
+    "no UTF-8, MessagePack": (b"\x81\xa8frame_id\xa1\xff", Header),
+    "half of a surrogate": (b'{"frame_id":"\\ud800"}', Header),
+    "keys that are numbers": (b"\x81\x01\x01", Twist),
+    "a list of 2³² announced": (b"\x81\xa4name\xdd\xff\xff\xff\xff", JointState),
+    "numbers of 2³⁰ announced": (b"\x81\xa8position\xdd\x3f\xff\xff\xff\x01", JointState),
+    "a string of 2³² announced": (b"\x81\xa8frame_id\xdb\xff\xff\xff\xff", Header),
+    "a map of 2³² announced": (b"\xdf\xff\xff\xff\xff", Twist),
+    "an extension": (b"\x81\xa6linear\xd6\xff\xff\xff\xff\xff", Twist),
+    "lists in lists": (b'{"x":' + b"[" * 400_000 + b"]" * 400_000 + b"}", Twist),
+    "tables in tables": (b'{"x":' * 100_000 + b"1" + b"}" * 100_000, Twist),
+    "lists in lists, MessagePack": (b"\x81\xa1x" + b"\x91" * 500_000 + b"\xc0", Twist),
+    "tables in tables, MessagePack": (b"\x81\xa1x" * 200_000 + b"\xc0", Twist),
+    "lists where a message is due": (b'{"linear":' + b"[" * 400_000, Twist),
+    "CDR": (b"\x00\x01\x00\x00" + b"\x00" * 48, Twist),
+    "a byte order mark": (b"\xef\xbb\xbf{}", Twist),
+    "text": (b"hello", Twist),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_not_what_the_key_carries_is_refused_in_one_line(case):
+    payload, kind = REFUSED[case]
+    with pytest.raises(RefusedError) as refusal:
+        decode(payload, kind)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("encoding", [JSON_ENCODING, MSGPACK_ENCODING])
+@pytest.mark.parametrize(
+    "payload", [b"", b"null", b"\xc0", b"[]", b"\x90", b"1", b"\xa1x", b"\xff"]
+)
+def test_what_is_no_table_is_refused_whatever_the_encoding_says(encoding, payload):
+    with pytest.raises(RefusedError):
+        decode(payload, Twist, encoding)
+
+
+def test_a_payload_of_just_a_mebibyte_is_taken_and_a_byte_more_is_refused():
+    assert MAX_PAYLOAD_BYTES == 1 << 20
+    payload = b"{}" + b" " * (MAX_PAYLOAD_BYTES - 2)
+    assert decode(payload, Twist) == Twist()
+    with pytest.raises(RefusedError, match="1048577 bytes"):
+        decode(payload + b" ", Twist)
+
+
+def test_a_refusal_names_the_type_and_the_field():
+    with pytest.raises(RefusedError, match=r"geometry_msgs/msg/Twist: .*\$\.linear\.x"):
+        decode(b'{"linear":{"x":"1"}}', Twist)
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
+def test_a_stamp_round_trips(time_ns, run, seed):
+    stamp = Stamp(time_ns, run, seed)
+    assert Stamp.unpack(stamp.pack()) == stamp
+    assert stamp.time.ns == time_ns
+
+
+def test_a_stamp_is_16_bytes_little_endian():
+    assert Stamp(1, 2, 3).pack() == bytes([1, *[0] * 7, 2, 0, 0, 0, 3, 0, 0, 0])
+
+
+@pytest.mark.parametrize("size", [0, 1, 15, 17, 100_000])
+def test_an_attachment_of_another_length_is_refused(size):
+    with pytest.raises(RefusedError, match=f"{size} bytes"):
+        Stamp.unpack(bytes(size))
+
+
+@pytest.mark.parametrize("time_ns", [-1, -(2**63), 2**31 * 10**9, 2**63 - 1])
+def test_an_attachment_whose_time_no_message_can_hold_is_refused(time_ns):
+    with pytest.raises(RefusedError, match=str(time_ns)):
+        Stamp.unpack(struct.pack("<qII", time_ns, 0, 0))
+
+
+def decode_or_refuse(payload, kind, encoding):
+    try:
+        message = decode(payload, kind, encoding)
+    except RefusedError:
+        return
+    assert isinstance(message, kind)
+    # what was taken can be passed on
+    assert decode(encode(message, "json"), kind) == message
+    assert decode(encode(message, "msgpack"), kind) == message
+
+
+kinds = st.sampled_from(KINDS)
+encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, MSGPACK_ENCODING, "\ud800", ";"])
+some_names = st.sampled_from(
+    sorted({name for kind in KINDS for name in kind.__struct_fields__} | {"x", "sec", "stamp"})
+)
+values = st.recursive(
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(-(2**63), 2**64 - 1),
+        st.floats(),
+        st.text(max_size=5),
+        st.binary(max_size=5),
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(some_names, inner, max_size=5)
+    ),
+    max_leaves=15,
+)
+
+
+@settings(max_examples=1500)
+@given(st.binary(max_size=200), kinds, encodings)
+def test_any_bytes_expect_a_message_or_a_refusal(payload, kind, encoding):
+    decode_or_refuse(payload, kind, encoding)
+
+
+@settings(max_examples=1500)
+@given(st.dictionaries(some_names, values, max_size=5), kinds, st.booleans())
+def test_any_tables_expect_a_message_or_a_refusal(table, kind, as_json):
+    decode_or_refuse((msgspec.json if as_json else msgspec.msgpack).encode(table), kind, "")
+
+
+SEEDS = [
+    encode(message, form)
+    for form in ("json", "msgpack")
+    for message in (
+        Odometry(),
+        Observation(poses=(PoseWithCovariance(),)),
+        JointState(name=("a", "b"), position=(0.1, -1e300), effort=(0.0,)),
+        SimState(tick=2**40, seed=7, mode="lockstep"),
+    )
+]
+
+
+@settings(max_examples=1500)
+@given(
+    seed=st.sampled_from(SEEDS),
+    edits=st.lists(
+        st.tuples(st.integers(0, 2000), st.integers(0, 4), st.binary(max_size=4)), max_size=6
+    ),
+    kind=kinds,
+    encoding=encodings,
+)
+@example(seed=SEEDS[0], edits=[(0, 2000, b"")], kind=Odometry, encoding=JSON_ENCODING)
+def test_any_mutation_of_a_message_expect_a_message_or_a_refusal(seed, edits, kind, encoding):
+    payload = seed
+    for place, cut, put in edits:
+        at = place % (len(payload) + 1)
+        payload = payload[:at] + put + payload[at + cut :]
+    decode_or_refuse(payload, kind, encoding)
+
+
+@settings(max_examples=300)
+@given(st.binary(max_size=40))
+def test_any_attachment_expect_a_stamp_or_a_refusal(attachment):
+    try:
+        stamp = Stamp.unpack(attachment)
+    except RefusedError:
+        return
+    assert stamp.pack() == attachment

@@ -1,0 +1,291 @@
+"""The bus over Zenoh: real sessions on loopback, each test in a namespace of its own."""
+
+import secrets
+import socket
+import threading
+
+import pytest
+from mecazen import keys
+from mecazen.bus import StoppedError
+from mecazen.bus.zenoh_bus import ZenohBus, open_session, session_config
+from mecazen.config import BusConfig
+from mecazen.errors import BusError
+from mecazen.keys import Call
+from mecazen.messages import Clock, Empty, SimState, StepRequest, Time, Twist, Vector3
+from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, MSGPACK_ENCODING, Stamp
+
+STAMP = Stamp(0, 1, 0)
+
+
+def error_of(run):
+    with pytest.raises(BusError) as caught:
+        run()
+    assert len(str(caught.value).splitlines()) == 1
+    return str(caught.value)
+
+
+def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_kept(
+    zenoh_pair, wait_until
+):
+    # the answer comes after the samples on the same link: all have arrived when it is there
+    near, far = zenoh_pair.far, zenoh_pair.near
+    latest, every = [], []
+    near.subscribe(keys.CLOCK, lambda clock, _: latest.append(clock.clock.sec))
+    near.subscribe(keys.CLOCK, lambda clock, _: every.append(clock.clock.sec), every=True)
+    clocks = far.publisher(keys.CLOCK)
+
+    def publish_and_answer(request, reply):
+        for tick in range(1, request.ticks + 1):
+            clocks.put(Clock(Time(tick)), STAMP)
+        reply.answer(SimState())
+
+    far.serve(keys.SIM_STEP, publish_and_answer)
+    near.declare_alive("asker")
+    wait_until(far, lambda: "asker" in far.presence.names)
+    zenoh_pair.link()
+    with zenoh_pair.serving():
+        near.call(keys.SIM_STEP, StepRequest(ticks=100))
+    while near.spin_once(0.0):
+        pass
+    assert latest == [100]
+    assert every == list(range(1, 101))
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+@pytest.mark.parametrize(
+    ("form", "encoding", "first"),
+    [
+        ("json", JSON_ENCODING, b"{"),
+        ("msgpack", MSGPACK_ENCODING, b"\x82"),
+    ],
+)
+def test_samples_are_written_in_the_configured_format(
+    open_bus, wait_until, mode, form, encoding, first
+):
+    near, far = open_bus(mode), open_bus(format=form)
+    samples = []
+    near.subscribe_bytes("*", lambda *sample: samples.append(sample))
+    near.declare_alive("near")
+    far.declare_alive("far")
+    wait_until(far, lambda: "near" in far.presence.names)
+    far.publisher(keys.CMD_VEL).put(Twist(linear=Vector3(x=0.2)), STAMP)
+    wait_until(near, lambda: bool(samples))
+    key, payload, said, attachment = samples[0]
+    assert (key, said, attachment) == ("cmd_vel", encoding, STAMP.pack())
+    assert payload.startswith(first)
+
+
+def test_a_client_is_heard_through_the_router_and_hears(open_bus, wait_until):
+    near, far = open_bus("client"), open_bus("client")
+    twists = []
+    near.subscribe(keys.CMD_VEL, lambda twist, _: twists.append(twist))
+    near.declare_alive("near")
+    far.declare_alive("far")
+    wait_until(far, lambda: "near" in far.presence.names)
+    far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+    wait_until(near, lambda: bool(twists))
+    assert twists == [Twist(linear=Vector3(x=0.2))]
+
+
+def test_namespaces_do_not_hear_each_other(open_bus, wait_until):
+    names = [f"test{secrets.token_hex(6)}" for _ in range(2)]
+    ears = [open_bus(namespace=name) for name in names]
+    heard = [[], []]
+    for ear, samples in zip(ears, heard, strict=True):
+        ear.subscribe_bytes("**", lambda key, *_, to=samples: to.append(key))
+        ear.declare_alive("ear")
+    mouths = [open_bus(namespace=name) for name in names]
+    for mouth in mouths:
+        mouth.declare_alive("mouth")
+        wait_until(mouth, lambda mouth=mouth: "ear" in mouth.presence.names)
+    for _ in range(3):
+        for number, mouth in enumerate(mouths):
+            mouth.put_bytes(f"from/{number}", b"{}")
+    for ear, samples in zip(ears, heard, strict=True):
+        wait_until(ear, lambda samples=samples: len(samples) == 3)
+    assert heard == [["from/0"] * 3, ["from/1"] * 3]
+
+
+def test_who_closes_is_gone_for_all(open_bus, wait_until):
+    near, far = open_bus(), open_bus()
+    near.declare_alive("near")
+    far.declare_alive("physics")
+    wait_until(near, lambda: "physics" in near.presence.names)
+    asker = open_bus("client")
+    wait_until(asker, lambda: asker.alive() == {"near", "physics"})
+    far.close()
+    wait_until(near, lambda: "physics" not in near.presence.names)
+    wait_until(asker, lambda: asker.alive() == {"near"})
+
+
+def test_who_comes_late_sees_who_is_alive(open_bus, wait_until):
+    open_bus().declare_alive("physics")
+    late = open_bus()
+    late.declare_alive("late")
+    wait_until(late, lambda: "physics" in late.presence.names)
+
+
+def test_one_sees_oneself_alive(open_bus, wait_until):
+    bus = open_bus()
+    bus.declare_alive("physics")
+    wait_until(bus, lambda: "physics" in bus.presence.names)
+
+
+def test_stop_ends_a_waiting_spin_once_from_another_thread(open_bus):
+    bus = open_bus()
+    ended = []
+
+    def spin():
+        with pytest.raises(StoppedError):
+            bus.spin_once()
+        ended.append(True)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    bus.stop()
+    thread.join(20.0)
+    assert ended == [True]
+
+
+def test_files_are_fetched_by_key_and_by_expression(zenoh_pair):
+    files = {"meshes/wheel.stl": b"\x00wheel", "meshes/roller.stl": b"roller", "robot.urdf": b""}
+    zenoh_pair.near.serve_files("robot_description", files)
+    zenoh_pair.link()
+    with zenoh_pair.serving():
+        one = zenoh_pair.far.fetch_files("robot_description/meshes/wheel.stl")
+        meshes = zenoh_pair.far.fetch_files("robot_description/meshes/*")
+        everything = zenoh_pair.far.fetch_files("robot_description/**")
+        none = zenoh_pair.far.fetch_files("robot_description/meshes/none.stl")
+    assert one == {"robot_description/meshes/wheel.stl": b"\x00wheel"}
+    assert {key.rpartition("/")[2] for key in meshes} == {"wheel.stl", "roller.stl"}
+    assert everything == {f"robot_description/{path}": data for path, data in files.items()}
+    assert none == {}
+
+
+def test_a_malformed_request_is_refused_and_the_next_is_answered(zenoh_pair):
+    # the same key with a request of another type: what is not what the server takes
+    wrong = Call("sim/step", Clock, SimState, "a test", "")
+    zenoh_pair.near.serve(keys.SIM_STEP, lambda _, reply: reply.answer(SimState(tick=1)))
+    other = Call("sim/step", keys.m.SpeedRequest, SimState, "a test", "")
+    broken = Call("sim/step", BadRequest, SimState, "a test", "")
+    zenoh_pair.link()
+    with zenoh_pair.serving():
+        # unknown fields are ignored, so these two are requests
+        assert zenoh_pair.far.call(wrong, Clock()).tick == 1
+        assert zenoh_pair.far.call(other, keys.m.SpeedRequest()).tick == 1
+        text = error_of(lambda: zenoh_pair.far.call(broken, BadRequest()))
+        assert text.startswith("sim/step: not a mecazen_msgs/msg/StepRequest: ")
+        assert zenoh_pair.far.call(keys.SIM_STEP, StepRequest()).tick == 1
+    assert zenoh_pair.near.refused == {"sim/step": 1}
+
+
+class BadRequest(Empty):
+    ticks: str = "many"
+
+
+class BadAnswer(Empty):
+    tick: str = "many"
+
+
+def test_when_an_answer_is_no_answer_expect_one_line(zenoh_pair):
+    bad = Call("sim/step", StepRequest, BadAnswer, "a test", "")
+    zenoh_pair.near.serve(bad, lambda _, reply: reply.answer(BadAnswer()))
+    zenoh_pair.link()
+    with zenoh_pair.serving():
+        text = error_of(lambda: zenoh_pair.far.call(keys.SIM_STEP, StepRequest()))
+    assert text.startswith("sim/step: the answer is not a mecazen_msgs/msg/SimState: ")
+
+
+def test_when_no_answer_comes_in_time_expect_one_line(zenoh_pair):
+    zenoh_pair.near.serve(keys.SIM_STEP, lambda *_: None)
+    zenoh_pair.link()
+    text = error_of(lambda: zenoh_pair.far.call(keys.SIM_STEP, StepRequest(), timeout_s=0.05))
+    assert text.startswith("sim/step: ")
+
+
+def test_an_oversize_payload_is_refused_before_it_is_read(zenoh_pair, caplog):
+    zenoh_pair.near.subscribe(keys.CMD_VEL, lambda *_: pytest.fail("delivered"))
+    zenoh_pair.link()
+    zenoh_pair.far.put_bytes("cmd_vel", bytes(MAX_PAYLOAD_BYTES + 1))
+    zenoh_pair.settle()
+    assert zenoh_pair.near.refused == {"cmd_vel": 1}
+    assert "payload of 1048577 bytes" in caplog.text
+
+
+def test_when_a_subscription_is_no_key_expression_expect_one_line(open_bus):
+    text = error_of(lambda: open_bus().subscribe_bytes("/cmd_vel", print))
+    assert text.startswith("'/cmd_vel' is not a key expression: ")
+    assert ".rs" not in text
+
+
+def test_when_the_routers_port_is_taken_expect_one_line():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        text = error_of(lambda: open_session(BusConfig(connect=(endpoint,)), "router"))
+    assert text.startswith(f"can't listen on {endpoint}: the port is taken")
+
+
+def test_when_a_routers_port_is_that_of_another_router_expect_one_line(router):
+    text = error_of(lambda: open_session(BusConfig(connect=(router,)), "router"))
+    assert text.startswith(f"can't listen on {router}: the port is taken")
+
+
+def test_when_there_is_no_router_expect_a_client_to_say_so(free_port):
+    config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
+    text = error_of(lambda: ZenohBus(config, "client"))
+    assert text == f"nothing answers at tcp/127.0.0.1:{free_port}: is `mecazen up` running?"
+
+
+def test_a_peer_that_is_there_before_the_router_meets_others_when_it_comes(free_port, wait_until):
+    config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
+    early = ZenohBus(config)
+    early.declare_alive("early")
+    with open_session(config, "router"):
+        late = ZenohBus(config)
+        late.declare_alive("late")
+        wait_until(early, lambda: "late" in early.presence.names)
+        late.close()
+    early.close()
+
+
+@pytest.mark.parametrize("mode", ["router", "peer", "client"])
+@pytest.mark.parametrize("endpoint", ["nonsense", "carrier-pigeon/127.0.0.1:1"])
+def test_when_an_endpoint_is_none_expect_one_line_without_places_in_sources(mode, endpoint):
+    text = error_of(lambda: open_session(BusConfig(connect=(endpoint,)), mode))
+    assert ".rs" not in text
+    assert "the port is taken" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("bad.json5", "{ nope", "line 1, column 1: expected "),
+        ("unknown.json5", '{ modee: "peer" }', "unknown field `modee`, expected one of "),
+        ("zenoh.toml", "{}", "Unsupported file type"),
+    ],
+)
+def test_when_a_zenoh_configuration_is_wrong_expect_one_line(tmp_path, name, text, expected):
+    path = tmp_path / name
+    path.write_text(text)
+    error = error_of(lambda: open_session(BusConfig(zenoh_config=path), "peer"))
+    assert error.startswith(f"{path}: not a Zenoh configuration: {expected}")
+    assert ".rs" not in error
+
+
+def test_a_zenoh_configuration_file_says_where_to_meet(tmp_path, router):
+    path = tmp_path / "zenoh.json5"
+    path.write_text(f'{{ // where to meet\n connect: {{ endpoints: ["{router}"] }} }}')
+    config = BusConfig(zenoh_config=path, namespace=f"test{secrets.token_hex(6)}")
+    bus = ZenohBus(config, "client")
+    assert bus.alive() == set()
+    bus.close()
+
+
+@pytest.mark.parametrize("mode", ["router", "peer", "client"])
+def test_sessions_stay_on_loopback_without_multicast_by_default(mode):
+    config = session_config(BusConfig(), mode)
+    assert config.get_json("scouting/multicast/enabled") == "false"
+    listening = config.get_json("listen/endpoints")
+    expected = {"router": "tcp/127.0.0.1:7447", "peer": "tcp/127.0.0.1:0", "client": ""}[mode]
+    assert expected in listening
+    assert "/[::]" not in listening
