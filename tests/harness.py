@@ -118,7 +118,7 @@ def _payload(draw: st.DrawFn, messages: Sequence[Message]) -> bytes:
 
 def _damage(draw: st.DrawFn, node: Any) -> None:
     """Put a hostile value in a random place of a tree of dicts and lists."""
-    while True:
+    while node:
         places = list(node) if isinstance(node, dict) else list(range(len(node)))
         place = draw(st.sampled_from(places))
         child = node[place]

@@ -51,6 +51,7 @@ class Supervisor:
     def __init__(self, scenario: Path, settings: Sequence[str]) -> None:
         self._arguments = [str(scenario), *(f"--set={setting}" for setting in settings)]
         self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._watchers: list[threading.Thread] = []
         self._events: queue.SimpleQueue[Line | Ended] = queue.SimpleQueue()
 
     @property
@@ -69,7 +70,9 @@ class Supervisor:
             start_new_session=True,
         )
         self._processes[name] = process
-        threading.Thread(target=self._watch, args=(name, process), daemon=True).start()
+        watcher = threading.Thread(target=self._watch, args=(name, process), daemon=True)
+        watcher.start()
+        self._watchers.append(watcher)
 
     def start_router(self, timeout_s: float = 10.0) -> None:
         """Start the router and wait until it listens.
@@ -113,17 +116,21 @@ class Supervisor:
                 process.kill()
                 process.wait()
                 killed.append(name)
-            if process.stdin is not None:
-                process.stdin.close()
+        for watcher in self._watchers:
+            watcher.join()
         return killed
 
     def _watch(self, name: str, process: subprocess.Popen[str]) -> None:
         last = ""
         if process.stderr is not None:
-            for line in process.stderr:
-                last = line.rstrip()
-                self._events.put(Line(name, last))
-        self._events.put(Ended(name, process.wait(), last))
+            with process.stderr:
+                for line in process.stderr:
+                    last = line.rstrip()
+                    self._events.put(Line(name, last))
+        code = process.wait()
+        if process.stdin is not None:
+            process.stdin.close()
+        self._events.put(Ended(name, code, last))
 
 
 def private_meeting_point() -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """The bus over Zenoh: real sessions on loopback, each test in a namespace of its own."""
 
 import secrets
+import signal
 import socket
 import threading
 
@@ -147,6 +148,36 @@ def test_stop_ends_a_waiting_spin_once_from_another_thread(open_bus):
     assert ended == [True]
 
 
+def test_a_signal_that_does_not_interrupt_a_wait_still_ends_it(open_bus):
+    # taken on another thread, it leaves this one waiting, as one just before the wait does
+    bus = open_bus()
+    gate = threading.Semaphore(0)
+    hung = []
+
+    def interrupt():
+        gate.acquire()
+        signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)
+
+    def give_up():
+        hung.append(True)
+        bus.stop()
+
+    before = signal.signal(signal.SIGUSR1, lambda *_: bus.stop())
+    thread, guard = threading.Thread(target=interrupt), threading.Timer(10.0, give_up)
+    thread.start()
+    guard.start()
+    try:
+        gate.release()
+        with pytest.raises(StoppedError):
+            bus.spin_once()
+    finally:
+        guard.cancel()
+        signal.signal(signal.SIGUSR1, before)
+        thread.join()
+        guard.join()
+    assert not hung
+
+
 def test_files_are_fetched_by_key_and_by_expression(zenoh_pair):
     files = {"meshes/wheel.stl": b"\x00wheel", "meshes/roller.stl": b"roller", "robot.urdf": b""}
     zenoh_pair.near.serve_files("robot_description", files)
@@ -261,7 +292,7 @@ def test_when_an_endpoint_is_none_expect_one_line_without_places_in_sources(mode
     [
         ("bad.json5", "{ nope", "line 1, column 1: expected "),
         ("unknown.json5", '{ modee: "peer" }', "unknown field `modee`, expected one of "),
-        ("zenoh.toml", "{}", "Unsupported file type"),
+        ("zenoh.txt", "{}", "Unsupported file type"),
     ],
 )
 def test_when_a_zenoh_configuration_is_wrong_expect_one_line(tmp_path, name, text, expected):

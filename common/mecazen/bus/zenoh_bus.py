@@ -34,6 +34,9 @@ AnswerT = TypeVar("AnswerT", bound=Message)
 Mode = Literal["router", "peer", "client"]
 LIVELINESS_PREFIX = "mecazen/"
 
+SIGNAL_CHECK_S = 0.2
+"""A signal just before a wait does not end it: Python handles it after so long."""
+
 
 def session_config(config: BusConfig, mode: Mode) -> zenoh.Config:
     """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
@@ -289,7 +292,9 @@ class ZenohBus(Bus):
     def spin_once(self, timeout_s: float | None = None) -> bool:
         """Deliver one thing that arrived, on this thread."""
         try:
-            if timeout_s is not None and timeout_s <= 0.0:
+            if timeout_s is None:
+                deliver = self._wait()
+            elif timeout_s <= 0.0:
                 deliver = self._queue.get_nowait()
             else:
                 deliver = self._queue.get(timeout=timeout_s)
@@ -297,6 +302,13 @@ class ZenohBus(Bus):
             return False
         deliver()
         return True
+
+    def _wait(self) -> Callable[[], None]:
+        while True:
+            try:
+                return self._queue.get(timeout=SIGNAL_CHECK_S)
+            except queue.Empty:
+                continue
 
     def stop(self) -> None:
         """Make a `spin_once` raise StoppedError, also one that waits."""

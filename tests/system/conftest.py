@@ -1,0 +1,73 @@
+"""Whole systems as processes, each test's at a port and a namespace of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import Scenario, load_scenario
+from mecazen.processes import Supervisor, private_meeting_point
+
+ROOT = Path(__file__).parents[2]
+SCENARIOS = ROOT / "configs" / "scenarios"
+
+GUARD_S = 60.0
+"""Far beyond what anything here takes: only a hang gets there."""
+
+
+class Stack:
+    """The processes of a scenario, and a bus that watches them."""
+
+    def __init__(self, path: Path, settings: tuple[str, ...]) -> None:
+        self.settings = (*settings, *private_meeting_point())
+        self.scenario: Scenario = load_scenario(path, self.settings)
+        self.supervisor = Supervisor(path, self.settings)
+        self.supervisor.start_router()
+        self.bus = ZenohBus(self.scenario.bus, lossless=True)
+        self.bus.declare_alive("test")
+
+    @property
+    def endpoint(self) -> str:
+        """Where tools connect."""
+        assert self.scenario.bus.connect is not None
+        return self.scenario.bus.connect[0]
+
+    def start(self) -> None:
+        """Start every service, and wait until each is ready."""
+        for part in self.scenario.services:
+            self.supervisor.start(part)
+        ready = {f"{part}/ready" for part in self.scenario.services}
+        self.wait(lambda: ready <= self.bus.presence.names)
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        """Deliver samples until a condition holds; a process that ends is an error."""
+        self.wait_unwatched(lambda: self.supervisor.poll(0.0) is None and condition())
+
+    def wait_unwatched(self, condition: Callable[[], bool]) -> None:
+        """Deliver samples until a condition holds, whichever process ends meanwhile."""
+        end = time.monotonic() + GUARD_S
+        while not condition():
+            assert time.monotonic() < end, "what was waited for did not come"
+            self.bus.spin_once(0.1)
+
+    def close(self) -> None:
+        """End everything."""
+        self.bus.close()
+        self.supervisor.stop()
+
+
+@pytest.fixture
+def stack() -> Iterator[Callable[..., Stack]]:
+    """Make stacks of processes that end with the test."""
+    stacks: list[Stack] = []
+
+    def make(path: Path, *settings: str) -> Stack:
+        stacks.append(Stack(path, settings))
+        return stacks[-1]
+
+    yield make
+    for made in stacks:
+        made.close()

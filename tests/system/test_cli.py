@@ -1,0 +1,220 @@
+"""The command line as a user meets it: what it prints, and one line where something is wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import select
+import signal
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+from mecazen.config import effective, load_scenario
+from mecazen.processes import private_meeting_point
+
+ROOT = Path(__file__).parents[2]
+SCENARIOS = ROOT / "configs" / "scenarios"
+GUARD_S = 60
+
+
+def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "mecazen", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=GUARD_S,
+        cwd=ROOT,
+        check=False,
+        env={**os.environ, "COLUMNS": "160", "TERM": "dumb"},
+    )
+
+
+def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    assert done.returncode == code, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("simulate", "nowhere"), ("nowhere", "back", "side", "teleop")),
+        (("simulate", "back", "--set", "physics.dt=1"), ("physics.dt", "dt_s")),
+        (("simulate", "back", "--set", "physics.dt_s=fast"), ("physics.dt_s", "number")),
+        (("simulate", "back", "--set", "physics.dt_s=7"), ("physics.dt_s", "0.005")),
+        (("simulate", "back", "--set", "physics.dt_s=0.003"), ("sim.tick_s", "whole number")),
+        (("simulate", "back", "--set", "sensor.rate_hz=30"), ("sensor.rate_hz", "whole number")),
+        (("simulate", "back", "--set", "follower.estimator=magic"), ("magic", "kf_cv")),
+        (("simulate", "back", "--set", "follower.view=top"), ("follower.view", "side_left")),
+        (("simulate", "back", "--set", "robot=none.toml"), ("none.toml", "no such file")),
+        (("simulate", "back", "--set", "robot.wheels.radius_m=-1"), ("wheels.radius_m", "> 0")),
+        (("simulate", "pedestrian", "--set", "target.path.file=x.csv"), ("x.csv",)),
+        (("simulate", "back", "--set", "services=['physics','pilot']"), ("pilot", "installed")),
+        (("simulate", "back", "--set", "controller.update_rate_hz=30"), ("update_rate_hz",)),
+        (("simulate", "back", "--set", "nonsense"), ("--set nonsense", "key.path=value")),
+        (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
+        (("run", "pilot", "back"), ("pilot", "physics")),
+        (("pub", "cmd_vel", '{"linear":{"x":"fast"}}'), ("cmd_vel", "float")),
+        (("pub", "cmd_vel", "{"), ("cmd_vel",)),
+        (("sim", "speed", "0"), ("sim/speed", "0.01")),
+        (("echo", "odom", "--connect", "tcp/127.0.0.1:1", "--namespace", "a b"), ("--namespace",)),
+    ],
+)
+def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(
+    arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    assert_one_line(mecazen(*arguments), 2, *words)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("sim", "state"), ("services",), ("echo", "odom"), ("pub", "cmd_vel", "{}")]
+)
+def test_without_a_router_tools_say_so_in_one_line(arguments: tuple[str, ...]) -> None:
+    meeting = private_meeting_point()[0].partition("=")[2]
+    endpoint = tomllib.loads(f"x = {meeting}")["x"][0]
+    assert_one_line(mecazen(*arguments, "--connect", endpoint), 1, endpoint, "mecazen up")
+
+
+def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path: Path) -> None:
+    file = tmp_path / "run.csv"
+    done = mecazen("simulate", "side", "--duration", 2, "--seed", 7, "--json", "--trajectory", file)
+    result = msgspec.json.decode(done.stdout)
+    assert result["trajectory_sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert (result["ticks"], result["seed"], result["duration_s"]) == (200, 7, 2.0)
+    assert result["rtf"] > 0
+    assert file.read_text().splitlines()[0].startswith("t_s,robot_x_m,robot_y_m,robot_yaw_rad")
+
+
+@pytest.mark.parametrize("scenario", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
+def test_the_printed_configuration_is_whole_and_loads_again(scenario: str, tmp_path: Path) -> None:
+    printed = mecazen("config", scenario).stdout
+    copy = tmp_path / "copy.toml"
+    copy.write_text(printed)
+    original = load_scenario(SCENARIOS / f"{scenario}.toml")
+    assert effective(load_scenario(copy)) == effective(original)
+    assert {"robot", "physics", "controller", "target", "follower", "bus"} <= set(
+        tomllib.loads(printed)
+    )
+
+
+def test_every_command_has_help_that_says_what_it_does() -> None:
+    names = ["up", "run", "simulate", "topics", "services", "echo", "pub", "config", "sim"]
+    for name in names:
+        done = mecazen(name, "--help")
+        assert done.returncode == 0
+        assert len(done.stdout) > 300
+    overview = mecazen("--help").stdout
+    assert all(name in overview for name in names)
+
+
+class Up:
+    """`mecazen up` in a process of its own."""
+
+    def __init__(self, scenario: str, *settings: str) -> None:
+        self.meeting = private_meeting_point()
+        flags = [f"--set={setting}" for setting in (*settings, *self.meeting)]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "mecazen", "up", scenario, *flags],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            env={**os.environ, "COLUMNS": "160", "PYTHONUNBUFFERED": "1"},
+        )
+        self.text = ""
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """The options by which tools reach it."""
+        endpoint = tomllib.loads(self.meeting[0].partition("=")[2].join(("x = ", "")))["x"][0]
+        return ("--connect", endpoint, "--namespace", self.meeting[1].partition("=")[2])
+
+    def read_until(self, words: str) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.text += line
+            if words in line:
+                return
+        raise AssertionError(f"ended without {words!r}: {self.text}")
+
+    def pids(self) -> dict[str, int]:
+        rows = [line.split("│") for line in self.text.splitlines() if line.startswith("│")]
+        return {row[1].strip(): int(row[2]) for row in rows}
+
+    def end(self) -> tuple[int, str, str]:
+        out, err = self.process.communicate(timeout=GUARD_S)
+        return self.process.returncode, self.text + out, err
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
+    up = Up("back", "sim.speed=4")
+    up.read_until("following")
+    pids = up.pids()
+    assert set(pids) == {"router", "physics", "controller", "target", "follower"}
+    alive = mecazen("services", *up.tools).stdout
+    assert all(name in alive for name in ("physics", "controller", "target", "follower"))
+    odom = msgspec.json.decode(mecazen("echo", "odom", "--count", 1, *up.tools).stdout)
+    assert odom["header"]["frame_id"] == "odom"
+    live = mecazen("topics", "--live", *up.tools).stdout
+    assert "nav_msgs/msg/Odometry" in live
+    up.process.send_signal(signal.SIGINT)
+    code, out, err = up.end()
+    assert (code, err) == (0, "")
+    assert "all processes have ended" in out
+    assert all(gone(pid) for pid in pids.values())
+
+
+def test_when_a_process_dies_up_ends_all_and_names_it() -> None:
+    up = Up("back", "sim.speed=4")
+    up.read_until("following")
+    pids = up.pids()
+    os.kill(pids["target"], signal.SIGKILL)
+    code, _, err = up.end()
+    assert code == 1
+    assert err.splitlines()[-1].startswith("error: target:")
+    assert all(gone(pid) for pid in pids.values())
+
+
+def test_when_a_service_fails_up_shows_its_own_error() -> None:
+    up = Up("back", "controller.wheel_joints=['a','b','c','d']")
+    code, _, err = up.end()
+    assert code == 1
+    assert "controller.wheel_joints" in err.splitlines()[-1]
+
+
+def test_when_the_port_is_taken_up_says_so_in_one_line() -> None:
+    up = Up("back")
+    up.read_until("t = ")
+    flags = [f"--set={setting}" for setting in up.meeting]
+    assert_one_line(mecazen("up", "teleop", *flags), 1, "port is taken")
+    name_taken = mecazen("run", "target", "back", *flags)
+    up.process.send_signal(signal.SIGTERM)
+    up.end()
+    assert_one_line(name_taken, 1, "another target is already running")
+
+
+def test_when_up_itself_is_killed_its_processes_end_too() -> None:
+    up = Up("back")
+    up.read_until("t = ")
+    pids = up.pids()
+    up.process.kill()
+    up.end()
+    # they end by themselves, a moment after their standard input closes
+    for pid in pids.values():
+        if not gone(pid):
+            process = os.pidfd_open(pid)
+            assert select.select([process], [], [], GUARD_S)[0]
+            os.close(process)

@@ -1,0 +1,106 @@
+"""One scenario and seed, one trajectory: in one process or several, idle or under load."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mecazen.config import load_scenario
+from mecazen.simulate import simulate, simulate_distributed
+
+ROOT = Path(__file__).parents[2]
+SCENARIOS = ROOT / "configs" / "scenarios"
+
+HARD = (
+    "sensor.dropout_probability=0.2",
+    "sensor.occlusions_s=[[3.0, 4.5]]",
+    "sensor.latency_s=0.04",
+    "target.gait.step_length_m=0.3",
+    "target.path.length_m=0.5",
+    "target.path.start_after_s=0.5",
+    "sim.duration_s=8.0",
+)
+"""Dropouts, an occlusion, latency and gait, and a track so short that its bend is in it."""
+
+
+def one_process(scenario: str, *settings: str) -> str:
+    path = SCENARIOS / f"{scenario}.toml"
+    return simulate(load_scenario(path, settings), scenario)[0].trajectory_sha256
+
+
+def many_processes(scenario: str, *settings: str) -> str:
+    path = SCENARIOS / f"{scenario}.toml"
+    return simulate_distributed(path, settings, scenario)[0].trajectory_sha256
+
+
+@pytest.mark.parametrize("seed", [3, 4711])
+def test_processes_over_zenoh_give_the_trajectory_of_one_process(seed: int) -> None:
+    settings = (*HARD, f"seed={seed}")
+    assert many_processes("back", *settings) == one_process("back", *settings)
+
+
+def test_the_side_view_in_msgpack_with_drive_by_effort_is_the_same_in_processes() -> None:
+    settings = (*HARD, "physics.drive=effort", "bus.format=msgpack")
+    assert many_processes("side", *settings) == one_process("side", *settings)
+
+
+def test_a_run_without_a_follower_is_the_same_in_processes() -> None:
+    settings = ("sim.duration_s=3.0",)
+    assert many_processes("teleop", *settings) == one_process("teleop", *settings)
+
+
+def test_another_seed_gives_another_trajectory() -> None:
+    assert one_process("back", *HARD, "seed=1") != one_process("back", *HARD, "seed=2")
+
+
+def _burn(stop: multiprocessing.synchronize.Event) -> None:
+    while not stop.is_set():
+        sum(range(10_000))
+
+
+def test_load_from_other_processes_does_not_change_the_trajectory() -> None:
+    settings = (*HARD, "seed=5")
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    hogs = [context.Process(target=_burn, args=(stop,)) for _ in range(2 * (os.cpu_count() or 1))]
+    for hog in hogs:
+        hog.start()
+    try:
+        loaded = many_processes("back", *settings)
+    finally:
+        stop.set()
+        for hog in hogs:
+            hog.join()
+    assert loaded == one_process("back", *settings)
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "1"])
+def test_a_fresh_interpreter_gives_the_same_trajectory(hash_seed: str, tmp_path: Path) -> None:
+    file = tmp_path / "run.csv"
+    settings = [f"--set={setting}" for setting in HARD]
+    done = subprocess.run(
+        [sys.executable, "-m", "mecazen", "simulate", str(SCENARIOS / "back.toml"), "--json",
+         "--trajectory", str(file), *settings],
+        env={**os.environ, "PYTHONHASHSEED": hash_seed},
+        capture_output=True,
+        check=True,
+    )  # fmt: skip
+    result = json.loads(done.stdout)
+    assert result["trajectory_sha256"] == one_process("back", *HARD)
+    assert result["ticks"] == len(file.read_text().splitlines()) - 1 == 800
+
+
+def test_a_follower_of_ones_own_from_the_readme_is_the_same_in_processes() -> None:
+    path = ROOT / "examples" / "my_follower.toml"
+    settings = ("sim.duration_s=6.0",)
+    alone = simulate(load_scenario(path, settings), "mine")[0]
+    apart = simulate_distributed(path, settings, "mine")[0]
+    assert alone.trajectory_sha256 == apart.trajectory_sha256
+    # it keeps about 1 m: a proportional law lags by speed over gain, 0.2/1.5 m
+    assert alone.d_err_m is not None
+    assert alone.d_err_m < 0.15

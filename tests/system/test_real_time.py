@@ -1,0 +1,162 @@
+"""The loop in real time, as processes: following, driving by hand, and simulated time."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+from mecazen import keys
+from mecazen.config import load_scenario
+from mecazen.errors import BusError
+from mecazen.geometry import Pose2D
+from mecazen.messages import Empty, Odometry, ResetRequest, SimState, StepRequest
+from mecazen.simulate import simulate
+from mecazen.trajectory import Trajectory
+from mecazen.wire import Stamp
+
+ROOT = Path(__file__).parents[2]
+SCENARIOS = ROOT / "configs" / "scenarios"
+ZENOH_CLI = Path(sys.executable).parent / "zenoh"
+TWIST = '{"linear":{"x":0.3}}'
+
+
+class Watch:
+    """The newest sample of a key."""
+
+    def __init__(self, stack, topic) -> None:
+        self.message = None
+        self.stamp: Stamp | None = None
+        stack.bus.subscribe(topic, self._take)
+
+    def _take(self, message, stamp: Stamp | None) -> None:
+        self.message, self.stamp = message, stamp
+
+
+def pose(odom: Odometry) -> Pose2D:
+    return odom.pose.pose.to_planar()
+
+
+def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack) -> None:
+    settings = ("sim.duration_s=3.0", "target.path.start_after_s=0.2", "sim.speed=0.5")
+    running = stack(SCENARIOS / "back.toml", *settings)
+    trajectory = Trajectory(
+        running.bus, running.scenario.sim.tick_ns, 300, running.scenario.services
+    )
+    running.start()
+    running.wait(lambda: trajectory.complete)
+    missed = running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines
+    if missed:
+        pytest.skip(f"this machine was too busy: {missed} deadlines missed, so runs may differ")
+    lockstep = simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")[1]
+    assert trajectory.rows()[:300] == lockstep.rows()
+
+
+def test_the_robot_follows_the_person_to_within_a_hand(stack) -> None:
+    running = stack(SCENARIOS / "back.toml", "sim.speed=2", "target.path.start_after_s=0.5")
+    robot, person = Watch(running, keys.GROUND_TRUTH), Watch(running, keys.TARGET_ODOM)
+    state = Watch(running, keys.FOLLOWER_STATE)
+    running.start()
+    running.wait(lambda: person.message is not None and pose(person.message).x > 1.0)
+    assert state.message.tracking == "following"
+    # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
+    assert pose(robot.message).distance(pose(person.message)) == pytest.approx(1.0, abs=0.1)
+
+
+def zenoh_cli(running, *arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    # fmt: off
+    command = [ZENOH_CLI, "--mode", "client", "--connect", running.endpoint,
+               "--cfg", f'namespace:"{running.scenario.bus.namespace}"', *arguments]
+    # fmt: on
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=60, **options
+    )
+
+
+def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack) -> None:
+    running = stack(SCENARIOS / "teleop.toml")
+    odom = Watch(running, keys.ODOM)
+    running.start()
+    zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
+    running.wait(lambda: odom.message is not None and pose(odom.message).x > -0.95)
+    # one command: the robot comes to rest when it is stale
+    running.wait(lambda: odom.message.twist.twist.linear.x < 1e-3)
+    at_rest = pose(odom.message).x
+    zenoh_cli(
+        running, "put", "-k", "cmd_vel", "--line", "{value}", input=f"{TWIST}\n{TWIST}\n{TWIST}\n"
+    )
+    running.wait(lambda: pose(odom.message).x > at_rest + 0.05)
+    shown = subprocess.Popen(
+        [ZENOH_CLI, "--mode", "client", "--connect", running.endpoint,
+         "--cfg", f'namespace:"{running.scenario.bus.namespace}"',
+         "subscribe", "-k", "odom", "--decoder", "json"],
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    assert shown.stdout is not None
+    line = msgspec.json.decode(shown.stdout.readline())
+    shown.kill()
+    shown.wait()
+    shown.stdout.close()
+    assert line["child_frame_id"] == "base_link"
+    answer = zenoh_cli(running, "get", "-s", "sim/reset", "--decoder", "json").stdout
+    assert msgspec.json.decode(answer)["tick"] == 0
+    running.wait(lambda: pose(odom.message).x == pytest.approx(-1.0, abs=1e-6))
+
+
+def test_simulated_time_is_held_stepped_and_let_go(stack) -> None:
+    running = stack(SCENARIOS / "back.toml")
+    clock = Watch(running, keys.CLOCK)
+    running.start()
+    held = running.bus.call(keys.SIM_PAUSE, Empty())
+    assert held.paused
+    stepped = running.bus.call(keys.SIM_STEP, StepRequest(ticks=7))
+    assert stepped.tick == held.tick + 7
+    assert running.bus.call(keys.SIM_STATE, Empty()).tick == stepped.tick
+    running.bus.call(keys.SIM_RESUME, Empty())
+    running.wait(lambda: clock.stamp is not None and clock.stamp.time_ns > stepped.clock.ns)
+    with pytest.raises(BusError, match="not paused"):
+        running.bus.call(keys.SIM_STEP, StepRequest())
+
+
+def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack) -> None:
+    settings = ("sim.duration_s=2.0", "target.path.start_after_s=0.0", "sim.speed=0.5")
+    running = stack(SCENARIOS / "back.toml", *settings)
+    observed: list[tuple[int, int, object]] = []
+    running.bus.subscribe(
+        keys.OBSERVATION,
+        lambda frame, stamp: observed.append((stamp.seed, stamp.time_ns, frame)),
+        every=True,
+    )
+    state = Watch(running, keys.FOLLOWER_STATE)
+    running.start()
+    running.wait(lambda: len(observed) > 10)
+    first: SimState = running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
+    assert (first.tick, first.seed) == (0, 99)
+    running.wait(lambda: [seed for seed, *_ in observed].count(99) > 5)
+    running.wait(lambda: state.stamp is not None and state.stamp.seed == 99)
+    anew = [frame for seed, time_ns, frame in observed if seed == 99 and time_ns == 0]
+    before = [frame for seed, time_ns, frame in observed if seed == 1 and time_ns == 0]
+    assert len(anew) == 1
+    assert anew != before
+
+
+def test_when_the_controller_dies_the_robot_comes_to_rest_and_a_new_one_moves_it_again(
+    stack: Callable[..., object],
+) -> None:
+    running = stack(SCENARIOS / "back.toml", "target.path.start_after_s=0.0")
+    truth = Watch(running, keys.GROUND_TRUTH)
+
+    def speed() -> float:
+        return truth.message.twist.twist.linear.x
+
+    running.start()
+    running.wait(lambda: truth.message is not None and speed() > 0.1)
+    os.kill(running.supervisor.pids["controller"], 9)
+    running.wait_unwatched(lambda: abs(speed()) < 1e-3)
+    running.supervisor.start("controller")
+    running.wait_unwatched(lambda: speed() > 0.1)
