@@ -153,6 +153,10 @@ class PhysicsService(Service):
         """
         if self.lockstep or self.paused:
             self._await_all()
+        elif self.tick == 0:
+            # everybody's first answer takes longer, and is not owed yet: time begins with it
+            self._await_all()
+            self.schedule.restart(self.tick)
         else:
             self._await_due()
 
