@@ -57,7 +57,7 @@ NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
     [
         ("seeed = 1", "seeed: unknown key; did you mean seed? allowed: "),
         ("[sim]\ntik_s = 1.0", "sim.tik_s: unknown key; did you mean tick_s? allowed: "),
-        ("[foo]\nx = 1", "foo: unknown key; allowed: bus, programs, robot, "),
+        ("[foo]\nx = 1", "foo: unknown key; allowed: bus, "),
         ("sections = {}", "unknown key 'sections'"),
         ('[sim]\n"two\\nlines" = 1', r"sim.two\nlines: unknown key; allowed: "),
         ("[sim]\ntick_s = 'fast'", f"sim.tick_s: got 'fast'; allowed: {NUMBER_OF_TICKS}"),

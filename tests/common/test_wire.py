@@ -236,13 +236,13 @@ values = st.recursive(
 )
 
 
-@settings(max_examples=1500)
+@settings(max_examples=1000)
 @given(st.binary(max_size=200), kinds, encodings)
 def test_any_bytes_expect_a_message_or_a_refusal(payload, kind, encoding):
     decode_or_refuse(payload, kind, encoding)
 
 
-@settings(max_examples=1500)
+@settings(max_examples=1000)
 @given(st.dictionaries(some_names, values, max_size=5), kinds, st.booleans())
 def test_any_tables_expect_a_message_or_a_refusal(table, kind, as_json):
     decode_or_refuse((msgspec.json if as_json else msgspec.msgpack).encode(table), kind, "")
@@ -260,7 +260,7 @@ SEEDS = [
 ]
 
 
-@settings(max_examples=1500)
+@settings(max_examples=1000)
 @given(
     seed=st.sampled_from(SEEDS),
     edits=st.lists(
