@@ -93,17 +93,17 @@ FUZZ = settings(
 )
 """Examples of up to 40 payloads each: thousands."""
 
+_EXTREME = [1e-320, -0.0, 10.0, 1e5, 1e6, -1e7, 1e155, 1e200, 1e308, -1e308, 1.797e308, -1.797e308]
 _HOSTILE: list[Any] = [None, True, "", "1", [], {}, [[]], [0.0] * 36, [1e308] * 36, [-1.0] * 36]
-_HOSTILE += [0, -1, 2**31, 2**32, -(2**31), 2**63, -(2**63), 10**30]
-_HOSTILE += [1e-320, -0.0, 1.0, 1e6, -1e7, 1e155, 1e200, 1e308, -1e308, 1.797e308, -1.797e308]
+_HOSTILE += [0, -1, 2**31, 2**32, -(2**31), 2**63, -(2**63), 10**30, *_EXTREME]
 _HOSTILE += [float("nan"), float("inf"), float("-inf"), "\ud7ff", "é" * 50, list(range(200))]
 
 
 @st.composite
 def _payload(draw: st.DrawFn, messages: Sequence[Message]) -> bytes:
-    """Random bytes, or a good message with bytes or values damaged."""
+    """Random bytes, or a good message with bytes or values damaged, or numbers extreme."""
     message = draw(st.sampled_from(messages))
-    kind = draw(st.integers(0, 5))
+    kind = draw(st.integers(0, 7))
     if kind == 0:
         return draw(st.binary(max_size=60))
     if kind == 1:
@@ -115,20 +115,29 @@ def _payload(draw: st.DrawFn, messages: Sequence[Message]) -> bytes:
         return bytes(payload)
     tree = msgspec.to_builtins(message)
     for _ in range(draw(st.integers(0, 3))):
-        _damage(draw, tree)
+        _damage(draw, tree, extreme=kind < 5)
     try:
-        return msgspec.msgpack.encode(tree) if kind == 2 else json.dumps(tree).encode()
+        return msgspec.msgpack.encode(tree) if kind % 2 else json.dumps(tree).encode()
     except OverflowError:  # MessagePack has no such integer
         return json.dumps(tree).encode()
 
 
-def _damage(draw: st.DrawFn, node: Any) -> None:
-    """Put a hostile value in a random place of a tree of dicts and lists."""
+def _damage(draw: st.DrawFn, node: Any, *, extreme: bool) -> None:
+    """Put a hostile value in a random place of a tree of dicts and lists.
+
+    Where it is to be `extreme`, it is a number in a number's place, so that the message stays
+    one that its key carries.
+    """
     while node:
         places = list(node) if isinstance(node, dict) else list(range(len(node)))
         place = draw(st.sampled_from(places))
         child = node[place]
-        if not isinstance(child, dict | list) or not child or draw(st.integers(0, 5)) == 0:
+        leaf = not isinstance(child, dict | list) or not child
+        if extreme and leaf:
+            if isinstance(child, float):
+                node[place] = draw(st.sampled_from(_EXTREME))
+            return
+        if leaf or (not extreme and draw(st.integers(0, 5)) == 0):
             node[place] = deepcopy(draw(st.sampled_from(_HOSTILE)))
             return
         node = child

@@ -148,14 +148,34 @@ def private_meeting_point() -> tuple[str, ...]:
 
 @contextmanager
 def on_one_core() -> Iterator[None]:
-    """Let processes that are started meanwhile share one core.
+    """Let processes that are started meanwhile share one core, and take turns on it.
 
     The parts of a tick in lockstep come one after the other: on one core none has to be
-    woken on another, which is the larger part of a hop's time.
+    woken on another, which is the larger part of a hop's time. As batch processes they let
+    a sender finish what it sends before a receiver takes over: a third of the switches.
     """
+    policy = os.sched_getscheduler(0)
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    try:
+        with _on({max(os.sched_getaffinity(0))}):
+            yield
+    finally:
+        os.sched_setscheduler(0, policy, os.sched_param(0))
+
+
+@contextmanager
+def beside_that_core() -> Iterator[None]:
+    """Let threads that are started meanwhile keep off the core that the processes share."""
     cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(cores)})
+    with _on(cores - {max(cores)} or cores):
+        yield
+
+
+@contextmanager
+def _on(cores: set[int]) -> Iterator[None]:
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)
     try:
         yield
     finally:
-        os.sched_setaffinity(0, cores)
+        os.sched_setaffinity(0, before)

@@ -13,7 +13,6 @@ from mecazen.bus.base import Handler
 from mecazen.config import Scenario
 from mecazen.keys import Topic
 from mecazen.messages import (
-    Clock,
     DiagnosticArray,
     DiagnosticStatus,
     Header,
@@ -49,8 +48,6 @@ class Service(ABC):
         """The newest tick that this service has heard of."""
         self._ended_runs: deque[int] = deque(maxlen=16)
         self._diagnostics = bus.publisher(keys.diagnostics(self.NAME))
-        if not self.OWNS_TIME:
-            self.subscribe(keys.CLOCK, self._on_clock)
         self.reset(scenario.seed)
 
     @abstractmethod
@@ -116,14 +113,12 @@ class Service(ABC):
             self._ended_runs.append(self.stamp.run)
             self.stamp = stamp
             self.reset(stamp.seed)
-        elif stamp.time_ns > self.stamp.time_ns:
-            self.stamp = stamp
-        return True
-
-    def _on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
-        del clock
-        if stamp is not None and stamp.time_ns % NS_PER_S < self.tick_ns:
             self.publish_diagnostics()
+        elif stamp.time_ns > self.stamp.time_ns:
+            last, self.stamp = self.stamp, stamp
+            if stamp.time_ns // NS_PER_S > last.time_ns // NS_PER_S:
+                self.publish_diagnostics()
+        return True
 
     def publish_diagnostics(self) -> None:
         """Publish the service's health; done once each simulated second."""

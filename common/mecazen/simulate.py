@@ -15,7 +15,12 @@ from mecazen.bus import LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario, load_scenario
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.processes import Supervisor, on_one_core, private_meeting_point
+from mecazen.processes import (
+    Supervisor,
+    beside_that_core,
+    on_one_core,
+    private_meeting_point,
+)
 from mecazen.runtime import announce_readiness, find_service
 from mecazen.service import NS_PER_S
 from mecazen.trajectory import Trajectory
@@ -146,25 +151,34 @@ def simulate_distributed(
     try:
         with on_one_core():
             supervisor.start_router()
-        bus = ZenohBus(scenario.bus, lossless=True)
+        with beside_that_core():
+            bus = ZenohBus(scenario.bus, lossless=True)
         trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, parts)
         bus.declare_alive(COLLECTOR)
         announce_readiness(bus, COLLECTOR, scenario)
         with on_one_core():
             for part in parts:
                 supervisor.start(part)
-        begin, told = time.perf_counter(), 0
-        while not trajectory.complete:
-            bus.spin_once(PATIENCE_S)
-            if trajectory.done == 0:
-                begin = time.perf_counter()
-            if trajectory.done >= told + PROGRESS_TICKS:
-                told = trajectory.done
-                progress(told)
-            supervisor.poll(0.0)
-        wall_s = time.perf_counter() - begin
-        progress(scenario.sim.ticks)
+        with beside_that_core():
+            wall_s = _collect(trajectory, bus, supervisor, progress)
         bus.close()
     finally:
         supervisor.stop()
     return result(scenario, name, trajectory, wall_s), trajectory
+
+
+def _collect(
+    trajectory: Trajectory, bus: ZenohBus, supervisor: Supervisor, progress: Progress
+) -> float:
+    """Take samples until the run is whole; return the wall time since its first tick [s]."""
+    begin, told = time.perf_counter(), 0
+    while not trajectory.complete:
+        bus.spin_once(PATIENCE_S)
+        if trajectory.done == 0:
+            begin = time.perf_counter()
+        if trajectory.done >= told + PROGRESS_TICKS:
+            told = trajectory.done
+            progress(told)
+        supervisor.poll(0.0)
+    progress(trajectory.done)
+    return time.perf_counter() - begin

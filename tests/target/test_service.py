@@ -26,7 +26,7 @@ from mecazen.bus import LocalBus
 from mecazen.config import Scenario, SensorConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import Clock, Odometry, Time, Twist, planar_odometry
+from mecazen.messages import Odometry, Time, Twist, planar_odometry
 from mecazen.wire import Stamp, encode
 from mecazen_target.config import Circle, Driven, Gait, Recorded, Standing, Straight, TargetConfig
 from mecazen_target.service import TargetService
@@ -47,12 +47,10 @@ class Rig:
         self.bus = LocalBus()
         scenario = Scenario(robot=NEXUS, seed=seed, sensor=sensor, sections={"target": config})
         self.service = TargetService(self.bus, scenario)
-        self.clock = self.bus.publisher(keys.CLOCK)
         self.ground_truth = self.bus.publisher(keys.GROUND_TRUTH)
         self.cmd_vel = self.bus.publisher(keys.TARGET_CMD_VEL)
-        self.heard = Listener(
-            self.bus, keys.TARGET_ODOM, keys.OBSERVATION, keys.diagnostics("target")
-        )
+        self.heard = Listener(self.bus, keys.TARGET_ODOM, keys.OBSERVATION)
+        self.health = Listener(self.bus, keys.diagnostics("target"))
 
     def tick(
         self, tick: int, robot: Pose2D = ORIGIN, run: int = RUN, seed: int = 1
@@ -297,18 +295,16 @@ def test_a_recorded_track_is_walked_from_the_start_pose(tmp_path: Path):
 
 def test_diagnostics_tell_the_way_walked():
     rig = Rig(TargetConfig(path=Straight(speed_m_s=1.0)))
-    health = []
     for tick in range(201):
-        rig.clock.put(Clock(), Stamp(tick * TICK_NS, RUN, 1))
-        health += [s.message for s in rig.tick(tick) if s.key == "diagnostics/target"]
-    values = [{v.key: v.value for v in message.status[0].values} for message in health]
+        rig.tick(tick)
+    health = [sample.message.status[0] for sample in rig.health.take()]
+    values = [{value.key: value.value for value in status.values} for status in health]
     assert [value["time_s"] for value in values] == ["0.0", "1.0", "2.0"]
     assert [value["walked_m"] for value in values] == ["0.0", "0.99", "1.99"]
     assert [value["refused_payloads"] for value in values] == ["0"] * 3
 
 
 GOOD = {
-    "clock": [Clock(clock=Time(1, 2))],
     "ground_truth/odom": [
         planar_odometry(Time(1), "world", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
     ],
@@ -338,7 +334,7 @@ def test_even_forged_stamps_bring_no_number_that_is_not_finite_and_no_lasting_ha
     rig = Rig(DRIVEN)
     rig.person(0)
     put_all(rig.bus, wrong)
-    for sample in rig.tick(5):  # and all since the last
+    for sample in rig.tick(5) + rig.health.take():  # and all since the last
         assert_sendable(sample)
     assert pose_of(rig.person(0, NEXT_RUN)) == Pose2D()
     rig.command(Twist2D(x=1.0))
