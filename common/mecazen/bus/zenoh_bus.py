@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import queue
 import re
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -386,7 +388,20 @@ class _ZenohReply(Reply[AnswerT]):
 
 def _direct(function: Callable[[Any], None]) -> Any:
     """Return a handler that runs on Zenoh's receiving thread: one hop less."""
-    return zenoh.handlers.Callback(function, indirect=False)
+
+    def call(argument: Any) -> None:
+        if not hasattr(_receiving, "kept"):
+            _receiving.kept = True
+            ctypes.pythonapi.PyGILState_Ensure()
+        function(argument)
+
+    return zenoh.handlers.Callback(call, indirect=False)
+
+
+# Python makes a state for a foreign thread that calls it, with pages of memory for its frames,
+# and gives all of it back after the call. Ensuring the state once more than it is released
+# keeps it as long as the thread lives, which saves a third of the cost of a sample.
+_receiving = threading.local()
 
 
 def _raise_stopped() -> NoReturn:

@@ -65,7 +65,7 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
 
     dt_s: Annotated[float, msgspec.Meta(ge=1e-5, le=0.005)] = 0.001
     """One physics step; a control period holds a whole number of them."""
-    roller_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 15
+    roller_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 41
     """Spheres whose convex hull is a roller's collision shape; odd: one in its middle."""
     drive: Literal["velocity", "effort"] = "velocity"
     """A commanded wheel speed is held by an ideal servo within the motor's torque

@@ -14,6 +14,7 @@ from mecazen_physics import bodies
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.pid import WheelPid
+from mecazen_physics.reach import Circle, Reach
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
@@ -77,7 +78,13 @@ class World:
         self._robot, joints = bodies.build_robot(robot, config, start)
         self._wheels = joints[: len(WHEELS)]
         self.joint_names: tuple[str, ...] = tuple(joint.getName() for joint in joints)
+        self._reach = Reach(robot, [joint.getChildBodyNode() for joint in joints[len(WHEELS) :]])
+        self._obstacles = [
+            Circle(*obstacle.position_m, math.hypot(*obstacle.size_m[:-1]))
+            for obstacle in config.obstacles
+        ]
         self._person: Any = None
+        self._person_circle: list[Circle] = []
         self._world.addSkeleton(self._surroundings)
         self._world.addSkeleton(self._robot)
         self._pids = [WheelPid(config.pid, self._max_torque, config.dt_s) for _ in WHEELS]
@@ -98,6 +105,7 @@ class World:
         """
         limit = self._max_speed
         target = [min(max(speed, -limit), limit) for speed in command]
+        self._choose_rollers(target, steps)
         if self._config.drive == "effort":
             self._advance_pid(target, steps)
         else:
@@ -114,6 +122,7 @@ class World:
             DivergedError: if the state is no longer one of a robot on the ground.
         """
         self._use_servo(servo=False)
+        self._choose_rollers([self._max_speed] * len(WHEELS), steps)
         for _ in range(steps):
             self._step_effort(command, [wheel.getVelocity(0) for wheel in self._wheels])
         self._update()
@@ -126,12 +135,27 @@ class World:
         """
         if self._person is None:
             self._person = self._add_person()
+        self._person_circle = [Circle(pose.x, pose.y, self._config.person.radius_m)]
         self._person.setPositions([pose.x, pose.y])
         self._person.setCommands(list(rotate(velocity.x, velocity.y, pose.yaw)))
 
     def state(self) -> WorldState:
         """Return the present state."""
         return self._state
+
+    def _choose_rollers(self, target: list[float], steps: int) -> None:
+        """Leave the rollers that can touch nothing in these steps out of the collisions."""
+        state = self._state
+        speeds = state.joint_velocity[: len(WHEELS)]
+        x, y, _, _ = state.orientation
+        self._reach.update(
+            angles=state.joint_position[: len(WHEELS)],
+            fastest=[max(abs(a), abs(b)) for a, b in zip(speeds, target, strict=True)],
+            duration=steps * self._config.dt_s,
+            tilt=2.0 * math.asin(min(1.0, math.hypot(x, y))),
+            others=self._obstacles + self._person_circle,
+            position=state.position,
+        )
 
     def _advance_servo(self, target: list[float], steps: int) -> None:
         self._use_servo(servo=True)
