@@ -27,6 +27,7 @@ class Toy(Service):
 
     def __init__(self, bus, scenario):
         super().__init__(bus, scenario)
+        self.subscribe(keys.CLOCK, lambda clock, stamp: None)
         self.subscribe(keys.CMD_VEL, lambda twist, stamp: None)
 
     def reset(self, seed):
