@@ -10,9 +10,10 @@ from contextlib import contextmanager
 import numpy as np
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario, load_scenario
+from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
+from mecazen.loading import load_scenario
 from mecazen.messages import JointState, Twist
 from mecazen.processes import Supervisor, private_meeting_point
 from mecazen.wire import JSON_ENCODING, Stamp, encode

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from mecazen.config import load_scenario
+from mecazen.loading import load_scenario
 from mecazen.simulate import Result, simulate, simulate_distributed
 
 from bench.figures import Figure, Group, Row, Target

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mecazen.config import load_scenario
+from mecazen.loading import load_scenario
 from mecazen.robot import Robot
 
 SCENARIOS = Path(__file__).parents[1] / "configs" / "scenarios"

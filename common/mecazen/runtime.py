@@ -19,8 +19,9 @@ from types import ModuleType
 from mecazen import log
 from mecazen.bus.base import StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import BusConfig, Scenario, load_scenario, scenario_path
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError, ConfigError, MecazenError
+from mecazen.loading import load_scenario, scenario_path
 from mecazen.service import NS_PER_S, Service
 
 logger = logging.getLogger(__name__)

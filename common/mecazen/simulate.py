@@ -13,8 +13,9 @@ import msgspec
 
 from mecazen.bus import LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario, load_scenario
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.loading import load_scenario
 from mecazen.processes import (
     Supervisor,
     beside_that_core,

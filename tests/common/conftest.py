@@ -15,9 +15,10 @@ from typing import Any
 import pytest
 from mecazen.bus import Bus, LocalBus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import BusConfig, Scenario, load_scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
 from mecazen.keys import Topic
+from mecazen.loading import load_scenario
 from mecazen.messages import String
 from mecazen.wire import Stamp
 

@@ -9,10 +9,11 @@ from typing import Annotated
 import msgspec
 import pytest
 import tomli_w
-from mecazen import config
-from mecazen.config import BusConfig, Scenario, effective, load_scenario, scenario_path, whole_ticks
+from mecazen import loading
+from mecazen.config import BusConfig, Scenario, whole_ticks
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
+from mecazen.loading import effective, load_scenario, scenario_path
 from mecazen.runtime import exit_with
 from mecazen.schema import Section
 
@@ -36,7 +37,7 @@ class Toy(Section):
 
 @pytest.fixture
 def toy(monkeypatch):
-    monkeypatch.setattr(config, "installed_sections", lambda: {"toy": Toy})
+    monkeypatch.setattr(loading, "installed_sections", lambda: {"toy": Toy})
 
 
 def problem(path: Path, *overrides: str) -> str:

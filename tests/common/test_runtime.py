@@ -9,8 +9,8 @@ from contextlib import contextmanager
 
 import pytest
 from mecazen import runtime
-from mecazen.config import load_scenario
 from mecazen.errors import BusError, ConfigError
+from mecazen.loading import load_scenario
 from mecazen.runtime import exit_with, find_service
 from mecazen.service import Service
 

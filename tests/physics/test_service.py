@@ -273,6 +273,32 @@ def test_a_lockstep_run_ends_with_its_last_tick():
     assert [len(rig.tick()) for _ in range(6)] == [3, 3, 3, 3, 0, 0]
 
 
+def test_steps_past_the_end_of_a_run_are_answered_at_its_end_and_then_refused():
+    rig = Rig(services=ALONE, duration_s=0.03)
+    rig.begin()
+    rig.bus.call(keys.SIM_PAUSE, Empty())
+    stepping, late = Answer(), Answer()
+    rig.service.on_step(StepRequest(ticks=100), stepping)
+    assert [len(rig.tick()) for _ in range(3)] == [3, 3, 0]
+    assert stepping.message.tick == 2
+    rig.service.on_step(StepRequest(), late)
+    assert late.error == "the run has ended: `sim/reset` begins it anew"
+
+
+def test_in_lockstep_an_outsider_can_not_speak_for_a_service_that_takes_part():
+    rig = Rig()
+    rig.begin()
+    rig.tick([1.0] * 4)
+    spoken = rig.service.command
+    names = ",".join(f'"{name}"' for name in WHEEL_JOINTS)
+    intruder = f'{{"name":[{names}],"velocity":[9,9,9,9]}}'
+    rig.bus.put_bytes("joint_command", intruder.encode())
+    rig.bus.put_bytes("target/odom", b'{"pose":{"pose":{"position":{"x":0.1}}}}')
+    rig.listen()
+    assert rig.service.command == spoken
+    assert rig.service.awaited == {"controller", "target"}
+
+
 def test_wheel_speeds_are_taken_by_name_in_any_order():
     rig = Rig()
     rig.begin()

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario, load_scenario
+from mecazen.config import Scenario
+from mecazen.loading import load_scenario
 from mecazen.processes import Supervisor, private_meeting_point
 
 ROOT = Path(__file__).parents[2]

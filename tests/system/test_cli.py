@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from mecazen.config import effective, load_scenario
+from mecazen.loading import effective, load_scenario
 from mecazen.processes import private_meeting_point
 
 ROOT = Path(__file__).parents[2]

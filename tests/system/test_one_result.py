@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from mecazen.config import load_scenario
+from mecazen.loading import load_scenario
 from mecazen.simulate import simulate, simulate_distributed
 
 ROOT = Path(__file__).parents[2]

@@ -11,9 +11,9 @@ from pathlib import Path
 import msgspec
 import pytest
 from mecazen import keys
-from mecazen.config import load_scenario
 from mecazen.errors import BusError
 from mecazen.geometry import Pose2D
+from mecazen.loading import load_scenario
 from mecazen.messages import Empty, Odometry, ResetRequest, SimState, StepRequest
 from mecazen.simulate import simulate
 from mecazen.trajectory import Trajectory

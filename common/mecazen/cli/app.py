@@ -17,8 +17,8 @@ from mecazen import keys, runtime
 from mecazen.cli import sim, talk
 from mecazen.cli.options import ScenarioArgument, Settings, load
 from mecazen.cli.up import run_up
-from mecazen.config import effective, scenario_path
 from mecazen.errors import MecazenError
+from mecazen.loading import effective, scenario_path
 from mecazen.simulate import Result, simulate, simulate_distributed
 from mecazen.trajectory import Trajectory
 

@@ -10,8 +10,9 @@ import msgspec
 import typer
 
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ROUTER, BusConfig, Scenario, load_scenario, scenario_path
+from mecazen.config import ROUTER, BusConfig, Scenario
 from mecazen.errors import ConfigError
+from mecazen.loading import load_scenario, scenario_path
 
 ScenarioArgument = Annotated[
     str,

@@ -12,7 +12,8 @@ from rich.table import Table
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ROUTER, Scenario, load_scenario
+from mecazen.config import ROUTER, Scenario
+from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, FollowerState, Odometry
 from mecazen.processes import Supervisor
 from mecazen.runtime import find_service

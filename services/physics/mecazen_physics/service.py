@@ -141,6 +141,8 @@ class PhysicsService(Service):
         self._publish()
         if self.paused and self.steps_left:
             self.steps_left -= 1
+            if self._at_the_end:
+                self.steps_left = 0
             if not self.steps_left and self.step_reply is not None:
                 self.step_reply.answer(self.sim_state())
                 self.step_reply = None
@@ -162,6 +164,8 @@ class PhysicsService(Service):
 
     def on_joint_command(self, joints: JointState, stamp: Stamp | None) -> None:
         """Take velocities [rad/s] or efforts [N·m] of the wheels, by name."""
+        if self._is_intrusion("controller", stamp):
+            return
         efforts = bool(joints.effort) and not joints.velocity
         values = dict(zip(joints.name, joints.effort if efforts else joints.velocity, strict=False))
         if any(name not in values for name in WHEEL_JOINTS):
@@ -177,6 +181,8 @@ class PhysicsService(Service):
 
     def on_target_odom(self, person: Odometry, stamp: Stamp | None) -> None:
         """Place the person's body."""
+        if self._is_intrusion("target", stamp):
+            return
         pose, twist = person.pose.pose.to_planar(), person.twist.twist.to_planar()
         if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
             self.bus.refuse(keys.TARGET_ODOM.key, f"pose out of range: {tuple(pose)}")
@@ -205,6 +211,8 @@ class PhysicsService(Service):
         """Simulate some ticks while paused; the answer comes when they are done."""
         if not self.paused:
             reply.refuse("not paused: `sim/pause` first")
+        elif self._at_the_end:
+            reply.refuse("the run has ended: `sim/reset` begins it anew")
         elif self.steps_left:
             reply.refuse("still stepping")
         else:
@@ -288,11 +296,18 @@ class PhysicsService(Service):
         if self.awaited and self.asked_reset is None and not self.paused:
             self.missed_deadlines += 1
 
+    def _is_intrusion(self, name: str, stamp: Stamp | None) -> bool:
+        """Return whether an outsider speaks in lockstep for a service that takes part."""
+        return self.lockstep and stamp is None and name in self.answers
+
+    @property
+    def _at_the_end(self) -> bool:
+        return self.lockstep and self.tick >= self.scenario.sim.ticks - 1
+
     def _hold(self) -> bool:
         """Deliver what arrives while simulated time is held; return whether it goes on."""
         while self.asked_reset is None and (
-            (self.paused and not self.steps_left)
-            or (self.lockstep and self.tick >= self.scenario.sim.ticks - 1)
+            (self.paused and not self.steps_left) or self._at_the_end
         ):
             if not self.bus.spin_once():
                 return False

@@ -1,0 +1,163 @@
+"""What is wrong with a configuration, in one line: where, what, and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from datetime import date, datetime, time
+from typing import Any, Protocol
+
+import msgspec
+import msgspec.inspect as mi
+
+from mecazen.robot import Robot
+from mecazen.schema import Section
+
+
+class NameSource(Protocol):
+    """Says where the value of a key comes from."""
+
+    def __call__(self, key: str, problem: str, *, of_table: bool) -> str:
+        """Return the source's name."""
+
+
+def explain(
+    error: msgspec.ValidationError,
+    raw: Any,
+    kind: type[Section],
+    prefix: str,
+    name_source: NameSource,
+    extra: tuple[str, ...],
+) -> str:
+    """Turn msgspec's message into one line with file, key and what is allowed."""
+    problem, _, where = str(error).rpartition(" - at `$")
+    if not problem:
+        problem, where = where, ""
+    steps = re.findall(r"\.?([A-Za-z0-9_-]+)|\[(\d+|\.\.\.)\]", where.rstrip("`"))
+    node, value, trail = _descend(mi.type_info(kind), raw, [name or step for name, step in steps])
+    # a struct's own checks and those of paths say what is wrong in words of their own
+    own_words = error.__cause__ is not None
+    unknown = re.match(r"Object contains unknown field `(.*)`$", problem, re.DOTALL)
+    missing = re.match(r"Object missing required field `(.*)`$", problem)
+    if unknown and not own_words:
+        names = sorted([*_fields(node), *(extra if not trail else ())])
+        close = difflib.get_close_matches(unknown[1], names, n=1)
+        problem = "unknown key; " + (f"did you mean {close[0]}? " if close else "")
+        problem += f"allowed: {', '.join(names)}"
+        trail = [*trail, unknown[1]]
+    elif missing and not own_words:
+        problem = f"missing; must be {_describe(_fields(node).get(missing[1], node))}"
+        trail = [*trail, missing[1]]
+    elif not own_words:
+        problem = f"got {show(value)}; allowed: {_describe(node)}"
+    elif not isinstance(node, mi.StructType):
+        problem += f"; allowed: {_describe(node)}"
+    key = ".".join([prefix, *trail] if prefix else trail)
+    of_table = own_words and isinstance(node, mi.StructType)
+    source = name_source(key, problem, of_table=of_table)
+    parts = (source, "" if source.endswith(f" with --set {key}") else key, problem)
+    return one_line(": ".join(part for part in parts if part))
+
+
+def one_line(text: str) -> str:
+    """Return a text with what would end its line, or worse, written out."""
+    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]", lambda match: repr(match[0])[1:-1], text)
+
+
+def show(value: Any) -> str:
+    """Return a value as a reader of TOML expects it, shortened."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and abs(value) >= 10**40:
+        return "a number of too many digits"
+    text = str(value) if isinstance(value, datetime | date | time) else repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}…"
+
+
+def _descend(node: mi.Type, value: Any, steps: list[str]) -> tuple[mi.Type, Any, list[str]]:
+    """Follow the steps of msgspec's path; return the type and value there, and their keys."""
+    trail = []
+    for step in steps:
+        node = _choose(node, value)
+        key = step
+        if isinstance(node, mi.DictType):
+            # msgspec does not say which: the first that is no string, or no number
+            kinds = str if isinstance(node.value_type, mi.StrType) else (int, float)
+            wrong = {k: v for k, v in value.items() if type(v) is bool or not isinstance(v, kinds)}
+            node, (key, value) = node.value_type, next(iter((wrong or value).items()))
+        elif isinstance(node, mi.StructType):
+            node, value = _fields(node).get(step, node), value.get(step)
+        elif isinstance(node, mi.UnionType):  # no struct has the tag that is given here
+            value = value.get(step)
+        elif isinstance(node, mi.TupleType):
+            node, value = node.item_types[int(step)], value[int(step)]
+        elif isinstance(node, mi.VarTupleType | mi.ListType):
+            node, value = node.item_type, value[int(step)]
+        trail.append(key)
+    return _choose(node, value), value, trail
+
+
+def _choose(node: mi.Type, value: Any) -> mi.Type:
+    """Return the member of a union that `value` is meant for: by its tag, else the first."""
+    if isinstance(node, mi.Metadata):
+        node = node.type
+    if not isinstance(node, mi.UnionType):
+        return node
+    members = [t for t in node.types if not isinstance(t, mi.NoneType)]
+    tagged = [t for t in members if isinstance(t, mi.StructType) and isinstance(value, dict)]
+    for member in tagged:
+        if member.tag_field is not None and value.get(member.tag_field) == member.tag:
+            return member
+    return members[0] if len(members) == 1 else node
+
+
+def _fields(node: mi.Type) -> dict[str, mi.Type]:
+    """Return what a table may hold: the type of each key, in a union also the tag's."""
+    if isinstance(node, mi.UnionType):
+        return {
+            t.tag_field: node for t in node.types if isinstance(t, mi.StructType) and t.tag_field
+        }
+    if not isinstance(node, mi.StructType):
+        return {}
+    tag = {node.tag_field: mi.LiteralType((node.tag,))} if node.tag_field else {}
+    return {f.encode_name: f.type for f in node.fields if f.encode_name != "sections"} | tag
+
+
+def _describe(node: mi.Type) -> str:
+    """Return what a value of this type may be, in words."""
+    if isinstance(node, mi.Metadata):
+        node = node.type
+    if isinstance(node, mi.BoolType):
+        return "true or false"
+    if isinstance(node, mi.FloatType | mi.IntType):
+        bounds = [
+            f"{sign} {bound:.10g}"
+            for sign, bound in ((">", node.gt), (">=", node.ge), ("<", node.lt), ("<=", node.le))
+            if bound is not None
+        ]
+        return " ".join(
+            [
+                "a number" if isinstance(node, mi.FloatType) else "a whole number",
+                " and ".join(bounds),
+            ]
+        ).strip()
+    if isinstance(node, mi.StrType):
+        return "a string" + (f" that matches {node.pattern}" if node.pattern else "")
+    if isinstance(node, mi.LiteralType):
+        return " or ".join(repr(value) for value in node.values)
+    if isinstance(node, mi.UnionType):
+        tags = [str(t.tag) for t in node.types if isinstance(t, mi.StructType) and t.tag]
+        if tags:
+            return " or ".join(repr(tag) for tag in tags)
+        return " or ".join(_describe(t) for t in node.types if not isinstance(t, mi.NoneType))
+    if isinstance(node, mi.VarTupleType | mi.ListType):
+        return f"a list, each {_describe(node.item_type)}"
+    if isinstance(node, mi.TupleType):
+        return "[" + ", ".join(_describe(t) for t in node.item_types) + "]"
+    if isinstance(node, mi.StructType):
+        return "a robot file, or a table" if node.cls is Robot else "a table"
+    if isinstance(node, mi.DictType):
+        return f"a table, each value {_describe(node.value_type)}"
+    return "a path to a file"

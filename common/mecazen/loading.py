@@ -1,0 +1,177 @@
+"""Scenarios from TOML files: strict about keys, types and ranges, with overrides."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar, cast
+
+import msgspec
+
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.explain import explain, one_line, show
+from mecazen.schema import Section
+
+SectionT = TypeVar("SectionT", bound=Section)
+
+KNOWN_SERVICES = ("physics", "controller", "target", "follower", "viewer", "recorder")
+"""Sections that a scenario may hold although the service is not installed here."""
+
+
+def installed_sections() -> dict[str, type[Section]]:
+    """Return the configuration struct of every service that is installed here."""
+    return {entry.name: entry.load() for entry in entry_points(group="mecazen.configs")}
+
+
+def scenario_path(name: str) -> Path:
+    """Return the file of a scenario given by its path or by its name in `configs/scenarios`.
+
+    Raises:
+        ConfigError: There is no such file.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    here = Path.cwd()
+    for folder in (here, *here.parents):
+        scenarios = folder / "configs" / "scenarios"
+        if scenarios.is_dir():
+            if (scenarios / f"{name}.toml").is_file():
+                return scenarios / f"{name}.toml"
+            known = ", ".join(sorted(file.stem for file in scenarios.glob("*.toml")))
+            raise ConfigError(f"{name}: no such scenario; a path to a TOML file, or one of {known}")
+    raise ConfigError(f"{name}: no such file, and no configs/scenarios here or above")
+
+
+def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
+    """Load a scenario file and check all of it.
+
+    Args:
+        path: The TOML file.
+        overrides: `key.path=value` each, the value in TOML; a bare word is a string.
+
+    Raises:
+        ConfigError: One line with the file, the key and what is allowed.
+    """
+    raw = _read_toml(path)
+    settings = dict(_parse_override(override) for override in overrides)
+    origin = _Origin(path, settings=tuple(settings))
+    if "robot" in settings:
+        raw["robot"] = settings.pop("robot")
+    if isinstance(raw.get("robot"), str):
+        robot = path.parent / raw["robot"]
+        raw["robot"] = _read_toml(robot)
+        origin = origin._replace(robot=robot.resolve())
+    for key, value in settings.items():
+        _override(raw, key, value)
+    if "sections" in raw:
+        raise ConfigError(f"{path}: unknown key 'sections'")
+    kinds = installed_sections()
+    sections = {
+        name: raw.pop(name) for name in {**kinds, **dict.fromkeys(KNOWN_SERVICES)} if name in raw
+    }
+    decoded = {
+        name: _convert(section, kinds[name], name, origin)
+        for name, section in sections.items()
+        if name in kinds
+    }
+    scenario = _convert(raw, Scenario, "", origin, extra=tuple(kinds))
+    for part, program in scenario.programs.items():
+        if ".py:" in program:
+            # a file of one's own lies beside the scenario, wherever the process is started
+            scenario.programs[part] = str((path.parent / program).resolve())
+    return msgspec.structs.replace(
+        scenario,
+        sections={name: decoded.get(name, kind()) for name, kind in sorted(kinds.items())},
+    )
+
+
+def effective(scenario: Scenario) -> dict[str, Any]:
+    """Return a scenario as plain tables that load to the same scenario again."""
+    tables = msgspec.to_builtins(scenario, enc_hook=str)
+    tables.update(tables.pop("sections"))
+    return cast(dict[str, Any], _without_none(tables))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be read: {error.strerror}") from None
+    except ValueError as error:  # no UTF-8, or a name that no file can have
+        raise ConfigError(one_line(f"{path}: can't be read: {error}")) from None
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # besides wrong TOML: too many digits
+        raise ConfigError(one_line(f"{path}: not TOML: {error}")) from None
+
+
+def _parse_override(override: str) -> tuple[str, Any]:
+    key, equals, text = override.partition("=")
+    key = key.strip()
+    if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
+        raise ConfigError(one_line(f"--set {override}: must be key.path=value"))
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return key, text.strip()
+    return key, parsed["value"] if len(parsed) == 1 else text.strip()
+
+
+def _override(raw: dict[str, Any], key: str, value: Any) -> None:
+    *tables, last = key.split(".")
+    for depth, name in enumerate(tables):
+        raw = raw.setdefault(name, {})
+        if not isinstance(raw, dict):
+            raise ConfigError(f"--set {key}: {'.'.join(tables[: depth + 1])} is not a table")
+    raw[last] = value
+
+
+class _Origin(NamedTuple):
+    """Where the values of a scenario come from, for what is said of them."""
+
+    path: Path
+    robot: Path | None = None
+    settings: tuple[str, ...] = ()
+    """The keys that are overridden."""
+
+    def name(self, key: str, problem: str, *, of_table: bool) -> str:
+        """Return the file of `key`, and the override that it may come from."""
+        file = self.robot if self.robot and key.partition(".")[0] == "robot" else self.path
+        for setting in self.settings:
+            within = key == setting or key.startswith(f"{setting}.")
+            around = setting.startswith(f"{key}.") if key else True
+            # what is wrong with a table as a whole names those of its keys that matter
+            if within or (around and (not of_table or setting.rpartition(".")[2] in problem)):
+                return f"{file} with --set {setting}"
+        return str(file)
+
+
+def _convert(
+    raw: Any, kind: type[SectionT], prefix: str, origin: _Origin, extra: tuple[str, ...] = ()
+) -> SectionT:
+    def to_path(wanted: type, value: Any) -> Path:
+        if wanted is not Path or not isinstance(value, str):
+            raise ValueError(f"got {show(value)}")
+        resolved = (origin.path.parent / value).resolve()
+        if not resolved.is_file():
+            raise ValueError(f"{resolved}: no such file")
+        return resolved
+
+    try:
+        return msgspec.convert(raw, kind, dec_hook=to_path)
+    except msgspec.ValidationError as error:
+        raise ConfigError(explain(error, raw, kind, prefix, origin.name, extra)) from None
