@@ -218,3 +218,11 @@ def test_when_up_itself_is_killed_its_processes_end_too() -> None:
             process = os.pidfd_open(pid)
             assert select.select([process], [], [], GUARD_S)[0]
             os.close(process)
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "configs" / "zenoh").glob("*.json5")))
+def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file: Path) -> None:
+    up = Up("teleop", f"bus.zenoh_config={file}", 'bus.listen=["tcp/127.0.0.1:0"]')
+    up.read_until("t = ")
+    up.process.send_signal(signal.SIGINT)
+    assert up.end()[0] == 0

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import signal
+import sys
 from pathlib import Path
 from types import FrameType
 
@@ -52,7 +55,7 @@ def run_up(path: Path, settings: tuple[str, ...]) -> None:
         status = Status(bus, scenario)
         for part in scenario.services:
             supervisor.start(part)
-        _introduce(console, scenario, supervisor)
+        _introduce(console, scenario, supervisor, path)
         _watch(console, supervisor, bus, status)
     except KeyboardInterrupt:
         console.print("stopping …")
@@ -136,7 +139,7 @@ def _place(odom: Odometry) -> str:
     return f"({position.x:+.2f}, {position.y:+.2f})"
 
 
-def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor) -> None:
+def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:
     table = Table("process", "pid", "what it does", title="running", title_justify="left")
     for name, pid in supervisor.pids.items():
         table.add_row(name, str(pid), WORK.get(name, scenario.programs.get(name, "")))
@@ -145,14 +148,19 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor) -> 
     console.print(f"Tools attach at [bold]{endpoint}[/]. In another terminal:")
     drive = '{"linear":{"x":0.3}}'
     lines = ["mecazen echo odom", "mecazen sim pause|resume|reset", "mecazen topics --live"]
-    if "follower" not in scenario.services:
+    if "follower" in scenario.services:
+        lines.append("mecazen up teleop   # instead of this: you drive the robot")
+    else:
         lines.insert(0, f"mecazen pub cmd_vel '{drive}' --rate 20   # drives the robot")
         lines.insert(1, f"zenoh --mode client --connect {endpoint} put -k cmd_vel -v '{drive}'")
-    person = getattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s", None)
-    if person is not None:
+    if hasattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s"):
         lines.insert(0, f"mecazen pub target/cmd_vel '{drive}' --rate 20   # walks the person")
     else:
-        lines.append("mecazen up teleop   # instead of this: robot and person driven by hand")
+        driven = "--set target.path=\"{kind='driven'}\""
+        lines.append(f"mecazen up {path.stem} {driven}   # instead: you walk the person")
+    if shutil.which("mecazen") is None:
+        activate = Path(sys.prefix) / "bin" / "activate"
+        lines.insert(0, f". {os.path.relpath(activate)}   # once")
     for line in lines:
         console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
     console.print("Ctrl-C ends all of it.")
