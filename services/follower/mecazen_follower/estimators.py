@@ -330,7 +330,7 @@ class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityPar
         if self._filter is None:
             return None
         x, vx, y, vy, yaw, yaw_rate = self._filter.x.tolist()
-        covariance = self._filter.P[np.ix_(self._pose, self._pose)]
+        covariance = self._filter.P[::2, ::2]  # x, y, yaw stand before their rates
         return Estimate(Pose2D(x, y, yaw), Twist2D(vx, vy, yaw_rate), _covariance(covariance))
 
 
