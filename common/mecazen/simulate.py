@@ -6,6 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, cast
 
@@ -154,15 +155,15 @@ def simulate_distributed(
             supervisor.start_router()
         with beside_that_core():
             bus = ZenohBus(scenario.bus, lossless=True)
-        trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, parts)
-        bus.declare_alive(COLLECTOR)
-        announce_readiness(bus, COLLECTOR, scenario)
-        with on_one_core():
-            for part in parts:
-                supervisor.start(part)
-        with beside_that_core():
-            wall_s = _collect(trajectory, bus, supervisor, progress)
-        bus.close()
+        with closing(bus):
+            trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, parts)
+            bus.declare_alive(COLLECTOR)
+            announce_readiness(bus, COLLECTOR, scenario)
+            with on_one_core():
+                for part in parts:
+                    supervisor.start(part)
+            with beside_that_core():
+                wall_s = _collect(trajectory, bus, supervisor, progress)
     finally:
         supervisor.stop()
     return result(scenario, name, trajectory, wall_s), trajectory

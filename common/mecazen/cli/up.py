@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import sys
+from contextlib import closing
 from pathlib import Path
 from types import FrameType
 
@@ -51,12 +52,12 @@ def run_up(path: Path, settings: tuple[str, ...]) -> None:
     try:
         console.print(f"[bold]mecazen[/] starts scenario [bold]{path.stem}[/] ({path})")
         supervisor.start_router()
-        bus = ZenohBus(scenario.bus, "client")
-        status = Status(bus, scenario)
-        for part in scenario.services:
-            supervisor.start(part)
-        _introduce(console, scenario, supervisor, path)
-        _watch(console, supervisor, bus, status)
+        with closing(ZenohBus(scenario.bus, "client")) as bus:
+            status = Status(bus, scenario)
+            for part in scenario.services:
+                supervisor.start(part)
+            _introduce(console, scenario, supervisor, path)
+            _watch(console, supervisor, bus, status)
     except KeyboardInterrupt:
         console.print("stopping …")
     finally:
