@@ -36,6 +36,7 @@ class Follower(Service):
         self._open: tuple[Odometry, Stamp] | None = None
         self._frame: Observation | None = None
         self._frame_stamp: Stamp | None = None
+        self._last: Stamp | None = None
         super().__init__(bus, scenario)
         self.answer_every_tick(keys.ODOM, self._on_odom)
         self.subscribe(keys.OBSERVATION, self._on_observation)
@@ -58,8 +59,8 @@ class Follower(Service):
         if self._open is not None and self._open[1].run == stamp.run:
             self.late_frames += 1
             self._answer(*self._open)
-        due = self._sees and self.tick_of(stamp) % self._ticks_per_frame == 0
-        if due and self._frame_stamp != stamp:
+        due, self._last = self._is_frame_due(stamp), stamp
+        if due and not self._has_frame(stamp):
             self._open = odom, stamp
         else:
             self._answer(odom, stamp)
@@ -70,8 +71,27 @@ class Follower(Service):
         self._frame = frame
         if stamp is not None:
             self._frame_stamp = stamp
-        if self._open is not None and self._open[1] == stamp:
+        if self._open is not None and self._has_frame(self._open[1]):
             self._answer(*self._open)
+
+    def _frame_tick_ns(self, stamp: Stamp) -> int:
+        """Return the tick [ns] of the newest frame that is due by a tick."""
+        return stamp.time_ns - self.tick_of(stamp) % self._ticks_per_frame * self.tick_ns
+
+    def _is_frame_due(self, stamp: Stamp) -> bool:
+        """Return whether a frame belongs to a tick: one that is due since the last odometry."""
+        last = self._last
+        since_ns = last.time_ns if last and last.run == stamp.run else stamp.time_ns - 1
+        return self._sees and self._frame_tick_ns(stamp) > since_ns
+
+    def _has_frame(self, stamp: Stamp) -> bool:
+        """Return whether the newest frame that is due by a tick has come."""
+        seen = self._frame_stamp
+        return (
+            seen is not None
+            and seen.run == stamp.run
+            and seen.time_ns >= self._frame_tick_ns(stamp)
+        )
 
     def _answer(self, odom: Odometry, stamp: Stamp) -> None:
         frame, self._frame, self._open = self._frame, None, None

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, cast
 
 import msgspec
 
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
@@ -71,7 +71,7 @@ def simulate(
     if "physics" not in scenario.services:
         raise ConfigError("services: nothing to simulate without physics")
     bus = LocalBus()
-    trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, scenario.services)
+    trajectory = _trajectory(bus, scenario, scenario.services)
     kinds = {part: find_service(part, scenario) for part in scenario.services}
     parts = {part: kind(bus, scenario) for part, kind in kinds.items()}
     for part in parts:
@@ -89,6 +89,16 @@ def simulate(
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
     return result(scenario, name, trajectory, wall_s), trajectory
+
+
+def _trajectory(bus: Bus, scenario: Scenario, parts: Sequence[str]) -> Trajectory:
+    """Return the trajectory to be; how often the odometry comes is the controller's to know."""
+    per_odom = getattr(scenario.sections.get("controller"), "ticks_per_update", lambda _: 1)
+    sim = scenario.sim
+    try:
+        return Trajectory(bus, sim.tick_ns, sim.ticks, parts, per_odom(sim.tick_s))
+    except ValueError as error:
+        raise ConfigError(f"controller.{error}") from None
 
 
 def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float) -> Result:
@@ -156,7 +166,7 @@ def simulate_distributed(
         with beside_that_core():
             bus = ZenohBus(scenario.bus, lossless=True)
         with closing(bus):
-            trajectory = Trajectory(bus, scenario.sim.tick_ns, scenario.sim.ticks, parts)
+            trajectory = _trajectory(bus, scenario, parts)
             bus.declare_alive(COLLECTOR)
             announce_readiness(bus, COLLECTOR, scenario)
             with on_one_core():

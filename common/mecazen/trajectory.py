@@ -50,22 +50,25 @@ class Trajectory:
         tick_ns: The control period [ns].
         ticks: The number of rows of a whole run.
         services: Who takes part; columns of those who do not stay empty.
+        ticks_per_odom: From one odometry, and the command that answers it, to the next.
     """
 
-    def __init__(self, bus: Bus, tick_ns: int, ticks: int, services: Sequence[str]) -> None:
+    def __init__(
+        self, bus: Bus, tick_ns: int, ticks: int, services: Sequence[str], ticks_per_odom: int = 1
+    ) -> None:
         self._tick_ns = tick_ns
         self._ticks = ticks
         self._columns: dict[str, dict[int, Row]] = {}
-        self._needed: list[str] = []
+        self._needed: dict[str, int] = {}
         self._follow(bus, keys.GROUND_TRUTH, _pose)
         if "controller" in services:
-            self._follow(bus, keys.ODOM, _pose)
+            self._follow(bus, keys.ODOM, _pose, ticks_per_odom)
         if "target" in services:
             self._follow(bus, keys.TARGET_ODOM, _pose)
         if "follower" in services:
             # a follower of one's own need not tell its state; ours does so before it commands
-            self._follow(bus, keys.FOLLOWER_STATE, _estimate, needed=False)
-            self._follow(bus, keys.CMD_VEL, _twist)
+            self._follow(bus, keys.FOLLOWER_STATE, _estimate, None)
+            self._follow(bus, keys.CMD_VEL, _twist, ticks_per_odom)
 
     @property
     def complete(self) -> bool:
@@ -75,7 +78,8 @@ class Trajectory:
     @property
     def done(self) -> int:
         """Rows of which all is there that must be."""
-        return min(len(self._columns[key]) for key in self._needed)
+        rows = (len(self._columns[key]) * every for key, every in self._needed.items())
+        return min(self._ticks, *rows)
 
     def rows(self) -> list[Row]:
         """Return the rows in the order of `COLUMNS`; None where there is nothing."""
@@ -125,11 +129,11 @@ class Trajectory:
         )
 
     def _follow(
-        self, bus: Bus, topic: keys.Topic[Any], read: Callable[[Any], Row], *, needed: bool = True
+        self, bus: Bus, topic: keys.Topic[Any], read: Callable[[Any], Row], every: int | None = 1
     ) -> None:
         column = self._columns.setdefault(topic.key, {})
-        if needed:
-            self._needed.append(topic.key)
+        if every is not None:
+            self._needed[topic.key] = every
 
         def take(message: Message, stamp: Stamp | None) -> None:
             if stamp is not None:

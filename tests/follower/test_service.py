@@ -405,10 +405,19 @@ def test_when_the_odometry_is_set_anew_the_person_is_sought_anew(jump: Pose2D):
     assert state.estimate[0].twist.twist.to_planar() == pytest.approx((0.0, 0.0, 0.0))
 
 
+def test_odometry_rarer_than_frames_waits_for_the_newest_frame_before_it():
+    rig = Rig()
+    rig.odom(0)
+    assert len(rig.see(0, Pose2D(2.0))) == 2
+    assert rig.odom(6) == []  # the frame of tick 4 is still on its way
+    assert len(rig.see(4, Pose2D(2.0))) == 2
+    assert len(rig.odom(7)) == 2  # no frame has come due since
+
+
 def test_missed_ticks_are_no_jump_of_the_odometry():
     rig = Rig(mode="real_time")
     rig.tick(0, ORIGIN, Pose2D(2.0))
-    _, state = rig.tick(61, Pose2D(0.6))
+    _, state = rig.tick(60, Pose2D(0.6))
     assert estimate_of(state) == pytest.approx((2.0, 0.0, 0.0))
 
 
