@@ -54,6 +54,11 @@ def test_a_run_without_a_follower_is_the_same_in_processes() -> None:
     assert many_processes("teleop", *settings) == one_process("teleop", *settings)
 
 
+def test_odometry_at_a_rate_of_its_own_is_the_same_in_processes() -> None:
+    settings = ("sim.duration_s=3.0", "controller.update_rate_hz=20")
+    assert many_processes("back", *settings) == one_process("back", *settings)
+
+
 def test_another_seed_gives_another_trajectory() -> None:
     assert one_process("back", *HARD, "seed=1") != one_process("back", *HARD, "seed=2")
 
