@@ -2,7 +2,7 @@
 PYTHON ?= python3.11
 SERVICES := physics controller target follower
 SCENARIO ?= back
-WORKSPACE := common $(SERVICES:%=services/%)
+WORKSPACE := common $(SERVICES:%=services/%) experiments
 
 # uv where it is present, else pip: the same versions from constraints.txt
 define make_venv
@@ -19,7 +19,7 @@ define make_venv
 	touch $(1)/ready
 endef
 
-.PHONY: help install run test lint format bench clean $(SERVICES:%=test-%) test-common test-bench test-system
+.PHONY: help install run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -30,7 +30,7 @@ help:
 
 install: .venv/ready
 
-.venv/ready: pyproject.toml constraints.txt common/pyproject.toml $(SERVICES:%=services/%/pyproject.toml)
+.venv/ready: pyproject.toml constraints.txt $(WORKSPACE:%=%/pyproject.toml)
 	@echo "preparing .venv: a minute or two the first time"
 	@$(call make_venv,.venv,$(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
 
@@ -46,12 +46,12 @@ install: .venv/ready
 run: .venv/ready
 	@.venv/bin/mecazen up $(SCENARIO)
 
-test: test-common $(SERVICES:%=test-%) test-bench test-system
+test: test-common $(SERVICES:%=test-%) test-experiments test-bench test-system
 
 test-common $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
 
-test-bench test-system: test-%: .venv/ready
+test-experiments test-bench test-system: test-%: .venv/ready
 	.venv/bin/python -m pytest tests/$*
 
 lint: .venv/ready

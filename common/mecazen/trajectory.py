@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Sequence
+from itertools import dropwhile
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,25 +17,35 @@ from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.wire import Stamp
 
+POSE = ("x_m", "y_m", "yaw_rad")
+TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
+COVARIANCE = ("xx_m2", "xy_m2", "xyaw_m_rad", "yy_m2", "yyaw_m_rad", "yawyaw_rad2")
+_PARTS = {
+    "robot": (*POSE, *TWIST),
+    "odom": POSE,
+    "target": (*POSE, *TWIST),
+    "estimate": (*POSE, *TWIST, *COVARIANCE),
+}
 COLUMNS = (
     "t_s",
-    *(
-        f"{who}_{what}"
-        for who in ("robot", "odom", "target", "estimate")
-        for what in ("x_m", "y_m", "yaw_rad")
-    ),
-    "cmd_x_m_s",
-    "cmd_y_m_s",
-    "cmd_yaw_rad_s",
+    *(f"{who}_{what}" for who, columns in _PARTS.items() for what in columns),
+    "tracking",
+    *(f"cmd_{what}" for what in TWIST),
 )
-"""Poses of robot and target are true, in world; odom and estimate are in odom."""
+"""Poses of robot and target are true, in world; odom and estimate are in odom.
+
+Twists are in the frame of what moves. The covariance is of the estimated pose.
+"""
 
 
-Row = tuple[float | None, ...]
+Row = tuple[float | str | None, ...]
 
 
 class Scores(msgspec.Struct, frozen=True):
-    """The published measures of following, means over all ticks; none without a person."""
+    """The published measures of following; none without a person who moves.
+
+    They are means over all ticks from the first motion of the person on.
+    """
 
     d_err_m: float | None
     """Mean of |D - D0|, D the distance from robot to person."""
@@ -60,11 +71,11 @@ class Trajectory:
         self._ticks = ticks
         self._columns: dict[str, dict[int, Row]] = {}
         self._needed: dict[str, int] = {}
-        self._follow(bus, keys.GROUND_TRUTH, _pose)
+        self._follow(bus, keys.GROUND_TRUTH, _motion)
         if "controller" in services:
             self._follow(bus, keys.ODOM, _pose, ticks_per_odom)
         if "target" in services:
-            self._follow(bus, keys.TARGET_ODOM, _pose)
+            self._follow(bus, keys.TARGET_ODOM, _motion)
         if "follower" in services:
             # a follower of one's own need not tell its state; ours does so before it commands
             self._follow(bus, keys.FOLLOWER_STATE, _estimate, None)
@@ -83,13 +94,18 @@ class Trajectory:
 
     def rows(self) -> list[Row]:
         """Return the rows in the order of `COLUMNS`; None where there is nothing."""
-        order = (keys.GROUND_TRUTH, keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE, keys.CMD_VEL)
-        empty = (None, None, None)
-        columns = [self._columns.get(topic.key, {}) for topic in order]
+        width = {
+            keys.GROUND_TRUTH.key: len(POSE) + len(TWIST),
+            keys.ODOM.key: len(POSE),
+            keys.TARGET_ODOM.key: len(POSE) + len(TWIST),
+            keys.FOLLOWER_STATE.key: len(_NO_ESTIMATE) + 1,
+            keys.CMD_VEL.key: len(TWIST),
+        }
+        columns = [(self._columns.get(key, {}), (None,) * count) for key, count in width.items()]
         return [
             (
                 tick * self._tick_ns / 1e9,
-                *(value for column in columns for value in column.get(tick, empty)),
+                *(value for column, empty in columns for value in column.get(tick, empty)),
             )
             for tick in range(self.done)
         ]
@@ -98,7 +114,7 @@ class Trajectory:
         """Return the rows as CSV, each number with all its digits."""
         lines = [",".join(COLUMNS)]
         lines += [
-            ",".join("" if value is None else repr(value) for value in row) for row in self.rows()
+            ",".join("" if value is None else str(value) for value in row) for row in self.rows()
         ]
         return ("\n".join(lines) + "\n").encode()
 
@@ -115,10 +131,11 @@ class Trajectory:
         robots = self._columns[keys.GROUND_TRUTH.key]
         persons = self._columns.get(keys.TARGET_ODOM.key, {})
         pairs = [
-            (Pose2D(*cast(Pose2D, robots[tick])), Pose2D(*cast(Pose2D, persons[tick])))
+            (_planar(robots[tick]), _planar(persons[tick]))
             for tick in range(self.done)
             if tick in persons
         ]
+        pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
         if not pairs:
             return Scores(d_err_m=None, theta_err_deg=None)
         return Scores(
@@ -142,12 +159,29 @@ class Trajectory:
         bus.subscribe(topic, take, every=True)
 
 
+def _planar(row: Row) -> Pose2D:
+    return Pose2D(*cast(Pose2D, row[:3]))
+
+
 def _pose(odometry: Odometry) -> Row:
     return tuple(odometry.pose.pose.to_planar())
 
 
+def _motion(odometry: Odometry) -> Row:
+    return *odometry.pose.pose.to_planar(), *odometry.twist.twist.to_planar()
+
+
+_NO_ESTIMATE = (None,) * len(_PARTS["estimate"])
+_TRIANGLE = (0, 1, 5, 7, 11, 35)
+"""Where COVARIANCE lies in ROS's row-major 6x6."""
+
+
 def _estimate(state: FollowerState) -> Row:
-    return _pose(state.estimate[0]) if state.estimate else (None, None, None)
+    if not state.estimate:
+        return *_NO_ESTIMATE, state.tracking
+    person = state.estimate[0]
+    covariance = person.pose.covariance
+    return *_motion(person), *(covariance[i] for i in _TRIANGLE), state.tracking
 
 
 def _twist(twist: Twist) -> Row:

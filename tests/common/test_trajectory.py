@@ -27,14 +27,14 @@ class Run:
         self.bus.spin()
 
     def pose(self, topic, tick, *pose):
-        odometry = planar_odometry(Time(), "world", "base", Pose2D(*pose), Twist2D())
+        odometry = planar_odometry(Time(), "world", "base", Pose2D(*pose), Twist2D(0.5, 0.25, 1.0))
         self.put(topic, tick, odometry)
 
     def tick(self, tick, robot=(0.0, 0.0, 0.0), person=(1.0, 0.0, 0.0)):
         self.pose(keys.GROUND_TRUTH, tick, *robot)
         self.pose(keys.ODOM, tick, 0.5, 0.25, 0.0)
         self.pose(keys.TARGET_ODOM, tick, *person)
-        self.put(keys.FOLLOWER_STATE, tick, FollowerState())
+        self.put(keys.FOLLOWER_STATE, tick, FollowerState(tracking="waiting"))
         self.put(keys.CMD_VEL, tick, Twist.planar(Twist2D(0.125, -0.5, 2.0)))
 
 
@@ -42,30 +42,50 @@ def test_a_row_holds_time_poses_and_command_in_the_order_of_the_columns():
     run = Run(1)
     run.tick(0, robot=(1.0, 2.0, 0.0), person=(3.0, 4.0, 0.0))
     assert run.trajectory.rows() == [
-        (0.0, 1.0, 2.0, 0.0, 0.5, 0.25, 0.0, 3.0, 4.0, 0.0, None, None, None, 0.125, -0.5, 2.0)
+        (
+            0.0,
+            *(1.0, 2.0, 0.0, 0.5, 0.25, 1.0),
+            *(0.5, 0.25, 0.0),
+            *(3.0, 4.0, 0.0, 0.5, 0.25, 1.0),
+            *[None] * 12,
+            "waiting",
+            *(0.125, -0.5, 2.0),
+        )
     ]
-    assert len(COLUMNS) == 16
+    assert len(COLUMNS) == len(run.trajectory.rows()[0])
 
 
 def test_the_csv_has_every_digit_and_nothing_where_nothing_is():
     run = Run(2)
     run.tick(0, robot=(0.1 + 0.2, -0.0, 0.0))
     run.tick(1)
-    assert run.trajectory.csv().decode() == (
-        "t_s,robot_x_m,robot_y_m,robot_yaw_rad,odom_x_m,odom_y_m,odom_yaw_rad,"
-        "target_x_m,target_y_m,target_yaw_rad,estimate_x_m,estimate_y_m,estimate_yaw_rad,"
-        "cmd_x_m_s,cmd_y_m_s,cmd_yaw_rad_s\n"
-        "0.0,0.30000000000000004,-0.0,0.0,0.5,0.25,0.0,1.0,0.0,0.0,,,,0.125,-0.5,2.0\n"
-        "0.01,0.0,0.0,0.0,0.5,0.25,0.0,1.0,0.0,0.0,,,,0.125,-0.5,2.0\n"
-    )
+    moving = "0.5,0.25,1.0"
+    rest = f"0.5,0.25,0.0,1.0,0.0,0.0,{moving},{',' * 11},waiting,0.125,-0.5,2.0"
+    assert run.trajectory.csv().decode().splitlines() == [
+        "t_s,robot_x_m,robot_y_m,robot_yaw_rad,robot_vx_m_s,robot_vy_m_s,robot_yaw_rate_rad_s,"
+        "odom_x_m,odom_y_m,odom_yaw_rad,"
+        "target_x_m,target_y_m,target_yaw_rad,target_vx_m_s,target_vy_m_s,"
+        "target_yaw_rate_rad_s,"
+        "estimate_x_m,estimate_y_m,estimate_yaw_rad,estimate_vx_m_s,estimate_vy_m_s,"
+        "estimate_yaw_rate_rad_s,estimate_xx_m2,estimate_xy_m2,estimate_xyaw_m_rad,"
+        "estimate_yy_m2,estimate_yyaw_m_rad,estimate_yawyaw_rad2,tracking,"
+        "cmd_vx_m_s,cmd_vy_m_s,cmd_yaw_rate_rad_s",
+        f"0.0,0.30000000000000004,-0.0,0.0,{moving},{rest}",
+        f"0.01,0.0,0.0,0.0,{moving},{rest}",
+    ]
 
 
 def test_an_estimate_is_written_where_there_is_one():
     run = Run(1)
-    estimate = planar_odometry(Time(), "odom", "person", Pose2D(1.5, 2.5, 0.0), Twist2D())
-    run.put(keys.FOLLOWER_STATE, 0, FollowerState(estimate=(estimate,)))
+    covariance = tuple(float(10 * row + column) for row in range(6) for column in range(6))
+    person = Pose2D(1.5, 2.5, 0.0), Twist2D(0.5, 0.0, 0.125)
+    estimate = planar_odometry(Time(), "odom", "person", *person, covariance)
+    run.put(keys.FOLLOWER_STATE, 0, FollowerState(estimate=(estimate,), tracking="following"))
     run.tick(0)
-    assert run.trajectory.rows()[0][10:13] == (1.5, 2.5, 0.0)
+    row = dict(zip(COLUMNS, run.trajectory.rows()[0], strict=True))
+    told = {name: value for name, value in row.items() if name.startswith("estimate")}
+    assert list(told.values()) == [1.5, 2.5, 0.0, 0.5, 0.0, 0.125, 0.0, 1.0, 5.0, 11.0, 15.0, 55.0]
+    assert row["tracking"] == "following"
 
 
 def test_the_hash_is_that_of_the_csv_and_tells_the_last_bit(tmp_path):
@@ -85,7 +105,7 @@ def test_the_hash_is_that_of_the_csv_and_tells_the_last_bit(tmp_path):
 def test_columns_of_who_does_not_take_part_stay_empty():
     run = Run(1, services=("physics",))
     run.tick(0, robot=(1.0, 2.0, 0.0))
-    assert run.trajectory.rows() == [(0.0, 1.0, 2.0, 0.0, *[None] * 12)]
+    assert run.trajectory.rows() == [(0.0, 1.0, 2.0, 0.0, 0.5, 0.25, 1.0, *[None] * 25)]
     assert run.trajectory.complete
 
 
@@ -111,34 +131,42 @@ def test_the_first_sample_of_a_tick_counts_and_one_without_a_stamp_does_not():
     run.bus.put_bytes("cmd_vel", b'{"linear":{"x":9.0}}')
     run.tick(0)
     run.put(keys.CMD_VEL, 0, Twist())
-    assert run.trajectory.rows()[0][13:] == (0.125, -0.5, 2.0)
+    assert run.trajectory.rows()[0][-3:] == (0.125, -0.5, 2.0)
 
 
 def test_the_distance_error_is_the_mean_of_what_the_distance_is_off():
-    run = Run(3)
-    for tick, person in enumerate([(3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
+    run = Run(4)
+    for tick, person in enumerate([(1.0, 0.0), (3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
         run.tick(tick, person=(*person, 0.0))
-    # distances 5, 0.5 and 1 where 1 is wanted: 4, 0.5 and 0
+    # from the first motion on, distances 5, 0.5 and 1 where 1 is wanted: 4, 0.5 and 0
     assert run.trajectory.scores(1.0, 0.0).d_err_m == 1.5
 
 
 def test_the_heading_error_is_the_mean_of_the_wrapped_difference():
-    run = Run(2)
-    run.tick(0, robot=(0.0, 0.0, math.radians(170)), person=(1.0, 0.0, math.radians(-170)))
-    run.tick(1, robot=(0.0, 0.0, math.radians(10)), person=(1.0, 0.0, 0.0))
+    run = Run(3)
+    run.tick(0)
+    run.tick(1, robot=(0.0, 0.0, math.radians(170)), person=(1.1, 0.0, math.radians(-170)))
+    run.tick(2, robot=(0.0, 0.0, math.radians(10)), person=(1.1, 0.0, 0.0))
     # 20° the short way, and 10°; yaws pass through quaternions, each with a few roundings
     assert run.trajectory.scores(1.0, 0.0).theta_err_deg == pytest.approx(15.0, rel=1e-13)
 
 
 def test_the_heading_error_is_from_the_heading_that_is_wanted():
-    run = Run(1)
-    run.tick(0, robot=(0.0, 0.0, math.radians(-170)), person=(1.0, 0.0, math.radians(90)))
+    run = Run(2)
+    run.tick(0)
+    run.tick(1, robot=(0.0, 0.0, math.radians(-170)), person=(1.0, 0.0, math.radians(90)))
     # the robot's heading is 100° ahead of the person's where -90° is wanted: 190° is 170°
     scores = run.trajectory.scores(1.0, math.radians(-90))
     assert scores.theta_err_deg == pytest.approx(170.0, rel=1e-13)
 
 
-def test_without_a_person_there_are_no_scores():
-    run = Run(1, services=("physics", "controller"))
-    run.tick(0)
-    assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)
+def test_without_a_person_or_with_one_who_stands_there_are_no_scores():
+    alone = Run(1, services=("physics", "controller"))
+    alone.pose(keys.GROUND_TRUTH, 0, 0.0, 0.0, 0.0)
+    alone.pose(keys.ODOM, 0, 0.0, 0.0, 0.0)
+    standing = Run(2)
+    standing.tick(0)
+    standing.tick(1)
+    for run in (alone, standing):
+        assert run.trajectory.complete
+        assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +35,9 @@ app.command()(talk.topics)
 app.command()(talk.services)
 app.command()(talk.echo)
 app.command()(talk.pub)
+for group in entry_points(group="mecazen.commands"):
+    # what is installed beside the SDK brings its own commands
+    app.add_typer(group.load(), name=group.name)
 
 
 @app.command()

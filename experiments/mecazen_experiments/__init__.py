@@ -1,0 +1,1 @@
+"""Experiments: scenarios run many times, scored, and made into tables and figures."""
