@@ -89,6 +89,15 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     )
 
 
+def load_table(path: Path, kind: type[SectionT]) -> SectionT:
+    """Load a TOML file that is no scenario, as strictly.
+
+    Raises:
+        ConfigError: One line with the file, the key and what is allowed.
+    """
+    return _convert(_read_toml(path), kind, "", _Origin(path))
+
+
 def effective(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain tables that load to the same scenario again."""
     tables = msgspec.to_builtins(scenario, enc_hook=str)

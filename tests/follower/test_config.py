@@ -4,18 +4,50 @@ import math
 
 import msgspec
 import pytest
-from mecazen_follower.config import FollowerConfig
+from mecazen_follower.config import FollowerConfig, LinearGains, PidControl, PolarControl
+from mecazen_follower.control import PoseController
 from mecazen_follower.estimators import ESTIMATORS
+from mecazen_follower.polar import PolarController
 
 
 def load(**table):
     return msgspec.convert(table, FollowerConfig)
 
 
-def test_defaults_follow_1_m_behind_with_constant_velocity():
+def test_defaults_follow_1_m_behind_around_the_person():
     config = load()
     assert config.standoff == pytest.approx((1.0, math.pi, 0.0))
-    assert isinstance(config.make_estimator(), ESTIMATORS["kf_cv"])
+    assert isinstance(config.make_estimator(), ESTIMATORS[config.estimator])
+    assert isinstance(config.make_controller(), PolarController)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_every_estimator_is_made_by_its_name(name):
+    assert type(load(estimator=name).make_estimator()) is ESTIMATORS[name]
+
+
+def test_kind_says_which_controller():
+    pid, polar = load(control={"kind": "pid"}), load(control={"kind": "polar"})
+    assert pid.control == PidControl()
+    assert polar.control == PolarControl()
+    assert isinstance(pid.make_controller(), PoseController)
+    assert isinstance(polar.make_controller(), PolarController)
+
+
+def test_what_of_the_control_is_not_given_keeps_its_default():
+    pid = load(control={"kind": "pid", "x": {"kp": 1.0}}).control
+    assert pid == PidControl(x=LinearGains(kp=1.0))
+    assert (pid.x.ki, pid.x.limit) == (LinearGains().ki, LinearGains().limit)
+    polar = load(control={"kind": "polar", "max_speed_m_s": 1}).control
+    assert polar == PolarControl(max_speed_m_s=1.0)
+
+
+@pytest.mark.parametrize("kind", ["pid", "polar"])
+def test_effective_control_names_its_kind_and_loads_to_the_same(kind):
+    config = load(control={"kind": kind})
+    table = msgspec.to_builtins(config)
+    assert table["control"]["kind"] == kind
+    assert msgspec.convert(table, FollowerConfig) == config
 
 
 def test_explicit_angles_take_the_views_place():
@@ -36,13 +68,26 @@ def test_effective_configuration_has_every_parameter_and_loads_to_the_same():
         ({"bearing_deg": 90.0}, "bearing_deg and heading_deg must be given together"),
         ({"heading_deg": 90.0}, "bearing_deg and heading_deg must be given together"),
         ({"view": "top"}, "view"),
-        ({"estimator": "ukf"}, "allowed: kf_cv, kf_displacement, none"),
-        ({"estimator_params": {"gain": 1.0}}, "kf_cv has no parameter gain"),
+        ({"estimator": "ukf"}, "allowed: ekf_ctrv, imm, kf_cv, kf_displacement, none, ukf_ctrv"),
+        (
+            {"estimator": "kf_cv", "estimator_params": {"gain": 1.0}},
+            "kf_cv has no parameter gain, allowed: position_std_m, ",
+        ),
+        (
+            {"estimator": "imm", "estimator_params": {"noise_memory_s": -1.0}},
+            "noise_memory_s",
+        ),
         ({"estimator_params": {"position_std_m": 0.0}}, "position_std_m"),
         ({"standoff_m": 0.0}, "standoff_m"),
         ({"coast_after_s": 2.0}, "lost_after_s = 2 must be above coast_after_s = 2"),
-        ({"gains": {"x": {"kp": 1.0}}}, "limit"),
-        ({"gains": {"z": {}}}, "unknown field"),
+        ({"response_s": -0.1}, "response_s"),
+        ({"gains": {}}, "unknown field `gains`"),
+        ({"control": {"kind": "fuzzy"}}, r"'fuzzy' - at `\$.control.kind`"),
+        ({"control": {"max_speed_m_s": 1.0}}, "missing required field `kind`"),
+        ({"control": {"kind": "pid", "z": {}}}, "unknown field `z`"),
+        ({"control": {"kind": "polar", "x": {}}}, "unknown field `x`"),
+        ({"control": {"kind": "pid", "x": {"kp": -1.0}}}, r"\$.control.x.kp"),
+        ({"control": {"kind": "polar", "linear_gain_1_s": 0.0}}, "linear_gain_1_s"),
     ],
 )
 def test_what_is_wrong_is_refused_and_named(table, message):

@@ -20,7 +20,7 @@ from harness import (
     put_all,
     puts,
 )
-from hypothesis import given
+from hypothesis import given, settings
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import Scenario, SensorConfig, SimConfig
@@ -37,9 +37,8 @@ from mecazen.messages import (
     planar_odometry,
 )
 from mecazen.wire import Stamp
-from mecazen_follower.config import AxisGains, FollowerConfig
+from mecazen_follower.config import AngularGains, FollowerConfig, LinearGains, PidControl
 from mecazen_follower.estimators import ESTIMATORS
-from mecazen_follower.pid import Gains
 from mecazen_follower.service import FollowerService
 
 RUN, NEXT_RUN = 5, 2**32 - 1
@@ -48,10 +47,12 @@ NEXUS = load_robot()
 ORIGIN = Pose2D()
 ALL = ("physics", "controller", "target", "follower")
 NO_TARGET = ("physics", "controller", "follower")
-PROPORTIONAL = AxisGains(
-    x=Gains(kp=1.0, limit=2.0), y=Gains(kp=1.0, limit=2.0), yaw=Gains(kp=1.0, limit=2.0)
+PROPORTIONAL = PidControl(
+    x=LinearGains(kp=1.0, ki=0.0, limit=2.0),
+    y=LinearGains(kp=1.0, ki=0.0, limit=2.0),
+    yaw=AngularGains(kp=1.0, ki=0.0, limit=2.0),
 )
-RAW = FollowerConfig(estimator="none", gains=PROPORTIONAL)
+RAW = FollowerConfig(estimator="none", control=PROPORTIONAL)
 """Takes what it sees as it is, and drives at 1 m/s for each metre that is missing."""
 
 
@@ -221,7 +222,7 @@ def test_the_estimates_covariance_is_turned_into_odom():
     ],
 )
 def test_every_view_has_its_place_and_looks_at_the_person(view: Any, goal: Sequence[float]):
-    rig = Rig(FollowerConfig(view=view, estimator="none", gains=PROPORTIONAL))
+    rig = Rig(FollowerConfig(view=view, estimator="none", control=PROPORTIONAL))
     place = Pose2D(*goal)
     seen = place.between(ORIGIN)
     assert seen[:2] == pytest.approx((1.0, 0.0))  # 1 m straight ahead of the robot
@@ -242,7 +243,7 @@ def test_any_other_place_works_too():
 
 def test_waiting_following_coasting_lost_and_following_again():
     config = FollowerConfig(
-        estimator="none", gains=PROPORTIONAL, coast_after_s=0.1, lost_after_s=0.5
+        estimator="none", control=PROPORTIONAL, coast_after_s=0.1, lost_after_s=0.5
     )
     rig = Rig(config)
     ahead = Pose2D(1.5)
@@ -355,7 +356,7 @@ def test_in_real_time_an_outsiders_frame_does_not_make_the_tick_wait_in_vain():
 def test_a_covariance_that_is_none_is_refused_and_the_estimate_stays(
     covariance: tuple[float, ...], estimator: str
 ):
-    rig = Rig(FollowerConfig(estimator=estimator, gains=PROPORTIONAL))
+    rig = Rig(FollowerConfig(estimator=estimator, control=PROPORTIONAL))
     rig.tick(0, ORIGIN, Pose2D(1.5))
     rig.odom(4)
     command, state = answer_of(rig.see(4, Pose2D(7.0), covariance=covariance))
@@ -422,8 +423,8 @@ def test_missed_ticks_are_no_jump_of_the_odometry():
 
 
 def test_who_joins_late_makes_up_for_nothing():
-    gains = Gains(kp=1.0, ki=1.0, limit=2.0)
-    rig = Rig(FollowerConfig(estimator="none", gains=AxisGains(gains, gains, gains)))
+    control = PidControl(x=LinearGains(kp=1.0, ki=1.0, limit=2.0))
+    rig = Rig(FollowerConfig(estimator="none", control=control))
     command, _ = rig.tick(1000, ORIGIN, Pose2D(1.5))
     assert command == pytest.approx((0.5 + 0.5 * 0.01, 0.0, 0.0))  # not 10 s of integral
     command, _ = rig.tick(1001)
@@ -502,12 +503,12 @@ def test_malformed_payloads_change_nothing_for_the_run(wrong: list[Put]):
 
 
 @pytest.mark.parametrize("estimator", sorted(ESTIMATORS))
-@FUZZ
+@settings(FUZZ, max_examples=40)
 @given(wrong=puts(GOOD, FORGED))
 def test_even_forged_stamps_bring_no_number_that_is_not_finite_and_no_lasting_harm(
     estimator: str, wrong: list[Put]
 ):
-    rig = Rig(FollowerConfig(estimator=estimator, gains=PROPORTIONAL))
+    rig = Rig(FollowerConfig(estimator=estimator, control=PROPORTIONAL))
     rig.tick(0, ORIGIN, Pose2D(1.5))
     put_all(rig.bus, wrong)
     for sample in rig.listen() + rig.health.take():

@@ -6,25 +6,73 @@ import math
 from typing import Literal
 
 import msgspec
-from mecazen.schema import AngleDeg, Positive, Section
+from mecazen.schema import AngleDeg, NonNegative, Positive, Section
 
 from mecazen_follower.control import PoseController
 from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
 from mecazen_follower.pid import Gains
+from mecazen_follower.polar import Approach, PolarController
 from mecazen_follower.tracking import Tracker
 
 
-class AxisGains(Section):
-    """The PIDs of the three axes of base_link.
+class LinearGains(Gains):
+    """Gains along x or y of base_link."""
+
+    kp: NonNegative = 1.5
+    ki: NonNegative = 0.1
+    limit: Positive = 2.0
+
+
+class AngularGains(Gains):
+    """Gains of the heading."""
+
+    kp: NonNegative = 2.0
+    ki: NonNegative = 0.1
+    limit: Positive = 2.5
+
+
+class PidControl(Section, tag_field="kind", tag="pid"):
+    """Three PIDs along the axes of base_link, on the error of the goal pose.
 
     The robot answers to velocities, so the error decays with 1/kp already and a derivative
     only slows it: it is for a robot whose wheels lag behind.
     """
 
-    x: Gains = Gains(kp=1.5, ki=0.1, limit=2.0)
-    y: Gains = Gains(kp=1.5, ki=0.1, limit=2.0)
-    yaw: Gains = Gains(kp=2.0, ki=0.1, limit=2.5)
+    x: LinearGains = LinearGains()
+    y: LinearGains = LinearGains()
+    yaw: AngularGains = AngularGains()
+    feed_forward: bool = True
+    """Add the estimated velocity of the goal to the command."""
+
+    def make(self, standoff: Standoff) -> PoseController:
+        """Return a new controller."""
+        del standoff
+        return PoseController(self.x, self.y, self.yaw, self.feed_forward)
+
+
+class PolarControl(Section, tag_field="kind", tag="polar"):
+    """Distance, bearing and heading by themselves, with feed-forward of the person's motion."""
+
+    linear_gain_1_s: Positive = 3.0
+    """Of distance and bearing: the error decays with 1/gain."""
+    linear_braking_m_s2: Positive = 2.0
+    """Deceleration that the robot can rely on."""
+    heading_gain_1_s: Positive = 3.5
+    heading_braking_rad_s2: Positive = 6.0
+    max_speed_m_s: Positive = 2.0
+    """Along x and along y of base_link."""
+    max_yaw_rate_rad_s: Positive = 3.0
+
+    def make(self, standoff: Standoff) -> PolarController:
+        """Return a new controller."""
+        return PolarController(
+            standoff,
+            Approach(self.linear_gain_1_s, self.linear_braking_m_s2),
+            Approach(self.heading_gain_1_s, self.heading_braking_rad_s2),
+            self.max_speed_m_s,
+            self.max_yaw_rate_rad_s,
+        )
 
 
 class FollowerConfig(Section):
@@ -41,12 +89,17 @@ class FollowerConfig(Section):
     """The robot's heading less the person's."""
     standoff_m: Positive = 1.0
     """Distance from the person to the robot."""
-    estimator: str = "kf_cv"
+    estimator: str = "imm"
     estimator_params: dict[str, float] = msgspec.field(default_factory=dict)
     """Parameters of the estimator by name; those not given are filled in."""
-    gains: AxisGains = AxisGains()
-    feed_forward: bool = True
-    """Add the estimated velocity of the goal to the command."""
+    control: PolarControl | PidControl = PolarControl()
+    """How to drive; its `kind` says which of the structs above it is."""
+    response_s: NonNegative = 0.0
+    """Time that the robot takes to answer to a command: the command is for when it does.
+
+    Worth it where this time is no longer short against 1/gain: a robot that answers late to
+    a high gain swings.
+    """
     coast_after_s: Positive = 0.1
     """Unseen for longer than this, the person is no longer followed but predicted."""
     lost_after_s: Positive = 2.0
@@ -77,9 +130,9 @@ class FollowerConfig(Section):
         params = make_params(self.estimator, self.estimator_params)
         return ESTIMATORS[self.estimator](params)
 
-    def make_controller(self) -> PoseController:
+    def make_controller(self) -> PoseController | PolarController:
         """Return a new controller."""
-        return PoseController(self.gains.x, self.gains.y, self.gains.yaw, self.feed_forward)
+        return self.control.make(self.standoff)
 
     def make_tracker(self) -> Tracker:
         """Return a new tracker."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy.typing as npt
@@ -54,6 +55,8 @@ class Following:
         self._tracker = config.make_tracker()
         self._standoff = config.standoff
         self._latency = latency
+        self._response = config.response_s
+        self._unanswered: deque[tuple[Twist2D, float]] = deque()
         self._tracking = TrackingState.WAITING
         self._robot: Pose2D | None = None
         self._last_seen = 0.0
@@ -76,18 +79,35 @@ class Following:
             self._last_seen = time
         self._robot = robot
         self._tracking = self._tracker.update(time, seen=sighting is not None)
-        person = self.estimator.estimate
+        person = self.estimator.ahead(self._latency)
         if person is None:
-            return Step(self._controller.stop(), self._tracking, 0.0)
-        person = person._replace(pose=person.ahead(self._latency))
+            return Step(self._sent(self._controller.stop(), dt), self._tracking, 0.0)
+        lost = self._tracking is TrackingState.LOST
+        command = (
+            self._sent(self._controller.stop(), dt) if lost else self._drive(person, robot, dt)
+        )
         goal = self._standoff.goal(person.pose)
-        if self._tracking is TrackingState.LOST:
-            command = self._controller.stop()
-        else:
-            velocity = self._standoff.goal_velocity(person.pose, person.velocity)
-            command = self._controller.command(goal, velocity, robot, dt)
         errors = self._standoff.errors(person.pose, robot)
         return Step(command, self._tracking, time - self._last_seen, person, goal, errors)
+
+    def _drive(self, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
+        """Return the command for when the wheels answer to it.
+
+        Until then the person walks on, and the robot does what it was told before.
+        """
+        person = person.after(self._response)
+        for command, duration in self._unanswered:
+            robot = robot.integrate(command, duration)
+        goal = self._standoff.goal(person.pose)
+        velocity = self._standoff.goal_velocity(person.pose, person.velocity)
+        return self._sent(self._controller.command(goal, velocity, robot, dt), dt)
+
+    def _sent(self, command: Twist2D, dt: float) -> Twist2D:
+        """Note that the robot is told `command` for `dt` [s]."""
+        self._unanswered.append((command, dt))
+        while sum(duration for _, duration in self._unanswered) > self._response + dt / 2:
+            self._unanswered.popleft()
+        return command
 
     def predict(self, dt: float) -> None:
         """Let the person move on for `dt` [s]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 
 class Errors(NamedTuple):
@@ -34,6 +34,12 @@ class Standoff(NamedTuple):
         x = self.distance * math.cos(self.bearing)
         y = self.distance * math.sin(self.bearing)
         return person.compose(Pose2D(x, y, self.heading))
+
+    def person(self, goal: Pose2D) -> Pose2D:
+        """Return the person whose place `goal` is; the reverse of `goal`."""
+        yaw = wrap(goal.yaw - self.heading)
+        x, y = rotate(self.distance, 0.0, yaw + self.bearing)
+        return Pose2D(goal.x - x, goal.y - y, yaw)
 
     def goal_velocity(self, person: Pose2D, velocity: Twist2D) -> Twist2D:
         """Return the goal's velocity, that of a point fixed to the person: v + ω × r.

@@ -1,0 +1,97 @@
+"""Workers of a Dask cluster; needs the extra `cluster`."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import closing
+from typing import Any
+
+from distributed import Client, KilledWorker, as_completed
+from mecazen.errors import ConfigError, MecazenError
+
+from mecazen_experiments.jobs import Job
+from mecazen_experiments.workers import Done, Failure, Outcomes, T, attempt, died
+
+CONNECT_S = 10.0
+
+
+class ClusterWorkers:
+    """The workers at a Dask scheduler; they need the same code and see the same files.
+
+    The scheduler itself gives the work of a worker that dies to another, and gives it up
+    after so many times as its `allowed-failures` says. Not by joblib's backend for Dask: it
+    waits forever for a job that the scheduler has given up.
+
+    Args:
+        address: The scheduler's, as `tcp://192.0.2.1:8786`.
+
+    Raises:
+        ConfigError: That is no address of one.
+        MecazenError: Nothing answers there, or there are no workers.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._client = _connect(address)
+        if not self._client.ncores():
+            self.close()
+            raise MecazenError(
+                f"--scheduler {address}: it has no workers; start some: dask worker {address}"
+            )
+
+    def do(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        """See `Workers`.
+
+        A job that the scheduler has given up is tried again after the rest, alone: it may only
+        have waited at workers that another job took with it.
+        """
+        doubtful = []
+        with closing(self._do_once(work, jobs)) as outcomes:
+            for job, outcome in outcomes:
+                if outcome is None:
+                    doubtful.append(job)
+                else:
+                    yield outcome
+        for job in doubtful:
+            with closing(self._do_once(work, [job])) as outcomes:
+                yield from (outcome or died(job) for _, outcome in outcomes)
+
+    def _do_once(
+        self, work: Callable[[Job], T], jobs: Sequence[Job]
+    ) -> Generator[tuple[Job, Done[T] | Failure | None], None, None]:
+        """Yield each job with its outcome, None if the scheduler has given it up."""
+        futures = {self._client.submit(attempt, work, job, pure=False): job for job in jobs}
+        try:
+            for future in as_completed(  # type: ignore[no-untyped-call]
+                futures, loop=self._client.loop
+            ):
+                try:
+                    outcome = future.result()
+                except KilledWorker:
+                    outcome = None
+                except CancelledError:
+                    raise MecazenError(f"{self._address}: the Dask scheduler has gone") from None
+                yield futures[future], outcome
+        finally:
+            self._client.cancel(list(futures))
+
+    def close(self) -> None:
+        """Leave the cluster."""
+        self._client.close()
+
+
+def _connect(address: str) -> Any:
+    # before Dask sees it: its client hangs at the end of the process over a wrong one
+    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
+        raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
+    # what becomes of the scheduler is told in one line, and not in its client's own
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    try:
+        return Client(  # type: ignore[no-untyped-call]
+            address, timeout=CONNECT_S, set_as_default=False
+        )
+    except OSError:
+        raise MecazenError(f"--scheduler {address}: no Dask scheduler answers there") from None

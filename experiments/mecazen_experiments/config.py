@@ -1,0 +1,162 @@
+"""Experiments and searches from TOML files, strict as scenarios are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from mecazen.errors import ConfigError
+from mecazen.schema import Finite, Positive, Section
+
+from mecazen_experiments.scores import Score
+
+Seed = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
+Runs = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+Settings = tuple[str, ...]
+"""`key=value` each, as of `--set`."""
+
+
+class BaseCase(Section):
+    """A scenario, what is changed in it, and what its scores are held against."""
+
+    name: Name
+    scenario: Path
+    """The scenario's file, relative to this one."""
+    settings: Settings = msgspec.field(name="set", default=())
+    published: dict[str, Positive] = msgspec.field(default_factory=dict)
+    """Means of scores that others have published."""
+    limits: dict[str, Positive] = msgspec.field(default_factory=dict)
+    """Means of scores that are not to be exceeded."""
+
+    def __post_init__(self) -> None:
+        for key, scores in (("published", self.published), ("limits", self.limits)):
+            for score in scores.keys() - set(Score.__struct_fields__):
+                known = ", ".join(Score.__struct_fields__)
+                raise ValueError(f"{key}: unknown score {score!r}; allowed: {known}")
+
+
+class Case(BaseCase):
+    """A case of an experiment."""
+
+    sweep: dict[str, tuple[bool | int | float | str, ...]] = msgspec.field(default_factory=dict)
+    """Settings with several values each: the case is run for each combination."""
+
+    @property
+    def sweeps(self) -> dict[str, tuple[str, ...]]:
+        """The sweep with its values in TOML, as `--sweep` gives them."""
+        return {
+            key: tuple(json.dumps(value, ensure_ascii=False) for value in values)
+            for key, values in self.sweep.items()
+        }
+
+
+class Experiment(Section):
+    """Cases, each run once for each seed."""
+
+    cases: Annotated[tuple[Case, ...], msgspec.Meta(min_length=1)]
+    seeds: Runs = 30
+    """How many: the seeds are 1, 2, … up to this."""
+
+    def __post_init__(self) -> None:
+        _check_names(self.cases)
+
+
+class Range(Section):
+    """Where a parameter is searched."""
+
+    low: Finite
+    high: Finite
+    log: bool = False
+    """Search evenly in the logarithm."""
+    prefer: Positive | None = None
+    """The value to prefer among those that do equally well."""
+
+    def __post_init__(self) -> None:
+        if self.high <= self.low:
+            raise ValueError(f"high = {self.high:g} must be above low = {self.low:g}")
+        if self.low <= 0 and (self.log or self.prefer is not None):
+            raise ValueError(f"low = {self.low:g} must be above 0 with log or prefer")
+
+
+class TunedCase(BaseCase):
+    """A case of a search."""
+
+    parameters: dict[str, Range] = msgspec.field(default_factory=dict)
+    """Settings that are searched for this case alone."""
+
+
+class Tuning(Section):
+    """A search for the settings that do best."""
+
+    cases: Annotated[tuple[TunedCase, ...], msgspec.Meta(min_length=1)]
+    training_seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)]
+    """The seeds that the search sees."""
+    held_out_seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)]
+    """The seeds that its result is reported on."""
+    trials: Runs = 100
+    objective: Literal["match", "limits"] = "limits"
+    """match comes close to what is published; limits stays far below the limits."""
+    parameters: dict[str, Range] = msgspec.field(default_factory=dict)
+    """Settings that are searched, the same for all cases."""
+
+    def __post_init__(self) -> None:
+        _check_names(self.cases)
+        both = set(self.training_seeds) & set(self.held_out_seeds)
+        if both:
+            raise ValueError(f"held_out_seeds: {min(both)} is a training seed too")
+        if not any((self.parameters, *(case.parameters for case in self.cases))):
+            raise ValueError("parameters: nothing to search")
+        for case in self.cases:
+            if not (case.published if self.objective == "match" else case.limits):
+                wanted = "published" if self.objective == "match" else "limits"
+                raise ValueError(
+                    f"case {case.name!r} needs {wanted} for objective = {self.objective!r}"
+                )
+
+
+def experiment_path(name: str) -> Path:
+    """Return the file of an experiment given by its path or its name in `configs/experiments`.
+
+    Raises:
+        ConfigError: There is no such file.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    here = Path.cwd()
+    for folder in (here, *here.parents):
+        experiments = folder / "configs" / "experiments"
+        if experiments.is_dir():
+            if (experiments / f"{name}.toml").is_file():
+                return experiments / f"{name}.toml"
+            known = ", ".join(sorted(file.stem for file in experiments.glob("*.toml")))
+            raise ConfigError(
+                f"{name}: no such experiment; a path to a TOML file, or one of {known}"
+            )
+    raise ConfigError(f"{name}: no such file, and no configs/experiments here or above")
+
+
+def parse_sweeps(options: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
+    """Return the values of each `--sweep KEY=V1,V2`, by key.
+
+    Raises:
+        ConfigError: It is not of that form.
+    """
+    sweeps = {}
+    for option in options:
+        key, equals, values = option.partition("=")
+        sweeps[key.strip()] = tuple(value.strip() for value in values.split(","))
+        if not (key.strip() and equals and all(sweeps[key.strip()])):
+            raise ConfigError(f"--sweep {option}: must be key.path=value,value")
+    return sweeps
+
+
+def _check_names(cases: Iterable[BaseCase]) -> None:
+    names = [case.name for case in cases]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"cases: two are named {name!r}")

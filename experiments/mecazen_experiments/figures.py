@@ -1,0 +1,160 @@
+"""The paper's figures 5 and 8, of runs of our own, for print in one column.
+
+The paper is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view Self-Following and
+Self-Following Motion Capture. The runs come as the tables "back without", "back with",
+"side without" and "side with" (optimisation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+from mecazen_follower.config import FollowerConfig
+
+from mecazen_experiments.poses import Poses
+from mecazen_experiments.scores import deviations
+from mecazen_experiments.table import Table
+
+STANDOFFS = {
+    "back": FollowerConfig(view="back").standoff,
+    "side": FollowerConfig(view="side_left").standoff,
+}
+"""The paper's two views, and what is to be kept in them."""
+
+BLUE, ORANGE = "#0072B2", "#E69F00"
+"""Of Okabe and Ito's palette, which the colour-blind can tell apart: a dark and a light one."""
+DASHES = (0.0, (4.0, 1.5))
+KINDS: dict[str, dict[str, Any]] = {
+    "without": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
+    "with": {"color": BLUE, "linewidth": 0.6},
+}
+"""Runs without and with optimisation."""
+
+COLUMN_IN = 85.0 / 25.4
+"""Width of a printed column."""
+ARROW_EVERY_S = 6.0
+ARROW_LENGTH_M, ARROW_WIDTH_M = 0.7, 0.09
+
+STYLE: list[Any] = [
+    "default",
+    {
+        "font.size": 7.0,
+        "axes.titlesize": "medium",
+        "axes.labelsize": "medium",
+        "xtick.labelsize": "medium",
+        "ytick.labelsize": "medium",
+        "legend.fontsize": "medium",
+        "axes.linewidth": 0.5,
+        "xtick.major.width": 0.5,
+        "ytick.major.width": 0.5,
+        "xtick.major.size": 2.0,
+        "ytick.major.size": 2.0,
+        "xtick.major.pad": 2.0,
+        "ytick.major.pad": 2.0,
+        "axes.labelpad": 2.0,
+        "axes.titlepad": 3.0,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "grid.linewidth": 0.3,
+        "grid.color": "#dddddd",
+        "legend.frameon": False,
+        # text as text, and the same bytes each time
+        "svg.fonttype": "none",
+        "svg.hashsalt": "mecazen",
+    },
+]
+"""Matplotlib's own defaults, whatever the user's are, and what print needs."""
+
+
+def draw(tables: Mapping[str, Table], folder: Path) -> list[Path]:
+    """Write both figures into `folder`, as PNG and as SVG, and return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = {"fig5_trajectories": trajectories(tables), "fig8_errors": errors(tables)}
+    files = []
+    with style.context(STYLE):
+        for name, figure in figures.items():
+            png, svg = folder / f"{name}.png", folder / f"{name}.svg"
+            figure.savefig(png, dpi=300)
+            figure.savefig(svg, metadata={"Date": None})
+            files += [png, svg]
+    return files
+
+
+def trajectories(tables: Mapping[str, Table]) -> Figure:
+    """Return the paper's Fig. 5: the paths of person and robot in world, a panel a run."""
+    with style.context(STYLE):
+        figure = Figure(figsize=(COLUMN_IN, 0.72 * COLUMN_IN), layout="constrained")
+        grid = figure.subplots(2, 2, sharex=True, sharey=True)
+        panels = ((kind, view) for kind in KINDS for view in STANDOFFS)
+        for axes, letter, (kind, view) in zip(grid.flat, "abcd", panels, strict=True):
+            _draw_paths(axes, tables[f"{view} {kind}"])
+            axes.set(title=f"({letter}) {view}, {kind}", xlabel="x [m]", ylabel="y [m]")
+            axes.label_outer()
+        _legend(figure)
+    return figure
+
+
+def errors(tables: Mapping[str, Table]) -> Figure:
+    """Return the paper's Fig. 8: errors of distance and angle over time, without and with."""
+    with style.context(STYLE):
+        figure = Figure(figsize=(COLUMN_IN, 0.8 * COLUMN_IN), layout="constrained")
+        grid = figure.subplots(2, 2, sharex=True, sharey="col")
+        for (view, standoff), row, letters in zip(
+            STANDOFFS.items(), grid, ("ab", "cd"), strict=True
+        ):
+            for kind, line in KINDS.items():
+                table = tables[f"{view} {kind}"]
+                off = deviations(table, standoff)
+                row[0].plot(table["t_s"], off.distance, label=kind, **line)
+                row[1].plot(table["t_s"], np.degrees(off.yaw), label=kind, **line)
+            row[0].set(title=f"({letters[0]}) {view}, distance", ylabel="error [m]")
+            row[1].set(title=f"({letters[1]}) {view}, angle", ylabel="error [°]")
+        for axes in grid[1]:
+            axes.set_xlabel("t [s]")
+        _legend(figure)
+    return figure
+
+
+def _draw_paths(axes: Axes, table: Table) -> None:
+    """Draw the person with an arrow at the start, and the robot with arrows on its way."""
+    person, robot = table.poses("target"), table.poses("robot")
+    axes.plot(
+        *person[:2],
+        color=ORANGE,
+        linestyle=DASHES,
+        linewidth=1.0,
+        label="person, direction at the start",
+    )
+    axes.plot(*robot[:2], color=BLUE, linewidth=0.8, label="robot, heading")
+    every = slice(None, None, round(ARROW_EVERY_S / table.tick_s))
+    _draw_arrows(axes, table.where(every).poses("robot"), BLUE)
+    _draw_arrows(axes, table.where(slice(1)).poses("target"), ORANGE)
+    axes.set_aspect("equal")
+    axes.xaxis.set_major_locator(MultipleLocator(2.0))
+    axes.yaxis.set_major_locator(MultipleLocator(2.0))
+
+
+def _draw_arrows(axes: Axes, poses: Poses, colour: str) -> None:
+    axes.quiver(
+        *poses[:2],
+        ARROW_LENGTH_M * np.cos(poses.yaw),
+        ARROW_LENGTH_M * np.sin(poses.yaw),
+        color=colour,
+        angles="xy",
+        units="xy",
+        scale=1.0,
+        width=ARROW_WIDTH_M,
+        zorder=3.0,
+    )
+
+
+def _legend(figure: Figure) -> None:
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))

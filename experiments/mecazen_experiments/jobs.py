@@ -1,0 +1,207 @@
+"""From cases to runs, each with a key under which its result can be found again."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import math
+import pkgutil
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib.metadata import version as version_of
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError, MecazenError
+from mecazen.loading import load_scenario
+from mecazen.simulate import in_lockstep
+from mecazen_target.config import Recorded, TargetConfig
+from mecazen_target.paths import make_path
+
+from mecazen_experiments.config import BaseCase, Case, Settings
+
+LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
+"""Those whose arithmetic is in a result."""
+
+
+class Key(msgspec.Struct, frozen=True):
+    """What the result of a run depends on, and nothing else."""
+
+    scenario_sha256: str
+    """See `fingerprint`."""
+    seed: int
+    version: str
+    """See `version`."""
+
+
+class Job(msgspec.Struct, frozen=True):
+    """One run to do."""
+
+    row: str
+    """The row of the table that the run belongs to."""
+    walk: str | None
+    """The recorded walk that was given for it, if one was."""
+    scenario: Path
+    settings: Settings
+    key: Key
+
+    def __str__(self) -> str:
+        """Say which run it is: row, walk and seed."""
+        walk = f" / {self.walk}" if self.walk else ""
+        return f"{self.row}{walk}, seed {self.key.seed}"
+
+
+class Series(NamedTuple):
+    """The runs of one row of a table."""
+
+    row: str
+    case: BaseCase
+    jobs: tuple[Job, ...]
+
+
+def expand(
+    cases: Iterable[Case],
+    seeds: Sequence[int],
+    settings: Settings = (),
+    sweeps: Mapping[str, tuple[str, ...]] | None = None,
+    walks: Sequence[Path] = (),
+) -> list[Series]:
+    """Return the runs of cases, and of each combination of their sweeps.
+
+    Args:
+        cases: What to run.
+        seeds: For each case.
+        settings: Laid over every case.
+        sweeps: Values in TOML by key, for every case; they take the place of its own.
+        walks: Recorded walks; a case whose person walks one is run with each of them.
+
+    Raises:
+        ConfigError: A scenario can't be loaded, or walks are given and nobody walks them.
+    """
+    rows = []
+    for case in cases:
+        swept = {**case.sweeps, **(sweeps or {})}
+        for values in product(*swept.values()):
+            changes = tuple(f"{key}={value}" for key, value in zip(swept, values, strict=True))
+            row = ", ".join((case.name, *changes))
+            rows.append(series(case, row, (*settings, *changes), seeds, walks))
+    if walks and not any(job.walk for row in rows for job in row.jobs):
+        raise ConfigError("--walks: the person of no case has target.path.kind = 'recorded'")
+    return rows
+
+
+def series(
+    case: BaseCase, row: str, settings: Settings, seeds: Sequence[int], walks: Sequence[Path] = ()
+) -> Series:
+    """Return the runs of one row: each seed, of each walk where the case has one.
+
+    Raises:
+        ConfigError: The scenario can't be loaded.
+    """
+    settings = (*case.settings, *settings)
+    scenario = load_scenario(case.scenario, settings)
+    recorded = isinstance(scenario.section(TargetConfig, "target").path, Recorded)
+    variants: list[tuple[str | None, Settings, Scenario]] = [(None, settings, scenario)]
+    if walks and recorded:
+        variants = [_with_walk(case.scenario, settings, walk) for walk in walks]
+    return Series(
+        row,
+        case,
+        tuple(
+            Job(row, walk, case.scenario, (*changed, f"seed={seed}"), Key(sha256, seed, version()))
+            for walk, changed, loaded in variants
+            for sha256 in [fingerprint(loaded)]
+            for seed in seeds
+        ),
+    )
+
+
+def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Settings, Scenario]:
+    """Return the walk's name, and the scenario with it for as long as it lasts."""
+    settings = (*settings, f"target.path.file={msgspec.json.encode(str(walk.resolve())).decode()}")
+    loaded = load_scenario(scenario, settings)
+    path = loaded.section(TargetConfig, "target").path
+    assert isinstance(path, Recorded)
+    try:
+        end_s = make_path(path).duration
+    except ValueError as error:
+        raise ConfigError(f"{walk}: {error}") from None
+    # a duration that is whole ticks but for the last bits is not a tick longer
+    ticks = math.ceil(end_s / loaded.sim.tick_s - 1e-6)
+    settings = (*settings, f"sim.duration_s={ticks * loaded.sim.tick_s!r}")
+    return walk.stem, settings, load_scenario(scenario, settings)
+
+
+def fingerprint(scenario: Scenario) -> str:
+    """Return the SHA-256 of all that a scenario says, but for its seed.
+
+    It is taken over canonical JSON in which each file, a recorded walk or a program of
+    one's own, stands with its content and not with its name. What such a program imports
+    is not looked at.
+
+    Raises:
+        ConfigError: A program can't be found.
+    """
+    scenario = msgspec.structs.replace(
+        in_lockstep(scenario),
+        seed=0,
+        programs={part: _with_content(name) for part, name in scenario.programs.items()},
+    )
+    canonical = msgspec.json.encode(scenario, enc_hook=_content, order="sorted")
+    return hashlib.sha256(canonical).hexdigest()
+
+
+def _content(value: Any) -> str:
+    if not isinstance(value, Path):
+        raise NotImplementedError(f"no way to write {type(value).__name__} as JSON")
+    try:
+        return hashlib.sha256(value.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ConfigError(f"{value}: can't be read: {error.strerror}") from None
+
+
+def _with_content(program: str) -> str:
+    """Return a program's name, or its class and what the file says if it has one."""
+    place, colon, name = program.partition(":")
+    if not colon:
+        return program
+    if place.endswith(".py"):
+        return f"{_content(Path(place))}:{name}"
+    try:
+        spec = importlib.util.find_spec(place)
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or spec.origin is None:
+        raise ConfigError(f"{program}: there is no module {place}")
+    return f"{_content(Path(spec.origin))}:{name}"
+
+
+@cache
+def version() -> str:
+    """Return the SHA-256 of the code that makes a result.
+
+    It covers the source of every installed package of mecazen, and the versions of Python
+    and of the libraries that calculate: a changed estimator never shows old results.
+    """
+    digest = hashlib.sha256()
+    for line in (platform.python_version(), *(f"{name} {version_of(name)}" for name in LIBRARIES)):
+        digest.update(f"{line}\n".encode())
+    packages = {module.name for module in pkgutil.iter_modules() if module.ispkg}
+    for package in sorted(name for name in packages if name.startswith("mecazen")):
+        spec = importlib.util.find_spec(package)
+        assert spec is not None
+        for folder in spec.submodule_search_locations or ():
+            for file in sorted(Path(folder).rglob("*.py")):
+                name = file.relative_to(folder).as_posix()
+                digest.update(f"{package}/{name}\n{_content(file)}\n".encode())
+    return digest.hexdigest()
+
+
+def check_version(job: Job) -> None:
+    """Raise MecazenError if this process would not run the code that the key names."""
+    if job.key.version != version():
+        raise MecazenError("this worker has other versions of mecazen or of its libraries")

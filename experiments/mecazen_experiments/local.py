@@ -1,0 +1,77 @@
+"""Workers on the cores of this machine, by joblib."""
+
+from __future__ import annotations
+
+import signal
+import warnings
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
+
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+
+from mecazen_experiments.jobs import Job
+from mecazen_experiments.workers import MAX_TRIES, Outcomes, T, attempt, died
+
+
+class LocalWorkers:
+    """Processes of this machine, one BLAS thread each; a single one is this process itself.
+
+    Args:
+        count: How many; -1 is one for each core.
+    """
+
+    def __init__(self, count: int = -1) -> None:
+        self._count: int = effective_n_jobs(count)
+
+    def do(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        """See `Workers`.
+
+        When a worker dies, joblib ends the others with it. Those jobs that may have been in
+        work are then tried again after the rest, each alone: it is clear whose worker dies.
+        """
+        batches = deque([list(jobs)])
+        tries: Counter[Job] = Counter()
+        while batches:
+            waiting = batches.popleft()
+            # joblib may also just end: it tells the error only if it has it before it stops
+            with suppress(BrokenProcessPool), closing(self._do_once(work, waiting)) as outcomes:
+                for outcome in outcomes:
+                    waiting.remove(outcome.job)
+                    yield outcome
+            begun, rest = waiting[: self._count], waiting[self._count :]
+            tries.update(begun)
+            if rest:
+                batches.appendleft(rest)
+            batches += ([job] for job in begun if tries[job] < MAX_TRIES)
+            yield from (died(job) for job in begun if tries[job] >= MAX_TRIES)
+
+    def _do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        outcomes: Outcomes[T] | None = None
+        try:
+            with (
+                parallel_config(backend="loky", inner_max_num_threads=1),
+                _interrupts_held_back(),
+            ):
+                outcomes = Parallel(
+                    n_jobs=self._count,
+                    return_as="generator_unordered",
+                    batch_size=1,
+                    pre_dispatch="all",
+                )(delayed(attempt)(work, job) for job in jobs)
+            yield from outcomes
+        finally:
+            if outcomes is not None:
+                with warnings.catch_warnings(action="ignore"):  # of what is left undone
+                    outcomes.close()
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Start processes that never see Ctrl-C: a terminal sends it to all, this one ends them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,131 @@
+"""What an experiment gave: the mean of each score with its interval, and every run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+
+import msgspec
+from rich.table import Table
+from rich.text import Text
+
+from mecazen_experiments.config import BaseCase
+from mecazen_experiments.jobs import Job, Key, Series
+from mecazen_experiments.run import Record
+from mecazen_experiments.scores import Score
+from mecazen_experiments.statistics import Interval, mean_interval
+
+Means = dict[str, Interval | None]
+"""By the names of `Score`; None where no run has the score."""
+
+
+class Run(msgspec.Struct, frozen=True):
+    """A run of a row."""
+
+    walk: str | None
+    """The recorded walk that was given for it, if one was."""
+    record: Record
+
+
+class Row(msgspec.Struct, frozen=True):
+    """A case, or one combination of its sweep."""
+
+    name: str
+    published: dict[str, float]
+    limits: dict[str, float]
+    within_limits: bool | None
+    """Whether no mean is above its limit; None without limits."""
+    whole: Means
+    """Over the runs of all walks, each counted the same."""
+    settled: Means
+    runs: tuple[Run, ...]
+
+
+class Report(msgspec.Struct, frozen=True):
+    """What `mecazen experiment run --json` writes."""
+
+    rows: tuple[Row, ...]
+
+
+def summarise(series: Series, records: Mapping[Key, Record]) -> Row:
+    """Return the row of a series whose runs are all there."""
+    return _row(series.row, series.case, series.jobs, records)
+
+
+def summarise_walks(series: Series, records: Mapping[Key, Record]) -> list[Row]:
+    """Return a row for each recorded walk of a series; none if it was given none."""
+
+    def walk_of(job: Job) -> str:
+        return job.walk or ""
+
+    return [
+        _row(f"{series.row} / {walk}", series.case, tuple(jobs), records)
+        for walk, jobs in groupby(series.jobs, walk_of)
+        if walk
+    ]
+
+
+def _row(name: str, case: BaseCase, jobs: Sequence[Job], records: Mapping[Key, Record]) -> Row:
+    runs = tuple(Run(job.walk, records[job.key]) for job in jobs)
+    whole = means([run.record.scores.whole for run in runs])
+    return Row(
+        name=name,
+        published=case.published,
+        limits=case.limits,
+        within_limits=within(whole, case.limits),
+        whole=whole,
+        settled=means([run.record.scores.settled for run in runs]),
+        runs=runs,
+    )
+
+
+def means(scores: Sequence[Score]) -> Means:
+    """Return the mean of every score over those runs that have it."""
+    columns = {
+        name: [value for score in scores if (value := getattr(score, name)) is not None]
+        for name in Score.__struct_fields__
+    }
+    return {name: mean_interval(values) if values else None for name, values in columns.items()}
+
+
+def within(found: Means, limits: Mapping[str, float]) -> bool | None:
+    """Return whether no mean is above its limit; one that is missing is not within it."""
+    if not limits:
+        return None
+    return all((mean := found[name]) and mean.mean <= limit for name, limit in limits.items())
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Return the rows as a table, each mean above its 95 % interval."""
+    shown = Table(show_lines=True, caption="means over the runs, below each its 95 % interval")
+    shown.add_column("case", overflow="fold")
+    shown.add_column("runs")
+    for part in ("whole", "settled"):
+        shown.add_column(f"{part}\nD_err \\[m]")
+        shown.add_column(f"{part}\nΘ_err \\[°]")
+    for header in ("NEES", "lost \\[s]", "limits"):
+        shown.add_column(header)
+    for row in rows:
+        shown.add_row(
+            Text(row.name),  # not markup, whatever it is
+            str(len(row.runs)),
+            *(
+                show(part[score], digits)
+                for part in (row.whole, row.settled)
+                for score, digits in (("d_err_m", 4), ("theta_err_deg", 2))
+            ),
+            show(row.whole["nees"], 2),
+            show(row.whole["lost_s"], 2),
+            {None: "", True: "[green]✓[/]", False: "[red]✗[/]"}[row.within_limits],
+        )
+    return shown
+
+
+def show(interval: Interval | None, digits: int) -> str:
+    """Return a mean and, in a line of its own, its interval."""
+    if interval is None:
+        return "-"
+    mean, low, high = (
+        f"{value:.{digits}f}" for value in (interval.mean, interval.low, interval.high)
+    )
+    return f"{mean}\n[dim]{low} … {high}[/]"

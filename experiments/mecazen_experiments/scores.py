@@ -1,0 +1,258 @@
+"""How well a run went: following, smoothness, estimation, in numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, SupportsFloat
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+from mecazen.geometry import Pose2D
+from mecazen.trajectory import COVARIANCE
+from mecazen_follower.goal import Standoff
+from mecazen_follower.tracking import TrackingState
+
+from mecazen_experiments.poses import Floats, Poses, wrap
+from mecazen_experiments.table import Table
+
+SETTLING_S = 5.0
+"""From the first motion of the person to where the robot should have caught up."""
+MIN_PATH_M = 0.1
+"""Of a shorter path no share is taken."""
+
+
+class Score(msgspec.Struct, frozen=True):
+    """The measures of a run; None where there is nothing to measure.
+
+    "The paper" is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view
+    Self-Following and Self-Following Motion Capture.
+    """
+
+    d_err_m: float | None = None
+    """Mean of |D - D0|, D the distance from robot to person: the paper's eq. 5 and 7."""
+    d_rms_m: float | None = None
+    """Root mean square of D - D0."""
+    d_p95_m: float | None = None
+    """95th percentile of |D - D0|."""
+    d_max_m: float | None = None
+    """Largest |D - D0|."""
+    theta_err_deg: float | None = None
+    """Mean of |Θ - Θ0|, Θ the robot's heading less the person's: the paper's eq. 6 and 8.
+
+    Θ has its sign, and Θ - Θ0 is wrapped: to the wrong side is not as good as to the right.
+    """
+    theta_rms_deg: float | None = None
+    """Root mean square of Θ - Θ0."""
+    theta_p95_deg: float | None = None
+    """95th percentile of |Θ - Θ0|."""
+    theta_max_deg: float | None = None
+    """Largest |Θ - Θ0|."""
+    bearing_err_deg: float | None = None
+    """Mean of what the direction from person to robot, in the person's frame, is off."""
+    goal_err_m: float | None = None
+    """Mean distance from the robot to where it should be beside the true person."""
+    min_distance_m: float | None = None
+    """Smallest distance from robot to person."""
+    acceleration_rms_m_s2: float | None = None
+    """Root mean square of the robot's planar acceleration in world, from tick to tick."""
+    jerk_rms_m_s3: float | None = None
+    """Root mean square of its planar jerk."""
+    command_variation_m_s2: float | None = None
+    """Total variation of the commanded planar velocity, per second."""
+    yaw_command_variation_rad_s2: float | None = None
+    """Total variation of the commanded yaw rate, per second."""
+    estimate_position_err_m: float | None = None
+    """Mean distance from the estimated to the true person, as of the other two errors.
+
+    The estimate is in odom, which drifts. The truth is the person as seen from the true
+    robot, placed in odom with the robot's odometry.
+    """
+    estimate_yaw_err_deg: float | None = None
+    """Mean of what the person's estimated heading is off."""
+    estimate_speed_err_m_s: float | None = None
+    """Mean of what the person's estimated planar speed is off."""
+    nees: float | None = None
+    """Mean normalised estimation error squared of x, y and yaw: 3 if the covariance is right."""
+    nees_p95: float | None = None
+    """95th percentile of it: 7.8 if the covariance is right and the errors are normal."""
+    coasting_s: float | None = None
+    """Time in which the person was not seen but predicted."""
+    lost_s: float | None = None
+    """Time in which the person was lost."""
+    odometry_drift_percent: float | None = None
+    """What the odometry's displacement is off at the end, of the length of the true path.
+
+    Both displacements are as seen from where they start. None for a path below 0.1 m.
+    """
+
+
+class Scores(msgspec.Struct, frozen=True):
+    """The measures from the first motion of the person on, and again from 5 s later on.
+
+    All are None where there is no person, or none who moves.
+    """
+
+    whole: Score
+    settled: Score
+
+
+class Deviations(NamedTuple):
+    """Actual less wanted, tick by tick; see `mecazen_follower.goal.Standoff.errors`."""
+
+    distance: Floats
+    """[m]."""
+    bearing: Floats
+    """Direction from person to robot [rad], wrapped."""
+    yaw: Floats
+    """The robot's heading less the person's [rad], wrapped."""
+
+
+def score(table: Table, standoff: Standoff) -> Scores:
+    """Return the measures of a run in which `standoff` was to be kept."""
+    begin = first_motion(table)
+    if begin is None:
+        return Scores(Score(), Score())
+    settled = begin + round(SETTLING_S / table.tick_s)
+    return Scores(
+        whole=_score(table.where(slice(begin, None)), standoff),
+        settled=_score(table.where(slice(settled, None)), standoff),
+    )
+
+
+def first_motion(table: Table) -> int | None:
+    """Return the first tick in which the person is not where they were in the first."""
+    person = np.stack(table.poses("target"))
+    moved = np.flatnonzero((person != person[:, :1]).any(axis=0))
+    return int(moved[0]) if moved.size and not np.isnan(person[:, 0]).any() else None
+
+
+def deviations(table: Table, standoff: Standoff) -> Deviations:
+    """Return what the true robot is off from its place beside the true person."""
+    seen = table.poses("target").between(table.poses("robot"))
+    return Deviations(
+        np.hypot(seen.x, seen.y) - standoff.distance,
+        wrap(np.arctan2(seen.y, seen.x) - standoff.bearing),
+        wrap(seen.yaw - standoff.heading),
+    )
+
+
+def nees(errors: Floats, covariances: Floats) -> Floats:
+    """Return the normalised estimation error squared, eᵀ P⁻¹ e, of every tick.
+
+    Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation,
+    section 5.4.2.
+
+    Args:
+        errors: n×k.
+        covariances: n×k×k.
+
+    Returns:
+        n; NaN where the covariance is not positive definite, as the zeros that say unknown.
+    """
+    variances, axes = np.linalg.eigh(covariances)
+    variances[variances[:, 0] <= 0.0] = np.nan
+    along = np.einsum("nij,ni->nj", axes, errors)
+    return np.asarray((along**2 / variances).sum(axis=1))
+
+
+def _score(table: Table, standoff: Standoff) -> Score:
+    robot, person = table.poses("robot"), table.poses("target")
+    goal = person.compose(standoff.goal(Pose2D()))
+    off = deviations(table, standoff)
+    distance, bearing, yaw = abs(off.distance), _degrees(off.bearing), _degrees(off.yaw)
+    acceleration = np.diff(_velocity(table, "robot") * np.exp(1j * robot.yaw)) / table.tick_s
+    estimated = table.where(~np.isnan(table["estimate_x_m"] + table["odom_x_m"]))
+    error = _estimate_error(estimated)
+    speed = abs(_velocity(estimated, "estimate")) - abs(_velocity(estimated, "target"))
+    consistency = nees(np.stack(error, axis=-1), _covariances(estimated))
+    commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
+    return Score(
+        d_err_m=_of(np.mean, distance),
+        d_rms_m=_of(_rms, distance),
+        d_p95_m=_of(_p95, distance),
+        d_max_m=_of(np.max, distance),
+        theta_err_deg=_of(np.mean, yaw),
+        theta_rms_deg=_of(_rms, yaw),
+        theta_p95_deg=_of(_p95, yaw),
+        theta_max_deg=_of(np.max, yaw),
+        bearing_err_deg=_of(np.mean, bearing),
+        goal_err_m=_of(np.mean, np.hypot(robot.x - goal.x, robot.y - goal.y)),
+        min_distance_m=_of(np.min, np.hypot(robot.x - person.x, robot.y - person.y)),
+        acceleration_rms_m_s2=_of(_rms, abs(acceleration)),
+        jerk_rms_m_s3=_of(_rms, abs(np.diff(acceleration)) / table.tick_s),
+        command_variation_m_s2=_variation(commanded, _velocity(commanded, "cmd")),
+        yaw_command_variation_rad_s2=_variation(commanded, commanded["cmd_yaw_rate_rad_s"]),
+        estimate_position_err_m=_of(np.mean, np.hypot(error.x, error.y)),
+        estimate_yaw_err_deg=_of(np.mean, _degrees(error.yaw)),
+        estimate_speed_err_m_s=_of(np.mean, abs(speed)),
+        nees=_of(np.mean, consistency),
+        nees_p95=_of(_p95, consistency),
+        coasting_s=_time(table, TrackingState.COASTING),
+        lost_s=_time(table, TrackingState.LOST),
+        odometry_drift_percent=_drift(table.where(~np.isnan(table["odom_x_m"]))),
+    )
+
+
+def _velocity(table: Table, who: str) -> npt.NDArray[np.complex128]:
+    """Return planar velocities [m/s] as they stand in the table, y as imaginary part."""
+    return table[f"{who}_vx_m_s"] + 1j * table[f"{who}_vy_m_s"]
+
+
+def _estimate_error(table: Table) -> Poses:
+    """Return the estimated less the true person, along the axes of odom."""
+    seen = table.poses("robot").between(table.poses("target"))
+    truth = table.poses("odom").compose(seen)
+    estimate = table.poses("estimate")
+    return Poses(estimate.x - truth.x, estimate.y - truth.y, wrap(estimate.yaw - truth.yaw))
+
+
+def _covariances(table: Table) -> Floats:
+    """Return the n×3×3 covariances of the estimated poses."""
+    xx, xy, xyaw, yy, yyaw, yawyaw = (table[f"estimate_{name}"] for name in COVARIANCE)
+    rows = [[xx, xy, xyaw], [xy, yy, yyaw], [xyaw, yyaw, yawyaw]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _variation(table: Table, command: Floats | npt.NDArray[np.complex128]) -> float | None:
+    """Return the total variation of a command per second."""
+    if len(table) < 2:
+        return None
+    t = table["t_s"]
+    return float(abs(np.diff(command)).sum() / (t[-1] - t[0]))
+
+
+def _time(table: Table, state: TrackingState) -> float | None:
+    """Return the time in a state [s], which holds until the next is told."""
+    told = table.tracking[table.tracking != ""]
+    share = _of(np.mean, (told == state).astype(np.float64))
+    return None if share is None else share * len(table) * table.tick_s
+
+
+def _drift(table: Table) -> float | None:
+    robot, odom = table.poses("robot"), table.poses("odom")
+    path = float(np.hypot(np.diff(robot.x), np.diff(robot.y)).sum())
+    if path < MIN_PATH_M:
+        return None
+    true = robot.at(0).between(robot.at(-1))
+    believed = odom.at(0).between(odom.at(-1))
+    return 100.0 * true.distance(believed) / path
+
+
+def _of(measure: Callable[[Floats], SupportsFloat], values: Floats) -> float | None:
+    """Return a measure of the numbers among `values`, None if there are none."""
+    numbers = values[~np.isnan(values)]
+    return float(measure(numbers)) if numbers.size else None
+
+
+def _rms(values: Floats) -> float:
+    return math.sqrt(np.mean(values**2))
+
+
+def _p95(values: Floats) -> SupportsFloat:
+    return np.percentile(values, 95.0)
+
+
+def _degrees(angles: Floats) -> Floats:
+    return np.degrees(abs(angles))

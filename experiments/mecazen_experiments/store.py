@@ -1,0 +1,74 @@
+"""Results in one SQLite file, each under its key, to be found again by the next command."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+from mecazen.errors import MecazenError
+
+from mecazen_experiments.jobs import Key
+from mecazen_experiments.run import Record
+
+BUSY_S = 60.0
+"""How long to wait while another command writes; a write takes milliseconds."""
+
+_TABLE = """
+create table if not exists runs (
+    scenario_sha256 text not null,
+    seed integer not null,
+    version text not null,
+    record text not null,
+    primary key (scenario_sha256, seed, version)
+) without rowid
+"""
+_FIND = "select record from runs where (scenario_sha256, seed, version) = (?, ?, ?)"
+
+
+class Store:
+    """Records by key, in a file that may be shared with other commands.
+
+    A record is in it whole or not at all, whenever the process ends: each is a transaction
+    of SQLite. The first that comes for a key stays; another would be equal.
+
+    Raises:
+        MecazenError: From any method: the file can't be used.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._one_line():
+            # autocommit: each statement is a transaction of its own
+            self._database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
+            self._database.execute(_TABLE)
+
+    def find(self, keys: Iterable[Key]) -> dict[Key, Record]:
+        """Return the records that are there already."""
+        found = {}
+        with self._one_line():
+            for key in keys:
+                values = msgspec.structs.astuple(key)
+                row = self._database.execute(_FIND, values).fetchone()
+                if row is not None:
+                    found[key] = msgspec.json.decode(row[0], type=Record)
+        return found
+
+    def add(self, record: Record) -> None:
+        """Keep a record."""
+        values = (*msgspec.structs.astuple(record.key), msgspec.json.encode(record).decode())
+        with self._one_line():
+            self._database.execute("insert or ignore into runs values (?, ?, ?, ?)", values)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
+    @contextmanager
+    def _one_line(self) -> Iterator[None]:
+        try:
+            yield
+        except (sqlite3.Error, msgspec.ValidationError, msgspec.DecodeError) as error:
+            raise MecazenError(f"{self.path}: can't be used as a store: {error}") from None

@@ -1,0 +1,175 @@
+"""A search for the settings that do best, by Optuna."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import msgspec
+import optuna
+from mecazen.errors import MecazenError
+from rich.table import Table
+
+from mecazen_experiments.config import Range, Settings, TunedCase, Tuning
+from mecazen_experiments.jobs import Job, Key, series
+from mecazen_experiments.report import Row, summarise
+from mecazen_experiments.run import Record
+from mecazen_experiments.schedule import Progress, RunsFailedError
+
+SEED = 1
+"""Of the search: with the same runs it goes the same way."""
+PREFERENCE = 0.001
+"""Weight of what is preferred: less than any difference between runs that matters."""
+EXCESS = 100.0
+"""Cost of a limit exceeded by its own size: far above what all that is within limits costs."""
+DIGITS = 4
+"""Significant digits of a parameter: what is shown is what was run."""
+
+Do = Callable[[Iterable[Job]], Mapping[Key, Record]]
+
+
+class Best(msgspec.Struct, frozen=True):
+    """What `mecazen experiment tune --json` writes."""
+
+    objective: str
+    trials: int
+    failed_trials: int
+    """Those in which a run failed."""
+    settings: dict[str, dict[str, float]]
+    """The best found, by case; what is searched for all cases is in each."""
+    training_cost: float
+    held_out_cost: float
+    rows: tuple[Row, ...]
+    """The held-out runs."""
+
+
+def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
+    """Search with the training seeds; return the best on the held-out ones.
+
+    Args:
+        tuning: What to search.
+        do: Does runs and returns their records, see `mecazen_experiments.schedule.run_all`.
+        progress: Is told how many trials are done.
+
+    Raises:
+        MecazenError: Every trial failed, or a run of the best does on a held-out seed.
+    """
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=SEED))
+    best: tuple[float, dict[str, dict[str, float]]] | None = None
+    failed: list[RunsFailedError] = []
+    for number in range(tuning.trials):
+        progress(number, tuning.trials)
+        trial = study.ask()
+        settings = suggest(tuning, trial.suggest_float)
+        try:
+            rows = _run(tuning.cases, settings, tuning.training_seeds, do)
+        except RunsFailedError as error:
+            study.tell(trial, state=optuna.trial.TrialState.PRUNED)  # so avoided from now on
+            failed.append(error)
+            continue
+        found = cost(tuning, rows, settings)
+        study.tell(trial, found)
+        if best is None or found < best[0]:
+            best = found, settings
+    progress(tuning.trials, tuning.trials)
+    if best is None:
+        raise MecazenError(f"every trial failed; the last: {failed[-1]}")
+    training_cost, settings = best
+    rows = _run(tuning.cases, settings, tuning.held_out_seeds, do)
+    return Best(
+        objective=tuning.objective,
+        trials=tuning.trials,
+        failed_trials=len(failed),
+        settings=settings,
+        training_cost=training_cost,
+        held_out_cost=cost(tuning, rows, settings),
+        rows=tuple(rows),
+    )
+
+
+def suggest(tuning: Tuning, choose: Callable[..., float]) -> dict[str, dict[str, float]]:
+    """Return each case's settings, chosen by `choose(name, low, high, log=...)`."""
+
+    def one(name: str, within: Range) -> float:
+        value = choose(name, within.low, within.high, log=within.log)
+        return float(f"{value:.{DIGITS}g}")
+
+    shared = {key: one(key, within) for key, within in tuning.parameters.items()}
+    return {
+        case.name: shared
+        | {key: one(f"{case.name}: {key}", within) for key, within in case.parameters.items()}
+        for case in tuning.cases
+    }
+
+
+def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str, float]]) -> float:
+    """Return what is to be minimal: see `match_cost`, `limits_cost` and `preference`.
+
+    Raises:
+        MecazenError: A row has no such score.
+    """
+    of_row = match_cost if tuning.objective == "match" else limits_cost
+    costs = [of_row(row) for row in rows]
+    costs += [
+        preference(settings[case.name][key], within.prefer)
+        for case in tuning.cases
+        for key, within in (tuning.parameters | case.parameters).items()
+        if within.prefer is not None
+    ]
+    return math.fsum(costs)
+
+
+def match_cost(row: Row) -> float:
+    """Return the sum of the squares of what the means are off the published, in parts of it."""
+    return math.fsum(
+        ((_mean(row, score) - published) / published) ** 2
+        for score, published in row.published.items()
+    )
+
+
+def limits_cost(row: Row) -> float:
+    """Return the sum of the means in parts of their limits, and far more for any excess."""
+    parts = [_mean(row, score) / limit for score, limit in row.limits.items()]
+    return math.fsum(part + EXCESS * max(0.0, part - 1.0) for part in parts)
+
+
+def preference(value: float, preferred: float) -> float:
+    """Return the cost of a parameter that is not the preferred: it decides between equals."""
+    return PREFERENCE * math.log(value / preferred) ** 2
+
+
+def _mean(row: Row, score: str) -> float:
+    interval = row.whole[score]
+    if interval is None:
+        raise MecazenError(f"{row.name}: there is no {score} in its runs")
+    return interval.mean
+
+
+def _run(
+    cases: Sequence[TunedCase],
+    settings: Mapping[str, Mapping[str, float]],
+    seeds: Sequence[int],
+    do: Do,
+) -> list[Row]:
+    def overrides(case: TunedCase) -> Settings:
+        return tuple(f"{key}={value!r}" for key, value in settings[case.name].items())
+
+    todo = [series(case, case.name, overrides(case), seeds) for case in cases]
+    records = do([job for one in todo for job in one.jobs])
+    return [summarise(one, records) for one in todo]
+
+
+def table(best: Best) -> Table:
+    """Return the settings that were found."""
+    shown = Table(
+        "case",
+        "setting",
+        "value",
+        caption=f"{best.objective}: cost {best.training_cost:.4g} in training, "
+        f"{best.held_out_cost:.4g} held out; {best.failed_trials} of {best.trials} trials failed",
+    )
+    for case, settings in best.settings.items():
+        for key, value in settings.items():
+            shown.add_row(case, key, f"{value:g}")
+    return shown

@@ -1,0 +1,107 @@
+"""The published filter."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.schema import NonNegative, Positive
+
+from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
+from mecazen_follower.estimators.kalman import as_tuple, kalman, nis_of
+
+
+class DisplacementParams(Params):
+    """Parameters of `kf_displacement`."""
+
+    position_drift_m_sqrt_s: Positive = 0.1
+    """Random walk of the position besides the displacement: its deviation after 1 s."""
+    smoothing_s: Positive = 1.0
+    """Time constant with which the displacement is smoothed."""
+    min_speed_m_s: NonNegative = 0.08
+    """Below it, the direction of the displacement says nothing of the heading."""
+
+
+class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementParams):
+    """The published filter of "A Virtual Mecanum Wheeled Robot ROS Simulator ...".
+
+    What is written there: X_k = F X_(k-1) + w (1), y_k = H X_(k-1) + u (2), with the state
+    X = [x, y, yaw], and (4)
+
+        F = [[1, 0, Δx], [0, 1, Δy], [0, 0, 1]],  H = [1, 1, 0],
+
+    where Δx, Δy are "the displacement per unit time".
+
+    Why it cannot be literal: F X moves the person by yaw times Δ, so one who walks at
+    yaw = 0 would stand still; and H X = x + y is one number, from which x and y cannot be
+    told apart.
+
+    How it is read: F is the homogeneous matrix of a translation and acts on (x, y, 1), that
+    is x += Δx, y += Δy: a constant input, which leaves the covariance to grow by Q alone.
+    H is the diagonal of the matrix that selects what is observed: rows for x and y and none
+    for the yaw, H = [[1, 0, 0], [0, 1, 0]]. y_k is taken to observe X_k.
+
+    Δ per second is the displacement from one corrected estimate to the next, exponentially
+    smoothed over `smoothing_s`. The yaw, which nothing in the filter corrects, is what the
+    paper defines it to be, the direction of motion: that of Δ. Where the person is too slow
+    to have one, it is the observed yaw, smoothed likewise. The yaw rate is taken as zero
+    (the third row of F).
+    """
+
+    def __init__(self, params: DisplacementParams) -> None:
+        super().__init__(params)
+        self._drift = params.position_drift_m_sqrt_s**2
+        self._smoothing = params.smoothing_s
+        self._min_speed = params.min_speed_m_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self.nis = None
+        self._filter: Any = None
+        self._velocity: Array = np.zeros(3)
+        self._corrected: Array = np.zeros(3)
+        self._elapsed = 0.0
+
+    def predict(self, dt: float) -> None:
+        """Move by the displacement per second times `dt` [s]."""
+        if self._filter is None:
+            return
+        drift = self._drift * dt
+        self._filter.predict(u=self._velocity * dt, B=np.eye(3), Q=np.diag([drift, drift, 0.0]))
+        self._elapsed += dt
+
+    def _observe(self, observation: Pose2D, noise: Array) -> None:
+        if self._filter is None:
+            self._filter = kalman(np.array(observation), noise, np.eye(2, 3))
+            self._corrected = np.array(observation)
+            return
+        kf = self._filter
+        kf.update(np.array(observation[:2]), R=noise[:2, :2])
+        self.nis = nis_of(kf)
+        if self._elapsed > 0.0:
+            weight = -math.expm1(-self._elapsed / self._smoothing)
+            displacement = (kf.x - self._corrected) / self._elapsed
+            displacement[2] = 0.0
+            self._velocity += weight * (displacement - self._velocity)
+            kf.x[2] = self._yaw(float(kf.x[2]), observation.yaw, weight)
+        kf.P[2, 2] = noise[2, 2]  # the filter knows nothing of it: as good as one observation
+        self._corrected = kf.x.copy()
+        self._elapsed = 0.0
+
+    def _yaw(self, yaw: float, observed: float, weight: float) -> float:
+        vx, vy = self._velocity[:2]
+        if math.hypot(vx, vy) > self._min_speed:
+            return math.atan2(vy, vx)
+        return wrap(yaw + weight * wrap(observed - yaw))
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The person now, with the smoothed displacement per second as velocity."""
+        if self._filter is None:
+            return None
+        x, y, yaw = self._filter.x.tolist()
+        vx, vy, _ = self._velocity.tolist()
+        return Estimate(Pose2D(x, y, yaw), Twist2D(vx, vy, 0.0), as_tuple(self._filter.P))

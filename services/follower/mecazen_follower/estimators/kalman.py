@@ -1,0 +1,26 @@
+"""What the Kalman filters here share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from filterpy.kalman import KalmanFilter
+
+from mecazen_follower.estimators.base import Array, Covariance
+
+
+def kalman(state: Array, covariance: Array, H: Array) -> Any:
+    """Return a filter that starts with `state`, a vector, and observes H times it."""
+    kf = KalmanFilter(dim_x=len(state), dim_z=len(H))
+    kf.x, kf.P, kf.H = state, covariance, H
+    return kf
+
+
+def nis_of(kf: Any) -> float:
+    """Return the normalised innovation squared of the last update."""
+    return float(kf.y @ kf.SI @ kf.y)
+
+
+def as_tuple(matrix: Array) -> Covariance:
+    """Return a 3x3 covariance as plain numbers."""
+    return tuple((x, y, yaw) for x, y, yaw in matrix.tolist())

@@ -1,0 +1,111 @@
+"""Kalman filters of constant turn rate and velocity, one for each way to move."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mecazen_follower.estimators.base import Array
+from mecazen_follower.estimators.turn_rate import (
+    SEEN,
+    SIZE,
+    jacobian,
+    move,
+    process_noise,
+)
+
+LEAST = 1e-100
+"""Probability that a mode has at least, besides what normalises it."""
+
+
+class Mode(NamedTuple):
+    """A way to move."""
+
+    walks: tuple[float, float, float, float, float]
+    """See `process_noise`."""
+    moves: bool = True
+    """Whether the speed lasts; else it is 0 but for its random walk."""
+    turns: bool = True
+    """Whether the turn rate lasts; else it is 0 but for its random walk."""
+    lasts: float = 1.0
+    """Mean time until another mode takes over [s]; of no matter to a mode that is alone."""
+
+
+class ModeBank:
+    """Extended Kalman filters, one for each mode, that interact; all n at once.
+
+    Blom, Bar-Shalom: The interacting multiple model algorithm for systems with Markovian
+    switching coefficients, IEEE Trans. Automatic Control 33 (1988). With a single mode it is
+    an extended Kalman filter.
+
+    Args:
+        modes: The modes; each changes to any other with the same probability.
+        state: The first state (5), of all modes.
+        covariance: Its covariance (5, 5).
+    """
+
+    def __init__(self, modes: tuple[Mode, ...], state: Array, covariance: Array) -> None:
+        n = len(modes)
+        self._walks = np.array([mode.walks for mode in modes])
+        self._keeps = np.ones((n, SIZE))
+        self._keeps[:, 3:] = [(mode.moves, mode.turns) for mode in modes]
+        leaves = np.array([1.0 / mode.lasts for mode in modes])
+        others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - np.eye(n))
+        self._rates = leaves[:, None] * (others - np.eye(n)) if n > 1 else np.zeros((1, 1))
+        self.probabilities = np.full(n, 1.0 / n)
+        self._x = np.tile(state, (n, 1))
+        self._P = np.tile(covariance, (n, 1, 1))
+        self.nis = 0.0
+        self._combine()
+
+    def predict(self, dt: float) -> None:
+        """Mix the modes and move each by `dt` [s]."""
+        joint = self.probabilities[:, None] * (np.eye(len(self._x)) + self._rates * dt)
+        self.probabilities = joint.sum(axis=0)
+        weights = joint / self.probabilities
+        x = weights.T @ self._x
+        apart = self._x[:, None] - x  # from, to, state
+        spread = self._P[:, None] + apart[..., :, None] * apart[..., None, :]
+        P = (weights[..., None, None] * spread).sum(axis=0)
+
+        x *= self._keeps
+        F = jacobian(x, dt) * self._keeps[:, None]
+        self._x = move(x, dt)
+        self._P = F @ P @ F.swapaxes(1, 2) + process_noise(self._walks, x, dt)
+        self._combine()
+
+    def update(self, observation: Array, noise: Array) -> None:
+        """Take in an observation (3) with its covariance (3, 3)."""
+        innovation = observation - self._x[:, :SEEN]
+        PH = self._P[:, :, :SEEN]
+        S = PH[:, :SEEN] + noise
+        inverse = np.linalg.inv(S)
+        K = PH @ inverse
+        whitened = (inverse @ innovation[..., None])[..., 0]
+        squared = (innovation * whitened).sum(axis=1)
+        self._x = self._x + (PH @ whitened[..., None])[..., 0]
+        keeps = np.tile(np.eye(SIZE), (len(K), 1, 1))
+        keeps[:, :, :SEEN] -= K
+        # Joseph's form: P - K S K' comes out negative when a prediction was hopeless
+        P = keeps @ self._P @ keeps.swapaxes(1, 2) + K @ noise @ K.swapaxes(1, 2)
+        self._P = (P + P.swapaxes(1, 2)) / 2.0  # what rounding makes unequal would grow
+        likelihood = np.exp((squared.min() - squared) / 2.0) / np.sqrt(np.linalg.det(S))
+        self.nis = float((self.probabilities * squared).sum())
+        # none dies of underflow: after two hopeless observations in a row all might
+        self.probabilities = np.maximum(self.probabilities * likelihood, LEAST)
+        self.probabilities /= self.probabilities.sum()
+        self._combine()
+
+    def _combine(self) -> None:
+        self.state: Array = self.probabilities @ self._x
+        apart = self._x - self.state
+        spread = self._P + apart[:, :, None] * apart[:, None, :]
+        self.covariance: Array = (self.probabilities[:, None, None] * spread).sum(axis=0)
+
+    def ahead(self, dt: float) -> tuple[Array, Array]:
+        """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
+        F = jacobian(self.state, dt)
+        walks = np.sqrt(self.probabilities @ np.square(self._walks))
+        Q = process_noise(walks, self.state, dt)
+        return move(self.state, dt), F @ self.covariance @ F.T + Q

@@ -1,0 +1,29 @@
+"""No filter at all."""
+
+from __future__ import annotations
+
+from mecazen.geometry import Pose2D, Twist2D
+
+from mecazen_follower.estimators.base import Array, Estimate, Estimator
+from mecazen_follower.estimators.kalman import as_tuple
+
+
+class RawObservation(Estimator, name="none"):
+    """The last observation as it came, held until the next; the velocity is taken as zero."""
+
+    _estimate: Estimate | None = None
+
+    def predict(self, dt: float) -> None:
+        """Hold the last observation."""
+
+    def _observe(self, observation: Pose2D, noise: Array) -> None:
+        self._estimate = Estimate(observation, Twist2D(), as_tuple(noise))
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The last observation."""
+        return self._estimate
+
+    def reset(self) -> None:
+        """Forget the last observation."""
+        self._estimate = None

@@ -1,0 +1,100 @@
+"""Constant turn rate and velocity (CTRV): people walk where they look.
+
+The state is (x, y, yaw, v, w) in odom: position [m], heading [rad], speed along the heading
+[m/s] and turn rate [rad/s]; the heading is not wrapped, so that means of states are means.
+What ties position and heading together is what a filter of independent axes does not know:
+the direction of the motion tells the heading, and the heading the motion.
+
+The model is of Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and
+Navigation, section 11.7, written with the chord of the arc that is walked:
+x += c·cos(yaw + w dt/2), y += c·sin(yaw + w dt/2), c = v dt·sin(w dt/2)/(w dt/2).
+Functions take one state or many: arrays (..., 5).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mecazen.geometry import Pose2D, Twist2D, wrap
+
+from mecazen_follower.estimators.base import Array, Estimate
+from mecazen_follower.estimators.kalman import as_tuple
+
+SIZE = 5
+X, Y, YAW, V, W = range(SIZE)
+SEEN = 3
+"""The observation is the first three of the state."""
+
+
+def move(states: Array, dt: float) -> Array:
+    """Return the states (..., 5) after `dt` [s]."""
+    half = states[..., W] * (dt / 2.0)
+    chord = states[..., V] * dt * np.sinc(half / math.pi)
+    along = states[..., YAW] + half
+    moved = states.copy()
+    moved[..., X] += chord * np.cos(along)
+    moved[..., Y] += chord * np.sin(along)
+    moved[..., YAW] += 2.0 * half
+    return moved
+
+
+def jacobian(states: Array, dt: float) -> Array:
+    """Return the derivatives (..., 5, 5) of `move` by the state."""
+    half = states[..., W] * (dt / 2.0)
+    sinc = np.sinc(half / math.pi)
+    near_0 = np.abs(half) < 1e-3
+    safe = np.where(near_0, 1.0, half)
+    slope = np.where(near_0, -half / 3.0, (np.cos(half) - sinc) / safe)
+    along = states[..., YAW] + half
+    c, s = np.cos(along), np.sin(along)
+    chord = states[..., V] * dt * sinc
+    bend = states[..., V] * (dt * dt / 2.0)
+    F = np.zeros((*states.shape, SIZE))
+    F[..., range(SIZE), range(SIZE)] = 1.0
+    F[..., X, YAW], F[..., Y, YAW] = -chord * s, chord * c
+    F[..., X, V], F[..., Y, V] = dt * sinc * c, dt * sinc * s
+    F[..., X, W] = bend * (slope * c - sinc * s)
+    F[..., Y, W] = bend * (slope * s + sinc * c)
+    F[..., YAW, W] = dt
+    return F
+
+
+def process_noise(walks: Array, states: Array, dt: float) -> Array:
+    """Return the covariances (..., 5, 5) that random walks add in `dt` [s].
+
+    Args:
+        walks: What disturbs position, heading, speed and turn rate (..., 5), each as the
+            standard deviation that its random walk has after 1 s. That of the position, to
+            all sides, comes twice: after 1 m walked, since who walks faster sways more
+            often, and after 1 s.
+        states: Where the walks begin (..., 5).
+        dt: Time [s]; to first order in it.
+    """
+    sway, step, heading, speed, rate = np.moveaxis(np.square(walks), -1, 0) * dt
+    position = sway * np.abs(states[..., V]) + step
+    c, s = np.cos(states[..., YAW]), np.sin(states[..., YAW])
+    cube, square = dt**2 / 3.0, dt / 2.0
+    Q = np.zeros((*position.shape, SIZE, SIZE))
+    Q[..., X, X] = position + speed * cube * c * c
+    Q[..., Y, Y] = position + speed * cube * s * s
+    Q[..., X, Y] = Q[..., Y, X] = speed * cube * c * s
+    Q[..., X, V] = Q[..., V, X] = speed * square * c
+    Q[..., Y, V] = Q[..., V, Y] = speed * square * s
+    Q[..., V, V] = speed
+    Q[..., YAW, YAW] = heading + rate * cube
+    Q[..., YAW, W] = Q[..., W, YAW] = rate * square
+    Q[..., W, W] = rate
+    return Q
+
+
+def near(yaw: float, observation: Pose2D) -> Array:
+    """Return an observation (3) with the turn of its yaw that is nearest to `yaw`."""
+    return np.array([observation.x, observation.y, yaw + wrap(observation.yaw - yaw)])
+
+
+def estimate_of(state: Array, covariance: Array) -> Estimate:
+    """Return a state (5) and its covariance (5, 5) as an estimate."""
+    x, y, yaw, v, w = state.tolist()
+    velocity = Twist2D(v * math.cos(yaw), v * math.sin(yaw), w)
+    return Estimate(Pose2D(x, y, wrap(yaw)), velocity, as_tuple(covariance[:SEEN, :SEEN]))

@@ -1,0 +1,120 @@
+"""Experiments of very short runs, and the command line that does them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import pytest
+from mecazen_experiments.config import Case
+from mecazen_experiments.jobs import Job, Key, Series
+from mecazen_experiments.run import Record
+from mecazen_experiments.scores import Score, Scores
+
+ROOT = Path(__file__).parents[2]
+GUARD_S = 60
+"""Far beyond what anything here takes: only a hang gets there."""
+
+SCENARIO = f"""
+robot = "{ROOT}/configs/robots/nexus.toml"
+sim.duration_s = 2.0
+physics.dt_s = 0.005
+start.x_m = -1.0
+"""
+EXPERIMENT = """
+seeds = 4
+[[cases]]
+name = "short"
+scenario = "short.toml"
+"""
+
+
+class Folder(NamedTuple):
+    """A folder of a test's own, in which `mecazen` is started."""
+
+    path: Path
+
+    def write(self, name: str, text: str) -> Path:
+        """Write a file, and the folders above it."""
+        file = self.path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+        return file
+
+    def popen(self, *arguments: object) -> subprocess.Popen[str]:
+        """Start `mecazen experiment` as a shell does: in a process group of its own."""
+        return subprocess.Popen(
+            [sys.executable, "-m", "mecazen", "experiment", *map(str, arguments)],
+            cwd=self.path,
+            env={**os.environ, "COLUMNS": "160", "TERM": "dumb"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            process_group=0,
+        )
+
+    def mecazen(self, *arguments: object, code: int = 0) -> tuple[str, str]:
+        """Run `mecazen experiment`; return what it prints, and its errors."""
+        return self.finish(self.popen(*arguments), code)
+
+    @staticmethod
+    def finish(process: subprocess.Popen[str], code: int = 0) -> tuple[str, str]:
+        """Wait for a process that is to end with `code`; return what it printed."""
+        out, errors = process.communicate(timeout=GUARD_S)
+        assert process.returncode == code, errors
+        return out, errors.strip()
+
+    def runs(self, file: str) -> list[tuple[Any, ...]]:
+        """Return what a report says of its runs, but for what they took of the machine."""
+        rows = msgspec.json.decode((self.path / file).read_bytes())["rows"]
+        return [
+            (row["name"], run["walk"], record["key"], record["trajectory_sha256"], record["scores"])
+            for row in rows
+            for run in row["runs"]
+            for record in [run["record"]]
+        ]
+
+
+@pytest.fixture(scope="session")
+def make_folder() -> Callable[[Path], Folder]:
+    """Make folders with a short scenario, and an experiment of it."""
+
+    def make(path: Path) -> Folder:
+        folder = Folder(path)
+        folder.write("short.toml", SCENARIO)
+        folder.write("short_experiment.toml", EXPERIMENT)
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def folder(make_folder: Callable[[Path], Folder], tmp_path: Path) -> Folder:
+    """A folder of the test's own."""
+    return make_folder(tmp_path)
+
+
+MakeSeries = Callable[..., tuple[Series, dict[Key, Record]]]
+
+
+@pytest.fixture
+def make_series() -> MakeSeries:
+    """Make a series of made-up runs, and their records."""
+
+    def make(
+        name: str, d_err_m: dict[tuple[str | None, int], float | None], **case: Any
+    ) -> tuple[Series, dict[Key, Record]]:
+        jobs, records = [], {}
+        for (walk, seed), value in d_err_m.items():
+            key = Key(f"{name} {walk}", seed, "0")
+            score = Score(d_err_m=value, theta_err_deg=None if value is None else 10.0 * value)
+            jobs.append(Job(name, walk, Path("none.toml"), (), key))
+            records[key] = Record(key, "", Scores(score, Score()), 1.0, 100.0)
+        return Series(name, Case(name, Path("none.toml"), **case), tuple(jobs)), records
+
+    return make

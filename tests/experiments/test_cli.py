@@ -1,0 +1,171 @@
+"""The commands in this process, where a run is soon done, and what is said of wrong options."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mecazen.cli.app import app
+from mecazen.errors import MecazenError
+from mecazen_experiments import commands
+
+SIX = """
+[[cases]]
+name = "{view} {variant}"
+scenario = "../../short.toml"
+set = ["follower.view={follower}", "follower.estimator={estimator}", "target.path.kind=circle"]
+published = {{ d_err_m = 0.22, theta_err_deg = 12.2 }}
+"""
+SEARCH = """
+trials = 3
+training_seeds = [1, 2]
+held_out_seeds = [3]
+[parameters]
+"follower.standoff_m" = { low = 0.8, high = 1.2 }
+[[cases]]
+name = "short"
+scenario = "short.toml"
+limits = { d_err_m = 0.2 }
+"""
+WALK = "t_s,x_m,y_m\n0,0,0\n1,0.5,0\n1.5,0.8,0\n"
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(folder: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder.path)
+
+
+def experiment(*arguments: object) -> None:
+    app(["experiment", *map(str, arguments)], standalone_mode=False)
+
+
+def report(file: str) -> Any:
+    return msgspec.json.decode(Path(file).read_bytes())
+
+
+def write_table2(folder: Any) -> None:
+    cases = [
+        SIX.format(view=view, follower=follower, variant=variant, estimator=estimator)
+        for view, follower in (("back", "back"), ("side", "side_left"))
+        for variant, estimator in (("without", "none"), ("with", "kf_cv"), ("best", "kf_cv"))
+    ]
+    folder.write("configs/experiments/table2.toml", "".join(cases))
+
+
+def test_options_are_laid_over_the_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+    experiment(
+        *("run", "short_experiment.toml", "--runs", 1, "--jobs", 1, "--json", "out.json"),
+        *("--set", "sim.duration_s=0.5", "--sweep", "follower.standoff_m=1,1.5"),
+    )
+    rows = report("out.json")["rows"]
+    assert [row["name"] for row in rows] == [
+        "short, follower.standoff_m=1",
+        "short, follower.standoff_m=1.5",
+    ]
+    assert [len(row["runs"]) for row in rows] == [1, 1]
+    assert "standoff" in capsys.readouterr().out
+
+
+def test_walks_of_a_folder_are_a_row_and_on_demand_one_each(
+    folder: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("eth_1", "eth_2"):
+        folder.write(f"walks/{name}.csv", WALK)
+    recorded = 'target.path={kind="recorded", file="walks/eth_1.csv"}'
+    arguments = ("run", "short_experiment.toml", "--runs", 1, "--jobs", 1, "--set", recorded)
+    experiment(*arguments, "--walks", "walks", "--json", "out.json")
+    assert "eth_2" not in capsys.readouterr().out
+    assert [run["walk"] for run in report("out.json")["rows"][0]["runs"]] == ["eth_1", "eth_2"]
+    experiment(*arguments, "--walks", "walks", "--verbose")
+    assert "short / eth_2" in capsys.readouterr().out
+    experiment(*arguments, "--json", "own.json")
+    assert [run["walk"] for run in report("own.json")["rows"][0]["runs"]] == [None]
+
+
+def test_a_search_is_free_the_second_time(capsys: pytest.CaptureFixture[str], folder: Any) -> None:
+    folder.write("search.toml", SEARCH)
+    experiment("tune", "search.toml", "--jobs", 1, "--json", "one.json")
+    experiment("tune", "search.toml", "--jobs", 1, "--json", "two.json")
+    assert report("one.json") == report("two.json")  # the wall times too: nothing was run again
+    best = report("one.json")
+    assert 0.8 <= best["settings"]["short"]["follower.standoff_m"] <= 1.2
+    assert [run["record"]["key"]["seed"] for run in best["rows"][0]["runs"]] == [3]
+    assert "follower.standoff_m" in capsys.readouterr().out
+
+
+def test_table2_is_the_experiment_of_that_name(
+    folder: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_table2(folder)
+    experiment("table2", "--runs", 2, "--jobs", 1, "--json", "out.json")
+    assert [len(row["runs"]) for row in report("out.json")["rows"]] == [2] * 6
+    assert len(report("out.json")["gains"]) == 8
+    out = capsys.readouterr().out
+    for words in ("Table II", "D_err back [m]", "Θ_err side [°]", "12.2", "Gains"):
+        assert words in out
+
+
+def test_figures_are_drawn_of_the_paper_s_four_cases(
+    folder: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_table2(folder)
+    drawn = {}
+
+    def draw(tables: Any, out: Path) -> list[Path]:
+        drawn.update(tables)
+        return [out / "figure.svg"]
+
+    commands.figures(draw, Path("new/folder"), seed=2)
+    assert drawn.keys() == {"back without", "back with", "side without", "side with"}
+    assert {len(table) for table in drawn.values()} == {200}  # of 2 s, a tick each 10 ms
+    assert Path("new/folder").is_dir()
+    assert capsys.readouterr().out == "new/folder/figure.svg\n"
+
+
+WRONG = [
+    (("run", "nowhere"), ("nowhere",)),
+    (("run", "short.toml"), ("short.toml", "unknown key")),
+    (("run", "short_experiment.toml", "--set", "sim.x=1"), ("sim.x", "unknown key")),
+    (("run", "short_experiment.toml", "--sweep", "seed"), ("--sweep seed", "key.path=value")),
+    (("run", "short_experiment.toml", "--walks", "none"), ("--walks none",)),
+    (("run", "short_experiment.toml", "--json", "none/out.json"), ("none/out.json", "folder")),
+    (("run", "short_experiment.toml", "--store", "short.toml"), ("short.toml", "store")),
+    (("run", "short_experiment.toml", "--scheduler", "here"), ("here", "tcp://HOST:PORT")),
+    (
+        ("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1", "--jobs", 2),
+        ("--jobs", "--scheduler"),
+    ),
+    (("figures", "--out", "short.toml"), ("--out short.toml",)),
+    (("table2",), ("table2",)),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), WRONG)
+def test_what_a_user_gets_wrong_is_one_line(
+    arguments: tuple[object, ...], words: tuple[str, ...]
+) -> None:
+    with pytest.raises(MecazenError) as error:
+        experiment(*arguments)
+    assert "\n" not in str(error.value)
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_a_run_that_fails_is_one_line_with_case_and_seed(
+    folder: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder.write("broken.py", "A = 1")
+    program = f'programs.follower="{folder.path}/broken.py:A"'
+    with pytest.raises(MecazenError, match=r"^short, seed 1: .*broken\.py:A: not a subclass"):
+        experiment("run", "short_experiment.toml", "--runs", 1, "--jobs", 1, "--set", program)
+    assert capsys.readouterr().out == ""
+
+
+def test_without_dask_the_cluster_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "mecazen_experiments.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MecazenError, match=r"--scheduler needs Dask: .*\[cluster\]"):
+        experiment("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1")

@@ -1,0 +1,158 @@
+"""`mecazen experiment` as a user meets it: every run is a real one, though a short one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from distributed import LocalCluster
+
+STANDING = """
+import os, signal
+from pathlib import Path
+from mecazen.follower import Follower
+from mecazen.geometry import Twist2D
+
+HERE = Path(__file__).parent
+
+class Standing(Follower):
+    def reset(self, seed):
+        self.seed = seed
+
+    def follow(self, odom, frame, stamp):
+        if self.seed == 3 and stamp.time_ns == 1_000_000_000:
+            self.half_way()
+        return Twist2D()
+
+    def half_way(self):
+        pass
+
+class Held(Standing):
+    # the first time says who it is, and waits for its end
+    def half_way(self):
+        try:
+            (HERE / "held").touch(exist_ok=False)
+        except FileExistsError:
+            return
+        (HERE / "pid").write_text(str(os.getpid()))
+        signal.pause()
+
+class Lethal(Standing):
+    def half_way(self):
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def write_standing(folder: Any, name: str) -> None:
+    program = folder.write("standing.py", STANDING)
+    scenario = (folder.path / "short.toml").read_text()
+    folder.write("short.toml", f'programs.follower = "{program}:{name}"\n{scenario}')
+
+
+@pytest.fixture
+def held(folder: Any) -> Any:
+    """An experiment whose run of seed 3 waits half-way, and a pipe in which it says so."""
+    write_standing(folder, "Held")
+    os.mkfifo(folder.path / "pid")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(make_folder: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The rows of that experiment when nothing happens to it."""
+    folder = make_folder(tmp_path_factory.mktemp("undisturbed"))
+    write_standing(folder, "Held")
+    folder.write("held", "")
+    folder.mecazen("run", "short_experiment.toml", "--jobs", 1, "--json", "out.json")
+    return folder.runs("out.json")
+
+
+def stored(file: Path) -> dict[int, str]:
+    with closing(sqlite3.connect(file)) as database:
+        return dict(database.execute("select seed, record from runs"))
+
+
+def test_one_process_and_two_give_the_same_rows(folder: Any) -> None:
+    outputs = set()
+    for jobs in (1, 2):
+        out, errors = folder.mecazen(
+            *("run", "short_experiment.toml", "--jobs", jobs),
+            *("--store", f"{jobs}.sqlite", "--json", f"{jobs}.json"),
+        )
+        assert errors == ""
+        outputs.add(out)
+    assert folder.runs("1.json") == folder.runs("2.json")
+    assert len({sha256 for _, _, _, sha256, _ in folder.runs("1.json")}) == 4
+    assert len(outputs) == 1
+    report = msgspec.json.decode((folder.path / "1.json").read_bytes())
+    d_err_m = report["rows"][0]["whole"]["d_err_m"]
+    assert d_err_m["low"] <= d_err_m["mean"] <= d_err_m["high"]
+    assert d_err_m["n"] == 4
+    for run in report["rows"][0]["runs"]:
+        assert run["record"]["wall_s"] > 0.0
+        assert 0.0 < run["record"]["peak_rss_mb"] < 400.0  # what a worker may have
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_after_ctrl_c_the_same_command_goes_on_from_there(
+    held: Any, undisturbed: Any, jobs: int
+) -> None:
+    command = ("run", "short_experiment.toml", "--jobs", jobs, "--json", "out.json")
+    process = held.popen(*command)
+    (held.path / "pid").read_text()
+    while not (before := stored(held.path / "experiments.sqlite")):
+        pass  # a run before it is done, but may be on its way to the store
+    os.killpg(process.pid, signal.SIGINT)
+    out, errors = held.finish(process, code=130)
+    assert out == ""
+    assert errors.splitlines() == [errors]
+    for words in ("interrupted after", "of 4 runs", "experiments.sqlite", "same command goes on"):
+        assert words in errors
+    assert 3 not in stored(held.path / "experiments.sqlite")
+    held.mecazen(*command)
+    after = stored(held.path / "experiments.sqlite")
+    assert before.items() <= after.items()  # with the wall time of then: not done again
+    assert held.runs("out.json") == undisturbed
+
+
+def test_a_worker_that_is_killed_loses_nothing(held: Any, undisturbed: Any) -> None:
+    process = held.popen("run", "short_experiment.toml", "--jobs", 2, "--json", "out.json")
+    os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
+    _, errors = held.finish(process)
+    assert errors == ""
+    assert held.runs("out.json") == undisturbed
+
+
+def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_kept(folder: Any) -> None:
+    write_standing(folder, "Lethal")
+    _, errors = folder.mecazen("run", "short_experiment.toml", "--jobs", 2, code=1)
+    assert errors == "error: short, seed 3: its worker died, each time it was tried"
+    assert stored(folder.path / "experiments.sqlite").keys() == {1, 2, 4}
+
+
+@pytest.fixture
+def cluster() -> Iterator[LocalCluster]:
+    """Two workers of Dask on loopback; one that dies is started again."""
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        yield cluster
+
+
+def test_a_dask_worker_that_is_killed_loses_nothing(
+    held: Any, undisturbed: Any, cluster: LocalCluster
+) -> None:
+    address = cluster.scheduler_address
+    command = ("run", "short_experiment.toml", "--scheduler", address, "--json", "out.json")
+    process = held.popen(*command)
+    os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
+    _, errors = held.finish(process)
+    assert errors == ""
+    assert held.runs("out.json") == undisturbed

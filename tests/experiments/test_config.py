@@ -1,0 +1,99 @@
+"""Files of experiments and searches, and what is said of wrong ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mecazen.errors import ConfigError
+from mecazen.loading import load_table
+from mecazen_experiments.config import Experiment, Tuning, experiment_path, parse_sweeps
+
+CASE = """
+[[cases]]
+name = "short"
+scenario = "short.toml"
+"""
+SEARCH = """
+training_seeds = [1, 2]
+held_out_seeds = [3]
+[parameters]
+"follower.standoff_m" = { low = 1, high = 4 }
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("seeds = 3", ("cases", "missing")),
+        (f"seeds = 0\n{CASE}", ("seeds", "got 0", ">= 1")),
+        (f"seed = 3\n{CASE}", ("seed", "did you mean seeds?")),
+        (CASE + CASE, ("cases: two are named 'short'",)),
+        (CASE + "published = { d_err = 1.0 }", ("published: unknown score 'd_err'", "d_err_m")),
+        (CASE + "limits = { d_err_m = 0 }", ("limits.d_err_m", "got 0", "> 0")),
+        (CASE + "sweep = { seed = 3 }", ("sweep", "got 3")),
+        (CASE + "set = 'seed=3'", ("set", "got 'seed=3'")),
+        (CASE.replace("short.toml", "none.toml"), ("none.toml: no such file",)),
+        ("cases = [", ("not TOML",)),
+    ],
+)
+def test_a_wrong_experiment_is_one_line_with_file_and_key(
+    folder: Any, text: str, words: tuple[str, ...]
+) -> None:
+    file = folder.write("wrong.toml", text)
+    with pytest.raises(ConfigError) as error:
+        load_table(file, Experiment)
+    assert "\n" not in str(error.value)
+    for word in (str(file), *words):
+        assert word in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (SEARCH.replace("[3]", "[2, 3]") + CASE, ("held_out_seeds: 2 is a training seed",)),
+        (SEARCH.replace("high = 4", "high = 1") + CASE, ("high = 1 must be above low = 1",)),
+        (SEARCH.replace("low = 1", "low = 0, log = true") + CASE, ("low = 0 must be above 0",)),
+        (SEARCH.replace("low = 1", "low = 0, prefer = 1") + CASE, ("low = 0 must be above 0",)),
+        (SEARCH + CASE, ("case 'short' needs limits for objective = 'limits'",)),
+        (f"objective = 'match'\n{SEARCH}{CASE}", ("needs published for objective = 'match'",)),
+        (SEARCH.partition("[parameters]")[0] + CASE, ("parameters: nothing to search",)),
+    ],
+)
+def test_a_wrong_search_is_one_line_with_file_and_key(
+    folder: Any, text: str, words: tuple[str, ...]
+) -> None:
+    file = folder.write("wrong.toml", text)
+    with pytest.raises(ConfigError) as error:
+        load_table(file, Tuning)
+    assert "\n" not in str(error.value)
+    for word in (str(file), *words):
+        assert word in str(error.value)
+
+
+def test_an_experiment_is_found_by_path_and_by_name_here_and_above(
+    folder: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = folder.write("configs/experiments/mine.toml", CASE)
+    below = folder.write("deep/down/other.toml", CASE).parent
+    monkeypatch.chdir(below)
+    assert experiment_path("mine") == named
+    assert experiment_path("other.toml") == Path("other.toml")
+    with pytest.raises(ConfigError, match=r"none: no such experiment; .* one of mine$"):
+        experiment_path("none")
+
+
+def test_the_paper_s_table_is_in_the_repository() -> None:
+    assert experiment_path("table2").is_file()
+
+
+def test_values_of_a_sweep_are_given_with_commas() -> None:
+    sweeps = parse_sweeps(["a.b=1,2", "c=kf_cv, none"])
+    assert sweeps == {"a.b": ("1", "2"), "c": ("kf_cv", "none")}
+
+
+@pytest.mark.parametrize("option", ["a.b", "a.b=", "=1", "a=1,,2"])
+def test_a_sweep_without_key_or_values_is_refused(option: str) -> None:
+    with pytest.raises(ConfigError, match=f"--sweep {option}: must be key.path=value,value"):
+        parse_sweeps([option])

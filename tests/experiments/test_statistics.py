@@ -1,0 +1,74 @@
+"""Intervals of means, by hand and by how often they hold the truth."""
+
+import numpy as np
+import pytest
+from mecazen_experiments.statistics import Interval, mean_interval, paired_difference
+
+
+def normal(seed, n=30, mean=2.0, deviation=1.0):
+    return np.random.default_rng(seed).normal(mean, deviation, n).tolist()
+
+
+def test_a_single_value_has_no_width():
+    assert mean_interval([0.3]) == Interval(mean=0.3, low=0.3, high=0.3, n=1)
+
+
+def test_equal_values_have_no_width():
+    assert mean_interval([0.1] * 30) == Interval(mean=0.1, low=0.1, high=0.1, n=30)
+
+
+def test_no_value_is_an_error():
+    with pytest.raises(ValueError, match="no values"):
+        mean_interval([])
+
+
+def test_of_two_values_the_interval_is_between_them():
+    # resamples of two have three means; more than 2.5 % of them are at each end
+    assert mean_interval([1.0, 2.0]) == Interval(mean=1.5, low=1.0, high=2.0, n=2)
+
+
+def test_the_same_values_give_the_same_interval():
+    assert mean_interval(normal(1)) == mean_interval(normal(1))
+
+
+def test_95_of_100_intervals_hold_the_true_mean():
+    runs = 400
+    intervals = [mean_interval(normal(seed)) for seed in range(runs)]
+    held = sum(interval.low <= 2.0 <= interval.high for interval in intervals)
+    # The bootstrap takes the deviation with 1/n and normal percentiles: of 30 values that is
+    # P(|t29| < 1.96 sqrt(29/30)) = 0.936; ± 4 deviations sqrt(0.936 * 0.064 / 400) = 0.012.
+    assert held / runs == pytest.approx(0.936, abs=4 * 0.012)
+
+
+def test_the_interval_of_skewed_values_is_skewed():
+    interval = mean_interval(np.random.default_rng(1).exponential(1.0, 30).tolist())
+    assert interval.high - interval.mean > 1.1 * (interval.mean - interval.low)
+
+
+def test_a_difference_is_taken_seed_by_seed_where_both_have_it():
+    before = {1: 1.0, 2: 5.0, 3: 100.0}
+    after = {2: 5.5, 1: 1.5, 4: -100.0}
+    assert paired_difference(before, after) == Interval(mean=0.5, low=0.5, high=0.5, n=2)
+
+
+def test_the_order_of_the_seeds_does_not_matter():
+    before, after = dict(enumerate(normal(1))), dict(enumerate(normal(2)))
+    backwards = dict(reversed(after.items()))
+    assert paired_difference(before, after) == paired_difference(before, backwards)
+
+
+def test_a_difference_without_a_common_seed_is_an_error():
+    with pytest.raises(ValueError, match="no seed"):
+        paired_difference({1: 1.0}, {2: 1.0})
+
+
+def test_pairing_narrows_the_interval_of_what_a_seed_does_to_both():
+    common = np.array(normal(1))
+    before = common + normal(2, mean=0.0, deviation=0.1)
+    after = common + normal(3, mean=0.5, deviation=0.1)
+    paired = paired_difference(dict(enumerate(before)), dict(enumerate(after)))
+    shuffled = np.random.default_rng(4).permutation(after)
+    unpaired = paired_difference(dict(enumerate(before)), dict(enumerate(shuffled)))
+    assert paired.low < 0.5 < paired.high
+    # their deviations are 0.1 sqrt(2) and sqrt(2): a tenth, and twice that for so few values
+    assert paired.high - paired.low < 0.2 * (unpaired.high - unpaired.low)

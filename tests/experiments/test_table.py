@@ -1,0 +1,84 @@
+"""A run as columns, from the rows that it gave."""
+
+import numpy as np
+import pytest
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import FollowerState, Time, Twist, planar_odometry
+from mecazen.trajectory import COLUMNS, Trajectory
+from mecazen.wire import Stamp
+from mecazen_experiments.table import Table
+
+TICK_NS = 20_000_000
+TICKS = 3
+
+
+def trajectory(ticks=TICKS, services=("physics", "controller", "target", "follower")):
+    """A run in which the follower knows the person in tick 1 alone."""
+    bus = LocalBus()
+    trajectory = Trajectory(bus, TICK_NS, ticks, services)
+
+    def put(topic, tick, message):
+        bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))
+        bus.spin()
+
+    for tick in range(ticks):
+        robot, person, odom = (
+            planar_odometry(Time(), "", "", Pose2D(x, tick, 0.5), Twist2D(0.5, 0.25, 1.0))
+            for x in (1.0, 2.0, 3.0)
+        )
+        known = tick == 1
+        state = FollowerState(
+            estimate=(odom,) if known else (), tracking="following" if known else "waiting"
+        )
+        put(keys.GROUND_TRUTH, tick, robot)
+        put(keys.ODOM, tick, odom)
+        put(keys.TARGET_ODOM, tick, person)
+        put(keys.FOLLOWER_STATE, tick, state)
+        put(keys.CMD_VEL, tick, Twist.planar(Twist2D(0.125, -0.5, tick)))
+    return trajectory
+
+
+def test_columns_hold_the_rows():
+    table = Table.of(trajectory())
+    assert len(table) == TICKS
+    assert table["t_s"].tolist() == [0.0, 0.02, 0.04]
+    assert table["robot_y_m"].tolist() == [0.0, 1.0, 2.0]
+    assert table["cmd_yaw_rate_rad_s"].tolist() == [0.0, 1.0, 2.0]
+    assert table.tracking.tolist() == ["waiting", "following", "waiting"]
+
+
+def test_every_column_of_a_trajectory_is_there_as_float64():
+    table = Table.of(trajectory())
+    assert {table[name].dtype for name in COLUMNS if name != "tracking"} == {np.dtype(np.float64)}
+
+
+def test_where_nothing_was_told_there_is_nan_and_no_tracking():
+    table = Table.of(trajectory())
+    assert np.isnan(table["estimate_x_m"]).tolist() == [True, False, True]
+    alone = Table.of(trajectory(services=("physics",)))
+    assert np.isnan(alone["target_x_m"]).all()
+    assert alone.tracking.tolist() == [""] * TICKS
+
+
+def test_the_tick_is_the_time_from_row_to_row():
+    assert Table.of(trajectory()).tick_s == 0.02
+    assert np.isnan(Table.of(trajectory(ticks=1)).tick_s)
+
+
+def test_poses_are_those_of_whom_is_named():
+    table = Table.of(trajectory())
+    assert table.poses("robot").at(2) == Pose2D(1.0, 2.0, pytest.approx(0.5))
+    assert table.poses("target").at(1) == Pose2D(2.0, 1.0, pytest.approx(0.5))
+    assert table.poses("odom").at(0) == Pose2D(3.0, 0.0, pytest.approx(0.5))
+
+
+def test_where_takes_some_ticks_of_every_column():
+    table = Table.of(trajectory())
+    late = table.where(slice(1, None))
+    assert late["t_s"].tolist() == [0.02, 0.04]
+    assert late.tracking.tolist() == ["following", "waiting"]
+    assert late.tick_s == table.tick_s
+    known = table.where(~np.isnan(table["estimate_x_m"]))
+    assert known["t_s"].tolist() == [0.02]

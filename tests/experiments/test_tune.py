@@ -1,0 +1,133 @@
+"""The search, over a made-up robot whose best distance is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mecazen.errors import MecazenError
+from mecazen.loading import load_scenario
+from mecazen_experiments.config import Range, TunedCase, Tuning
+from mecazen_experiments.jobs import Job, Key
+from mecazen_experiments.report import summarise
+from mecazen_experiments.run import Record
+from mecazen_experiments.schedule import RunsFailedError
+from mecazen_experiments.scores import Score, Scores
+from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
+from mecazen_experiments.workers import Failure
+from mecazen_follower.config import FollowerConfig
+
+STANDOFF = "follower.standoff_m"
+BEST_M = 3.0
+
+
+class Robot:
+    """Follows best with BEST_M, and worse with higher seeds; can't run above `fails_above`."""
+
+    def __init__(self, fails_above: float = math.inf) -> None:
+        self.seeds: set[int] = set()
+        self._fails_above = fails_above
+
+    def do(self, jobs: Iterable[Job]) -> dict[Key, Record]:
+        return {job.key: self._record(job) for job in jobs}
+
+    def _record(self, job: Job) -> Record:
+        self.seeds.add(job.key.seed)
+        scenario = load_scenario(job.scenario, job.settings)
+        standoff_m = scenario.section(FollowerConfig, "follower").standoff_m
+        if standoff_m > self._fails_above:
+            raise RunsFailedError([Failure(job, "out of the world")])
+        score = Score(d_err_m=0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed)
+        return Record(job.key, "", Scores(score, Score()), 1.0, 100.0)
+
+
+def search(folder: Any, objective: Any = "limits", low: float = 1.0, **case: Any) -> Tuning:
+    return Tuning(
+        cases=(TunedCase("short", folder.path / "short.toml", **case),),
+        training_seeds=(1, 2),
+        held_out_seeds=(10, 11),
+        trials=40,
+        objective=objective,
+        parameters={STANDOFF: Range(low, 10.0)},
+    )
+
+
+def test_the_cost_of_a_match_is_the_squared_relative_error(make_series: Any) -> None:
+    published = {"d_err_m": 0.2, "theta_err_deg": 5.0}
+    row = summarise(*make_series("short", {(None, 1): 0.3}, published=published))
+    # a half above 0.2 m; 3° are two fifths below 5°; but for roundings
+    assert match_cost(row) == pytest.approx(0.5**2 + 0.4**2, abs=1e-12)
+
+
+def test_the_cost_of_limits_is_their_used_part_and_steep_above_one(make_series: Any) -> None:
+    def of(limit: float) -> float:
+        limits = {"d_err_m": limit, "theta_err_deg": 6.0}
+        return limits_cost(summarise(*make_series("short", {(None, 1): 0.3}, limits=limits)))
+
+    assert of(0.6) == pytest.approx(0.5 + 0.5, abs=1e-12)  # but for roundings
+    assert of(0.2) > 10.0 * of(0.6)
+
+
+def test_what_is_preferred_costs_nothing_and_the_rest_little() -> None:
+    assert preference(2.0, 2.0) == 0.0
+    assert preference(1.0, 2.0) == preference(4.0, 2.0) == 0.001 * math.log(2.0) ** 2
+
+
+def test_a_score_that_no_run_has_is_an_error(make_series: Any) -> None:
+    row = summarise(*make_series("short", {(None, 1): 0.3}, limits={"nees": 3.0}))
+    with pytest.raises(MecazenError, match="short: there is no nees"):
+        limits_cost(row)
+
+
+def test_the_search_finds_the_best_and_reports_it_on_held_out_seeds(folder: Any) -> None:
+    robot = Robot()
+    told: list[tuple[int, int]] = []
+    tuning = search(folder, limits={"d_err_m": 0.2})
+    best = tune(tuning, robot.do, lambda *done: told.append(done))
+    # 40 trials over a range of 9; a random search would come within 0.1 about every second time
+    assert best.settings["short"][STANDOFF] == pytest.approx(BEST_M, abs=0.3)
+    assert [run.record.key.seed for run in best.rows[0].runs] == [10, 11]
+    assert robot.seeds == {1, 2, 10, 11}
+    # nine seeds more are 0.009 m of 0.2 m; but for roundings
+    assert best.held_out_cost - best.training_cost == pytest.approx(0.045, abs=1e-9)
+    assert told[0] == (0, 40)
+    assert told[-1] == (40, 40)
+
+
+def test_the_search_is_the_same_each_time(folder: Any) -> None:
+    tuning = search(folder, "match", published={"d_err_m": 0.1})
+    assert tune(tuning, Robot().do) == tune(tuning, Robot().do)
+
+
+def test_trials_whose_runs_fail_are_counted_and_passed_over(folder: Any) -> None:
+    best = tune(search(folder, limits={"d_err_m": 0.2}), Robot(fails_above=5.0).do)
+    assert 0 < best.failed_trials < best.trials
+    assert best.settings["short"][STANDOFF] <= 5.0
+
+
+def test_a_search_in_which_every_run_fails_says_why(folder: Any) -> None:
+    tuning = search(folder, low=6.0, limits={"d_err_m": 0.2})
+    with pytest.raises(MecazenError, match=r"every trial failed; .* seed 1: out of the world"):
+        tune(tuning, Robot(fails_above=5.0).do)
+
+
+def test_cases_share_parameters_and_have_their_own(folder: Any, tmp_path: Path) -> None:
+    scenario = tmp_path / "short.toml"
+    own = {"sensor.position_std_m": Range(1.0, 2.0)}
+    tuning = Tuning(
+        cases=(
+            TunedCase("one", scenario, limits={"d_err_m": 0.2}),
+            TunedCase("other", scenario, limits={"d_err_m": 0.2}, parameters=own),
+        ),
+        training_seeds=(1,),
+        held_out_seeds=(2,),
+        trials=2,
+        parameters={STANDOFF: Range(1.0, 2.0, prefer=1.5)},
+    )
+    settings = tune(tuning, Robot().do).settings
+    assert settings["one"].keys() == {STANDOFF}
+    assert settings["other"].keys() == {STANDOFF, "sensor.position_std_m"}
+    assert settings["one"][STANDOFF] == settings["other"][STANDOFF]

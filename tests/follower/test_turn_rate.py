@@ -1,0 +1,146 @@
+"""The turn rate model against Pose2D, against numerical calculus, and in batches."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen_follower.estimators.turn_rate import (
+    SIZE,
+    YAW,
+    V,
+    W,
+    jacobian,
+    move,
+    near,
+    process_noise,
+)
+
+coordinates = st.floats(-10.0, 10.0)
+rates = st.one_of(st.just(0.0), st.floats(-1e-6, 1e-6), st.floats(-5.0, 5.0))
+states = st.tuples(coordinates, coordinates, coordinates, st.floats(-3.0, 3.0), rates).map(np.array)
+times = st.floats(1e-3, 1.0)
+walks = st.tuples(*[st.floats(0.0, 3.0)] * SIZE).map(np.array)
+
+
+@given(states, times)
+def test_move_is_the_exponential_map_of_a_pose(state, dt):
+    x, y, yaw, v, w = state.tolist()
+    pose = Pose2D(x, y, yaw).integrate(Twist2D(v, 0.0, w), dt)
+    moved = move(state, dt)
+    assert moved[:2] == pytest.approx(pose[:2], abs=1e-12)
+    assert wrap(moved[YAW] - pose.yaw) == pytest.approx(0.0, abs=1e-12)
+    assert moved[V:].tolist() == [v, w]
+
+
+@given(states, times)
+def test_move_is_where_small_steps_along_the_heading_lead(state, dt):
+    steps = 2000
+    x, y, yaw, v, w = state.tolist()
+    headings = yaw + w * np.arange(steps) * dt / steps
+    end = x + v * np.cos(headings).mean() * dt, y + v * np.sin(headings).mean() * dt
+    # Euler's error: each step looks in the direction of its start, |w| dt / steps behind.
+    assert move(state, dt)[:2] == pytest.approx(end, abs=abs(v * w) * dt**2 / steps + 1e-12)
+
+
+def test_the_heading_is_not_wrapped():
+    assert move(np.array([0.0, 0.0, 3.0, 0.0, 1.0]), 10.0)[YAW] == 13.0
+
+
+@given(states, times)
+def test_jacobian_is_what_central_differences_give(state, dt):
+    h = 1e-5
+    nudges = h * np.eye(SIZE)
+    slopes = (move(state + nudges, dt) - move(state - nudges, dt)).T / (2.0 * h)
+    # h² times third derivatives below 10, and 1e-14 of rounding over h
+    assert jacobian(state, dt) == pytest.approx(slopes, abs=3e-9)
+
+
+@given(walks, states, times)
+def test_process_noise_is_a_covariance(walk, state, dt):
+    Q = process_noise(walk, state, dt)
+    assert (Q == Q.T).all()
+    assert np.linalg.eigvalsh(Q)[0] >= -1e-14 * np.trace(Q)
+
+
+@given(walks, st.floats(-math.pi, math.pi), times)
+def test_process_noise_of_who_stands_is_the_integral_of_white_noise(walk, yaw, dt):
+    # at v = w = 0 nothing depends on the heading's error, and the model is linear
+    state = np.array([0.0, 0.0, yaw, 0.0, 0.0])
+    position, heading, speed, rate = np.square(walk[1:])
+    c, s = math.cos(yaw), math.sin(yaw)
+    along = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+    assert jacobian(state, 1.0) @ along == pytest.approx([c, s, 0.0, 1.0, 0.0])
+    white = np.diag([position, position, heading, speed, rate])
+    start, middle, end = (
+        F @ white @ F.T for F in (jacobian(state, t) for t in (0.0, dt / 2.0, dt))
+    )
+    integral = (start + 4.0 * middle + end) * dt / 6.0  # Simpson: exact for squares of t
+    assert process_noise(walk, state, dt) == pytest.approx(integral, rel=1e-12, abs=1e-12)
+
+
+def in_two_halves(walk, state, dt):
+    F = jacobian(move(state, dt / 2.0), dt / 2.0)
+    first = process_noise(walk, state, dt / 2.0)
+    return F @ first @ F.T + process_noise(walk, move(state, dt / 2.0), dt / 2.0)
+
+
+@given(walks, st.floats(-math.pi, math.pi), times)
+def test_two_halves_are_exactly_the_whole_for_who_stands(walk, yaw, dt):
+    state = np.array([0.0, 0.0, yaw, 0.0, 0.0])
+    whole = process_noise(walk, state, dt)
+    assert in_two_halves(walk, state, dt) == pytest.approx(whole, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("state", [(1.0, 2.0, 0.5, 1.2, 0.8), (0.0, 0.0, -2.0, -0.7, 3.0)])
+def test_two_halves_are_the_whole_to_first_order(state):
+    walk, moving = np.array([0.1, 0.1, 0.2, 0.5, 0.4]), np.array(state)
+
+    def gap(dt):
+        return np.abs(in_two_halves(walk, moving, dt) - process_noise(walk, moving, dt)).max()
+
+    # What is left out is of second order: half the step leaves a quarter. The third order
+    # is (1 + |w|) dt of it, 4 % here.
+    assert gap(0.01) / gap(0.005) == pytest.approx(4.0, rel=0.04)
+
+
+def test_sway_goes_by_the_way_walked():
+    walk = np.array([0.03, 0.0, 0.0, 0.0, 0.0])
+    forth, back, still = (
+        process_noise(walk, np.array([0.0, 0.0, 1.0, v, 0.0]), 0.5) for v in (2.0, -2.0, 0.0)
+    )
+    # 1 m walked
+    assert np.diag(forth)[:2] == pytest.approx([0.03**2, 0.03**2])
+    assert (forth == back).all()
+    assert not still.any()
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(walks, states), min_size=6, max_size=6), times)
+def test_many_states_at_once_are_the_same_as_one_by_one(many, dt):
+    walk, state = (np.array(column) for column in zip(*many, strict=True))
+    for function, arguments in (
+        (move, (state,)),
+        (jacobian, (state,)),
+        (process_noise, (walk, state)),
+    ):
+        each = np.array([function(*one, dt) for one in zip(*arguments, strict=True)])
+        grid = [argument.reshape(2, 3, SIZE) for argument in arguments]
+        # sines in batches may round differently
+        assert function(*arguments, dt) == pytest.approx(each, rel=1e-14, abs=1e-14)
+        assert function(*grid, dt).shape == (2, 3, *each.shape[1:])
+
+
+def test_move_leaves_its_argument_alone():
+    state = np.array([0.0, 0.0, 0.5, 1.0, 1.0])
+    before = state.copy()
+    move(state, 1.0)
+    assert (state == before).all()
+    assert state[W] == 1.0
+
+
+def test_an_observation_comes_with_the_turn_that_is_nearest():
+    seen = near(5.0 * math.tau + 3.0, Pose2D(1.0, 2.0, -3.0))
+    assert seen == pytest.approx([1.0, 2.0, 6.0 * math.tau - 3.0])
