@@ -116,8 +116,8 @@ def test_the_distance_is_kept_from_a_person_who_spins_faster_than_the_robot_can_
     # The goal laps the robot, which then has to turn back from 2 m/s: 0.8 s at 2.5 m/s².
     # Until then it is anywhere around the person; three PIDs would cut through them: 1 m.
     distances = [abs(person.distance(robot) - 1.0) for person, robot in way]
-    assert max(distances) < 0.5
-    assert np.mean(distances) < 0.1
+    assert max(distances) < 0.3
+    assert np.mean(distances) < 0.05
 
 
 @pytest.mark.parametrize("distance", [1.5, 3.0, 10.0])

@@ -37,12 +37,12 @@ class PolarController:
     across it; and of the heading. The way to a goal on the other side of the person so
     leads around them, where three PIDs along x, y and yaw would lead through.
 
-    Each axis of base_link is limited by itself. A robot that faces the person has the
-    distance on x and the bearing on y: a person who turns on the spot takes the goal around
-    with 1 m/s for each rad/s, and the distance does not suffer where that is too fast.
+    Where the robot is not fast enough for all of it, the bearing waits: a person who turns
+    on the spot takes the goal around with 1 m/s for each rad/s, and the distance is worth
+    more than to be there at once.
 
     `linear` is the approach of distance and bearing, the latter as a length of arc [m];
-    `heading` that of the heading. `max_speed` [m/s] holds for x and for y of base_link.
+    `heading` that of the heading. `max_speed` [m/s] is of base_link, in any direction.
     """
 
     def __init__(
@@ -77,12 +77,15 @@ class PolarController:
         around = distance * turn + self._linear.rate(distance * wrap(wanted - bearing))
 
         x, y = rotate(*with_person, -robot.yaw)
-        to_place_x, to_place_y = rotate(out, around, bearing - robot.yaw)
+        out_x, out_y = rotate(out, 0.0, bearing - robot.yaw)
+        around_x, around_y = rotate(0.0, around, bearing - robot.yaw)
+        x, y = _within(x + out_x, y + out_y, self._max_speed)
+        share = _share(x, y, around_x, around_y, self._max_speed)
         yaw = turn + self._heading.rate(wrap(goal.yaw - robot.yaw))
         return Twist2D(
-            _limited(x + to_place_x, self._max_speed),
-            _limited(y + to_place_y, self._max_speed),
-            _limited(yaw, self._max_yaw_rate),
+            x + share * around_x,
+            y + share * around_y,
+            min(max(yaw, -self._max_yaw_rate), self._max_yaw_rate),
         )
 
     def stop(self) -> Twist2D:
@@ -90,5 +93,18 @@ class PolarController:
         return Twist2D()
 
 
-def _limited(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+def _within(x: float, y: float, limit: float) -> tuple[float, float]:
+    """Return a vector, shortened to a length of `limit` if it is longer."""
+    length = math.hypot(x, y)
+    return (x, y) if length <= limit else (x * limit / length, y * limit / length)
+
+
+def _share(x: float, y: float, more_x: float, more_y: float, limit: float) -> float:
+    """Return the largest s from 0 to 1 with |(x, y) + s·more| <= limit, where |(x, y)| is."""
+    a, b = more_x**2 + more_y**2, x * more_x + y * more_y
+    c = max(limit**2 - x**2 - y**2, 0.0)
+    if a + 2.0 * b <= c:
+        return 1.0
+    # the root of a s² + 2 b s - c, in the form that keeps its digits
+    root = math.sqrt(b * b + a * c)
+    return c / (b + root) if b > 0.0 else (root - b) / a

@@ -23,13 +23,13 @@ class ImmParams(TurnRateParams):
     sway_m_sqrt_m: Positive = 0.012
     standing_yaw_std_rad: Positive = 0.04
     """Of the heading of who stands."""
-    standing_s: Positive = 1.4
+    standing_s: Positive = 3.0
     straight_acceleration_std_m_s2: Positive = 0.015
     straight_yaw_std_rad: Positive = 0.004
     """Of the heading of who walks straight."""
     straight_s: Positive = 25.0
     turning_acceleration_std_m_s2: Positive = 0.018
-    turning_yaw_acceleration_std_rad_s2: Positive = 0.012
+    turning_yaw_acceleration_std_rad_s2: Positive = 0.009
     turning_s: Positive = 15.0
     manoeuvre_step_m_sqrt_s: Positive = 0.09
     """Of the position: people also step aside, where the model walks along the heading."""
