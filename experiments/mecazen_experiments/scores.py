@@ -26,8 +26,8 @@ MIN_PATH_M = 0.1
 class Score(msgspec.Struct, frozen=True):
     """The measures of a run; None where there is nothing to measure.
 
-    "The paper" is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view
-    Self-Following and Self-Following Motion Capture.
+    "The paper" is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view and
+    Self-Following Motion Capture.
     """
 
     d_err_m: float | None = None

@@ -81,8 +81,8 @@ def smooth(
 
 LEVELS = tuple(
     (0.02, 0.001, 0.0, speed, rate)
-    for speed in (0.02, 0.1, 0.5)
-    for rate in (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+    for speed in (0.01, 0.1, 1.0)
+    for rate in (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 )
 """Disturbances from which the best is taken in hindsight: a bound may know which."""
 

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from bench import latency, loop, physics
+from bench import experiments, latency, loop, physics
 from bench.__main__ import Report
 from bench.figures import Figure, Group, Target
 from bench.machine import Machine
@@ -54,6 +54,12 @@ def test_the_same_robot_drives_alike_in_mujoco(shape: str) -> None:
     assert row["yaw"].value == pytest.approx(1.0, abs=0.1)
     assert 0.0 < row["ripple mm"].value < 3.0
     assert 1.0 < row["µs/step"].value < 1e5
+
+
+def test_experiments_run_with_one_worker_and_with_two() -> None:
+    one, two = figures(experiments.run(duration_s=0.5, repetitions=1)).values()
+    assert one["runs/min"].value > 0.0
+    assert two["120 runs, min"].value == pytest.approx(120 / two["runs/min"].value)
 
 
 def test_the_loop_runs_in_all_three_ways() -> None:

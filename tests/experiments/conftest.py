@@ -17,7 +17,7 @@ from mecazen_experiments.run import Record
 from mecazen_experiments.scores import Score, Scores
 
 ROOT = Path(__file__).parents[2]
-GUARD_S = 60
+GUARD_S = 300
 """Far beyond what anything here takes: only a hang gets there."""
 
 SCENARIO = f"""

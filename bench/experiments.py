@@ -1,0 +1,69 @@
+"""Many runs: how many a minute, and what a second worker adds."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+
+from mecazen.loading import load_table
+from mecazen_experiments.config import Experiment, experiment_path
+from mecazen_experiments.jobs import Job, expand
+from mecazen_experiments.local import LocalWorkers
+from mecazen_experiments.schedule import run_all
+from mecazen_experiments.store import Store
+
+from bench.figures import Figure, Group, Row, Target
+
+DURATION_S = 85.0
+WORKERS = 1, 2
+TABLE2_RUNS = 120
+IN_MINUTES = Target.below(8.0)
+MEMORY = Target.below(400.0)
+
+
+def run(duration_s: float = DURATION_S, repetitions: int = 2) -> list[Group]:
+    """Run one case of Table II by one worker and by two, in turns."""
+    path = experiment_path("table2")
+    (series,) = expand(
+        load_table(path, Experiment).cases[:1],
+        range(1, 2 * max(WORKERS) * repetitions + 1),
+        (f"sim.duration_s={duration_s}",),
+    )
+    rates: dict[int, list[float]] = {count: [] for count in WORKERS}
+    memory: dict[int, list[float]] = {count: [] for count in WORKERS}
+    jobs = list(series.jobs)
+    for _ in range(repetitions):
+        for count in WORKERS:
+            todo = [jobs.pop() for _ in range(count)]
+            rate, peak = _measure(todo, count)
+            rates[count].append(rate)
+            memory[count].append(peak)
+    rows = []
+    for count in WORKERS:
+        figures = {
+            "runs/min": Figure.median(rates[count]),
+            "MB a worker": Figure.of(max(memory[count]), MEMORY),
+        }
+        if count == max(WORKERS):
+            minutes = [TABLE2_RUNS / rate for rate in rates[count]]
+            figures[f"{TABLE2_RUNS} runs, min"] = Figure.median(minutes, IN_MINUTES)
+        rows.append(Row(f"{count} worker" + "s" * (count > 1), figures))
+    how = (
+        f"back view without optimisation, {duration_s:g} s with every roller; medians (quartiles) "
+        f"of {repetitions} rounds of one run a worker in turns, workers started"
+    )
+    return [Group("Experiments", how, tuple(rows))]
+
+
+def _measure(jobs: list[Job], count: int) -> tuple[float, float]:
+    """Return runs a minute, and the peak memory of a worker [MB]."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(Store(Path(folder) / "bench.sqlite")) as store,
+    ):
+        begin = time.perf_counter()
+        records = run_all(jobs, store, LocalWorkers(count))
+        minutes = (time.perf_counter() - begin) / 60.0
+    return len(jobs) / minutes, max(record.peak_rss_mb for record in records.values())
