@@ -8,6 +8,7 @@ The libraries of the commands are imported where a command runs: `mecazen --help
 from __future__ import annotations
 
 import math
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -126,19 +127,22 @@ def replay(
             )
         _recompute(recording, through)
         return
-    end_ns = math.inf if end_s is None else end_s * NS_PER_S
+    begin_ns = round(begin_s * NS_PER_S)
+    end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
     with tool_bus(connect, namespace) as bus:
-        count = publish(
-            recording,
-            bus,
-            tuple(keys or ["**"]),
-            speed=speed,
-            loop=loop,
-            begin_ns=begin_s * NS_PER_S,
-            end_ns=end_ns,
-        )
-        typer.echo(f"{count} samples published")
-    _tell_if_cut_off(recording)
+        for turn in count() if loop else range(1):
+            published = publish(
+                recording,
+                bus,
+                keys or ["**"],
+                speed=speed,
+                begin_ns=begin_ns,
+                end_ns=end_ns,
+                turn=turn,
+            )
+            if turn == 0:
+                _tell_if_cut_off(recording)
+                typer.echo(f"{published} samples published")
 
 
 def _recompute(recording: Recording, program: str) -> None:

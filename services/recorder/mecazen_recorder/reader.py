@@ -78,12 +78,15 @@ class Recording:
         self.scenarios: dict[int, str] = {}
         """The configuration of each run in TOML, where it is known; filled in by `samples`."""
         self.is_cut_off = False
-        """Whether the end is missing; known when `samples` has come to what there is of it."""
+        """Whether the end is missing; known when `samples` has come to its end."""
         with self._open() as file:
             header = next(self._records(file), None)
-        library = header.library if isinstance(header, Header) else "nobody"
-        if library.partition(" ")[0] != LIBRARY:
-            raise RecordingError(f"{path}: an MCAP file of {library!r}, not of `mecazen record`")
+        if not isinstance(header, Header):
+            raise RecordingError(f"{path}: not an MCAP file")
+        if header.library.partition(" ")[0] != LIBRARY:
+            raise RecordingError(
+                f"{path}: an MCAP file of {header.library!r}, not of `mecazen record`"
+            )
 
     def samples(self, begin_ns: float = 0, end_ns: float = math.inf) -> Iterator[Sample]:
         """Return the samples in the order of recording.
@@ -92,20 +95,24 @@ class Recording:
             begin_ns: Simulated time of the first, in each run.
             end_ns: Simulated time of the last, in each run.
         """
-        self.is_cut_off = True
-        channels: dict[int, tuple[Channel, Stamp | None, str]] = {}
+        channels: dict[int, tuple[str, Stamp | None, str]] = {}
         with self._open() as file:
             for record in self._records(file):
                 if isinstance(record, Metadata):
-                    self._note_run(record.metadata)
+                    self._note_run(record)
                 elif isinstance(record, Channel):
-                    channels[record.id] = record, _run_of(record), _encoding_of(record)
+                    channels[record.id] = record.topic, _run_of(record), _encoding_of(record)
                 elif isinstance(record, DataEnd):
-                    self.is_cut_off = False
-                elif isinstance(record, Record) and begin_ns <= record.log_time <= end_ns:
-                    channel, run, encoding = channels[record.channel_id]
+                    return
+                elif (
+                    isinstance(record, Record)
+                    and begin_ns <= record.log_time <= end_ns
+                    and record.channel_id in channels  # unless a damaged chunk had it
+                ):
+                    key, run, encoding = channels[record.channel_id]
                     stamp = None if run is None else run._replace(time_ns=record.log_time)
-                    yield Sample(channel.topic, record.log_time, stamp, record.data, encoding)
+                    yield Sample(key, record.log_time, stamp, record.data, encoding)
+        self.is_cut_off = True
 
     def _open(self) -> IO[bytes]:
         try:
@@ -121,17 +128,17 @@ class Recording:
             for record in reader.records:
                 if isinstance(record, Chunk):
                     yield from breakup_chunk(record, validate_crc=True)
-                else:
+                elif not isinstance(record, Channel | Record):  # outside of a chunk: damage
                     yield record
-                if isinstance(record, DataEnd):
-                    return
         except InvalidMagic:
             raise RecordingError(f"{self.path}: not an MCAP file") from None
         except _DAMAGE:
             return
 
-    def _note_run(self, run: dict[str, str]) -> None:
-        if "scenario" in run:
+    def _note_run(self, record: Metadata) -> None:
+        run = record.metadata
+        # no checksum is over metadata: what makes no sense in it is as good as not there
+        if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
             self.scenarios[int(run["run"])] = run["scenario"]
 
 

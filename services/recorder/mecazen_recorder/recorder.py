@@ -147,6 +147,8 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
     recorder = Recorder(bus, config, (), scenario)
     stop_on_signals(bus.stop)
     try:
+        for name in ("record", "record/ready"):
+            bus.declare_alive(name)
         logger.info("msg=started file=%s", config.file)
         recorder.run()
     except StoppedError:

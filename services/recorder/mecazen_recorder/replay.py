@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from itertools import count
 
 from mecazen.bus.zenoh_bus import ZenohBus, includes
 from mecazen.service import NS_PER_S
@@ -21,23 +20,21 @@ def publish(
     keys: Sequence[str] = ("**",),
     *,
     speed: float = 1.0,
-    loop: bool = False,
     begin_ns: float = 0,
     end_ns: float = math.inf,
+    turn: int = 0,
 ) -> int:
     """Publish the samples of some keys with their original stamps.
-
-    From the second round of a loop on each run has a new number, the next one, since services
-    drop ticks that are older than what they have heard of a run.
 
     Args:
         recording: What to publish.
         bus: Where to.
         keys: Key expressions.
         speed: Simulated seconds per wall second.
-        loop: Whether to begin anew at the end, without end.
         begin_ns: See `Recording.samples`.
         end_ns: See `Recording.samples`.
+        turn: How often it was published before. It is added to the numbers of runs, since
+            services drop ticks that are older than what they have heard of a run.
 
     Returns:
         How many samples were published.
@@ -46,16 +43,14 @@ def publish(
         RecordingError: Nothing in the recording is on these keys and in this time, or a
             sample is not what its key carries.
     """
-    published = 0
-    for turn in count() if loop else range(1):
-        pace = _Pace(bus, speed)
-        for sample in recording.samples(begin_ns, end_ns):
-            if any(includes(expression, sample.key) for expression in keys):
-                pace.wait(sample)
-                _publish(recording, bus, sample, turn)
-                published += 1
-        if not published:
-            raise RecordingError(f"{recording.path}: nothing on these keys in this time")
+    published, pace = 0, _Pace(bus, speed)
+    for sample in recording.samples(begin_ns, end_ns):
+        if any(includes(expression, sample.key) for expression in keys):
+            pace.wait(sample)
+            _publish(recording, bus, sample, turn)
+            published += 1
+    if not published:
+        raise RecordingError(f"{recording.path}: nothing on these keys in this time")
     return published
 
 
