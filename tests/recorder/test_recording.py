@@ -219,6 +219,19 @@ def test_a_sync_that_fails_leaves_what_was_synced_before(
     assert (tmp_path / "a").read_bytes() == b"good"
 
 
+def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
+    writer.write("cmd_vel", Twist(), stamp_of(0), 0)
+    writer._sync()
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(RecordingError, match="No space left"):
+        writer.close()
+    writer.close()  # as a service does that has failed
+    assert [sample.key for sample in read(tmp_path / "a.mcap")] == ["cmd_vel"]
+
+
 def test_info_counts_rates_and_gaps(tmp_path: Path) -> None:
     path = tmp_path / "gaps.mcap"
     writer = RecordingWriter(path, "json")

@@ -82,16 +82,17 @@ class RecordingWriter:
             self._sync()
 
     def close(self) -> None:
-        """Write what readers find their way by, and close the file; again, it does nothing."""
-        sink = self._sink
-        if sink is None:
+        """Write what readers find their way by, and close the file; again, it does nothing.
+
+        Raises:
+            RecordingError: The disk is full.
+        """
+        if self._sink is None:
             return
         self._mcap.finish()  # type: ignore[no-untyped-call]
-        try:
-            self._sync()
-        finally:
-            self._sink = None
-            sink.close()
+        self._sync()
+        self._sink.close()
+        self._sink = None
 
     def _add(self, channel: int, data: bytes, time_ns: int) -> None:
         self._mcap.add_message(channel, log_time=time_ns, data=data, publish_time=time_ns)
