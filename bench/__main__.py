@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from bench import experiments, latency, loop, physics
+from bench import experiments, latency, loop, physics, recorder
 from bench.figures import Group
 from bench.machine import Machine
 
@@ -18,6 +18,7 @@ PARTS: dict[str, Callable[[], list[Group]]] = {
     "loop": loop.run,
     "latency": latency.run,
     "experiments": experiments.run,
+    "recorder": recorder.run,
 }
 WIDTH = 120
 """Of the tables [characters] where the output is no terminal."""

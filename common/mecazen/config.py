@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 
@@ -21,6 +21,10 @@ SectionT = TypeVar("SectionT", bound=Section)
 
 ROUTER = "tcp/127.0.0.1:7447"
 """Where processes and tools meet unless the scenario says otherwise."""
+
+
+RESERVED = ("sections", "others")
+"""Fields of `Scenario` that are no keys of a file: they hold sections by name."""
 
 
 class SimConfig(Section):
@@ -134,6 +138,8 @@ class Scenario(Section):
     bus: BusConfig = BusConfig()
     sections: dict[str, Section] = msgspec.field(default_factory=dict)
     """The sections of the services that are installed here, by name."""
+    others: dict[str, Any] = msgspec.field(default_factory=dict)
+    """Sections of known services that are not installed here, as they were given."""
 
     def __post_init__(self) -> None:
         if abs(self.sim.tick_s * 1e9 - self.sim.tick_ns) > 1e-3:

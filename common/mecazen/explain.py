@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import msgspec
 import msgspec.inspect as mi
 
+from mecazen.config import RESERVED
 from mecazen.robot import Robot
 from mecazen.schema import Section
 
@@ -122,7 +123,7 @@ def _fields(node: mi.Type) -> dict[str, mi.Type]:
     if not isinstance(node, mi.StructType):
         return {}
     tag = {node.tag_field: mi.LiteralType((node.tag,))} if node.tag_field else {}
-    return {f.encode_name: f.type for f in node.fields if f.encode_name != "sections"} | tag
+    return {f.encode_name: f.type for f in node.fields if f.encode_name not in RESERVED} | tag
 
 
 def _describe(node: mi.Type) -> str:

@@ -76,6 +76,9 @@ ROBOT_DESCRIPTION = Call(
     "robot_description", m.Empty, m.String, "physics", "the robot as URDF; meshes by its paths"
 )
 SIM_STATE = Call("sim/state", m.Empty, m.SimState, "physics", "what simulated time does")
+SIM_SCENARIO = Call(
+    "sim/scenario", m.Empty, m.String, "physics", "the whole effective configuration, as TOML"
+)
 SIM_PAUSE = Call("sim/pause", m.Empty, m.SimState, "physics", "hold simulated time")
 SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "physics", "let it go on")
 SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "physics", "N ticks while paused")
@@ -88,6 +91,7 @@ SET_ODOMETRY = Call(
 CALLS: tuple[Call[m.Message, m.Message], ...] = (
     ROBOT_DESCRIPTION,
     SIM_STATE,
+    SIM_SCENARIO,
     SIM_PAUSE,
     SIM_RESUME,
     SIM_STEP,

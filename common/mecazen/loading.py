@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
 import msgspec
+import tomli_w
 
-from mecazen.config import Scenario
+from mecazen.config import RESERVED, Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.schema import Section
@@ -56,7 +57,15 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    raw = _read_toml(path)
+    return from_tables(_read_toml(path), path, overrides)
+
+
+def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
+    """Check the tables of a scenario, as `load_scenario` does; `path` says where they are from.
+
+    Raises:
+        ConfigError: One line with the file, the key and what is allowed.
+    """
     settings = dict(_parse_override(override) for override in overrides)
     origin = _Origin(path, settings=tuple(settings))
     if "robot" in settings:
@@ -67,8 +76,9 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
         origin = origin._replace(robot=robot.resolve())
     for key, value in settings.items():
         _override(raw, key, value)
-    if "sections" in raw:
-        raise ConfigError(f"{path}: unknown key 'sections'")
+    for name in RESERVED:
+        if name in raw:
+            raise ConfigError(f"{path}: unknown key '{name}'")
     kinds = installed_sections()
     sections = {
         name: raw.pop(name) for name in {**kinds, **dict.fromkeys(KNOWN_SERVICES)} if name in raw
@@ -86,6 +96,7 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     return msgspec.structs.replace(
         scenario,
         sections={name: decoded.get(name, kind()) for name, kind in sorted(kinds.items())},
+        others={name: section for name, section in sections.items() if name not in kinds},
     )
 
 
@@ -101,8 +112,14 @@ def load_table(path: Path, kind: type[SectionT]) -> SectionT:
 def effective(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain tables that load to the same scenario again."""
     tables = msgspec.to_builtins(scenario, enc_hook=str)
-    tables.update(tables.pop("sections"))
+    for name in RESERVED:
+        tables.update(tables.pop(name))
     return cast(dict[str, Any], _without_none(tables))
+
+
+def to_toml(scenario: Scenario) -> str:
+    """Return `effective` as TOML."""
+    return tomli_w.dumps(effective(scenario))
 
 
 def _without_none(value: Any) -> Any:

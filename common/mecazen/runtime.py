@@ -87,7 +87,7 @@ def run_service(kind: type[Service], scenario: Scenario) -> None:
     log.set_up(kind.NAME, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
     _refuse_taken_name(kind.NAME, scenario.bus)
     bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep")
-    _stop_on_signals(bus.stop)
+    stop_on_signals(bus.stop)
     try:
         service = kind(bus, scenario)
         bus.declare_alive(kind.NAME)
@@ -100,6 +100,8 @@ def run_service(kind: type[Service], scenario: Scenario) -> None:
     except StoppedError:
         logger.info("msg=stopped")
     finally:
+        if service is not None:
+            service.close()
         bus.close()
 
 
@@ -123,7 +125,7 @@ def run_router(scenario: Scenario) -> None:
     """Run the Zenoh router where processes and tools meet, until a signal ends it."""
     log.set_up("router", lambda: 0.0)
     stopped = _StopFlag()
-    _stop_on_signals(stopped.set)
+    stop_on_signals(stopped.set)
     with open_session(scenario.bus, "router"):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.meeting_point or ()))
         stopped.wait()
@@ -150,7 +152,8 @@ class _StopFlag:
             os.read(self._out, 1)
 
 
-def _stop_on_signals(stop: Callable[[], None]) -> None:
+def stop_on_signals(stop: Callable[[], None]) -> None:
+    """Call `stop` on Ctrl-C, and when the process is told to end."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop())
 

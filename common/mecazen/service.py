@@ -59,6 +59,9 @@ class Service(ABC):
         while True:
             self.bus.spin_once()
 
+    def close(self) -> None:  # noqa: B027  # most have nothing to do
+        """End the work, after the bus was stopped or a run is over."""
+
     def diagnostics(self) -> Mapping[str, object]:
         """Return what the service says of its health, by name."""
         return {}

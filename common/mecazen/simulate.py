@@ -34,6 +34,9 @@ PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
 """How long to wait for a sample before asking whether all processes still live."""
 
+ONLOOKERS = ("viewer", "recorder")
+"""Parts that no tick waits for: they keep off the core of those that it does."""
+
 COLLECTOR = "collector"
 """The part that writes down a distributed run; physics waits for it as for the others."""
 
@@ -74,18 +77,22 @@ def simulate(
     trajectory = _trajectory(bus, scenario, scenario.services)
     kinds = {part: find_service(part, scenario) for part in scenario.services}
     parts = {part: kind(bus, scenario) for part, kind in kinds.items()}
-    for part in parts:
-        bus.declare_alive(part)
+    for name_of_part in parts:
+        bus.declare_alive(name_of_part)
     # Physics is the one part that is not driven by samples alone; its class is not known here.
     physics = cast(Any, parts["physics"])
     begin = time.perf_counter()
-    physics.begin()
-    for tick in range(1, scenario.sim.ticks):
-        physics.step()
-        if tick % PROGRESS_TICKS == 0:
-            progress(tick)
-    physics.await_answers()
-    bus.spin()
+    try:
+        physics.begin()
+        for tick in range(1, scenario.sim.ticks):
+            physics.step()
+            if tick % PROGRESS_TICKS == 0:
+                progress(tick)
+        physics.await_answers()
+        bus.spin()
+    finally:
+        for part in parts.values():
+            part.close()
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
     return result(scenario, name, trajectory, wall_s), trajectory
@@ -169,8 +176,8 @@ def simulate_distributed(
             trajectory = _trajectory(bus, scenario, parts)
             bus.declare_alive(COLLECTOR)
             announce_readiness(bus, COLLECTOR, scenario)
-            with on_one_core():
-                for part in parts:
+            for part in parts:
+                with beside_that_core() if part in ONLOOKERS else on_one_core():
                     supervisor.start(part)
             with beside_that_core():
                 wall_s = _collect(trajectory, bus, supervisor, progress)

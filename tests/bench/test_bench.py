@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from bench import experiments, latency, loop, physics
+from bench import experiments, latency, loop, physics, recorder
 from bench.__main__ import Report
 from bench.figures import Figure, Group, Target
 from bench.machine import Machine
@@ -74,6 +74,14 @@ def test_every_command_is_answered_in_real_time() -> None:
     (row,) = figures(latency.run(puts=30)).values()
     assert row["lost"].value == 0
     assert 0.01 < row["median ms"].value <= row["p99 ms"].value <= row["max ms"].value < 1000.0
+
+
+def test_the_recorder_loses_nothing_alone_or_as_a_process() -> None:
+    rows = figures(recorder.run(duration_s=1.0, repetitions=1))
+    assert len(rows) == 4
+    for row in rows.values():
+        assert row["messages/s"].value > 1.0
+    assert [row["lost"].value for row in rows.values() if "lost" in row] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(

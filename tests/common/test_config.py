@@ -60,6 +60,7 @@ NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
         ("[sim]\ntik_s = 1.0", "sim.tik_s: unknown key; did you mean tick_s? allowed: "),
         ("[foo]\nx = 1", "foo: unknown key; allowed: bus, "),
         ("sections = {}", "unknown key 'sections'"),
+        ("others = {}", "unknown key 'others'"),
         ('[sim]\n"two\\nlines" = 1', r"sim.two\nlines: unknown key; allowed: "),
         ("[sim]\ntick_s = 'fast'", f"sim.tick_s: got 'fast'; allowed: {NUMBER_OF_TICKS}"),
         ("[sim]\ntick_s = true", f"sim.tick_s: got true; allowed: {NUMBER_OF_TICKS}"),
@@ -239,11 +240,13 @@ def test_when_a_services_section_is_wrong_expect_the_same_care(write_scenario, t
 
 
 @pytest.mark.usefixtures("toy")
-def test_the_sections_of_services_that_are_not_installed_are_left_alone(write_scenario):
+def test_the_sections_of_services_that_are_not_installed_stay_as_they_were_given(write_scenario):
     loaded = load_scenario(write_scenario("[follower]\nview = 'back'\n[toy]\nmixed = 'x'"))
     assert set(loaded.sections) == {"toy"}
     assert loaded.section(Toy, "toy").mixed == "x"
     assert loaded.section(Toy, "other") == Toy()
+    assert loaded.others == {"follower": {"view": "back"}}
+    assert effective(loaded)["follower"] == {"view": "back"}
 
 
 @pytest.mark.parametrize(

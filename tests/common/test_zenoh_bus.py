@@ -8,7 +8,7 @@ import threading
 import pytest
 from mecazen import keys
 from mecazen.bus import StoppedError
-from mecazen.bus.zenoh_bus import ZenohBus, open_session, session_config
+from mecazen.bus.zenoh_bus import ZenohBus, includes, open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
@@ -50,6 +50,50 @@ def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_k
         pass
     assert latest == [100]
     assert every == list(range(1, 101))
+
+
+def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, wait_until):
+    # as above: all samples have arrived when the answer is there
+    near, far = zenoh_pair.far, zenoh_pair.near
+    kept = []
+    near.subscribe_bytes("clock", lambda *sample: kept.append(sample), 5_000)
+
+    def publish_and_answer(request, reply):
+        for _ in range(request.ticks):
+            far.put_bytes("clock", bytes(600))
+        reply.answer(SimState())
+
+    far.serve(keys.SIM_STEP, publish_and_answer)
+    near.declare_alive("asker")
+    wait_until(far, lambda: "asker" in far.presence.names)
+    zenoh_pair.link()
+    for total in (100, 200):
+        with zenoh_pair.serving():
+            near.call(keys.SIM_STEP, StepRequest(ticks=100))
+        while near.spin_once(0.0):
+            pass
+        # four of 600 bytes and what each needs besides have place among 5,000
+        assert len(kept) == 4 * total / 100
+        assert near.refused["clock"] == total - len(kept)
+
+
+@pytest.mark.parametrize(
+    ("expression", "key", "held"),
+    [
+        ("**", "odom", True),
+        ("target/*", "target/odom", True),
+        ("target/*", "target/a/b", False),
+        ("odom", "odom", True),
+        ("odom", "od", False),
+    ],
+)
+def test_a_key_expression_holds_keys(expression, key, held):
+    assert includes(expression, key) is held
+
+
+@pytest.mark.parametrize("expression", ["", "/odom", "a//b", "o*"])
+def test_what_is_no_key_expression_is_one_line(expression):
+    assert "is not a key expression" in error_of(lambda: includes(expression, "odom"))
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import struct
+import tomllib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -30,6 +32,7 @@ from mecazen.bus import LocalBus, StoppedError
 from mecazen.config import Scenario, SimConfig, StartConfig
 from mecazen.errors import BusError, ConfigError, MecazenError, StepTimeoutError
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.loading import from_tables, to_toml
 from mecazen.messages import (
     Clock,
     Empty,
@@ -554,6 +557,13 @@ def test_a_person_beyond_all_numbers_is_refused_and_an_absurdly_fast_one_does_no
         heard = rig.tick([0.0] * 4)
     for sample in heard:
         assert_sendable(sample)
+
+
+def test_the_whole_configuration_is_there_to_be_asked_for():
+    rig = Rig()
+    text = rig.bus.call(keys.SIM_SCENARIO, Empty()).data
+    assert text == to_toml(rig.service.scenario)
+    assert from_tables(tomllib.loads(text), Path("asked")).robot == NEXUS
 
 
 def test_the_robot_description_is_a_urdf_and_its_meshes_are_served():

@@ -128,9 +128,9 @@ class Bus(ABC):
     def close(self) -> None:
         """Leave the bus."""
 
-    def refuse(self, key: str, reason: str) -> None:
+    def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count what came on `key` as refused, and log it at most once a second."""
-        self.refused[key] += 1
+        self.refused[key] += count
         now = time.monotonic()
         if now - self._last_report.get(key, -1.0) >= 1.0:
             self._last_report[key] = now

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import json
+import math
 import queue
 import re
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Literal, NoReturn, TypeVar
@@ -35,6 +36,9 @@ AnswerT = TypeVar("AnswerT", bound=Message)
 
 Mode = Literal["router", "peer", "client"]
 LIVELINESS_PREFIX = "mecazen/"
+
+SAMPLE_BYTES = 500
+"""About what a sample that waits needs besides its payload."""
 
 SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
@@ -107,6 +111,18 @@ def open_session(config: BusConfig, mode: Mode) -> zenoh.Session:
         raise BusError(f"can't {where}: {reason}") from None
 
 
+def includes(expression: str, key: str) -> bool:
+    """Return whether a key expression holds a key.
+
+    Raises:
+        BusError: It is no key expression.
+    """
+    try:
+        return bool(zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key)))
+    except zenoh.ZError as error:
+        raise BusError(f"{expression!r} is not a key expression: {_reason(error)}") from None
+
+
 def _reason(error: zenoh.ZError) -> str:
     """Return what Zenoh says in one line, without the places in its sources."""
     text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
@@ -170,27 +186,37 @@ class ZenohBus(Bus):
             if decoded is not None:
                 handler(*decoded)
 
-        self._declare_subscriber(topic.key, take, every=every)
+        self._declare_subscriber(topic.key, _Inbox(self._queue, take, every=every).receive)
 
     def subscribe_bytes(
-        self, key: str, handler: Callable[[str, bytes, str, bytes | None], None]
+        self,
+        key: str,
+        handler: Callable[[str, bytes, str, bytes | None], None],
+        backlog_bytes: float = math.inf,
     ) -> None:
-        """Deliver every sample of a key expression as key, payload, encoding and attachment."""
+        """Deliver every sample of a key expression as key, payload, encoding and attachment.
+
+        What comes while more than `backlog_bytes` wait is refused: it slows down nobody and
+        fills nothing.
+        """
+        backlog = _Backlog(backlog_bytes)
 
         def take(sample: zenoh.Sample) -> None:
+            for name, count in backlog.release(sample).items():
+                self.refuse(name, f"more than {backlog_bytes:.0f} bytes wait", count)
             attachment = None if sample.attachment is None else sample.attachment.to_bytes()
             handler(
                 str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding), attachment
             )
 
-        self._declare_subscriber(key, take, every=True)
+        inbox = _Inbox(self._queue, take, every=True)
+        self._declare_subscriber(
+            key, lambda sample: inbox.receive(sample) if backlog.admit(sample) else None
+        )
 
-    def _declare_subscriber(
-        self, key: str, take: Callable[[zenoh.Sample], None], *, every: bool
-    ) -> None:
-        inbox = _Inbox(self._queue, take, every=every)
+    def _declare_subscriber(self, key: str, receive: Callable[[zenoh.Sample], None]) -> None:
         try:
-            self._session.declare_subscriber(key, _direct(inbox.receive))
+            self._session.declare_subscriber(key, _direct(receive))
         except zenoh.ZError as error:
             raise BusError(f"{key!r} is not a key expression: {_reason(error)}") from None
 
@@ -360,6 +386,35 @@ class _Inbox:
         except IndexError:
             return
         self._take(sample)
+
+
+class _Backlog:
+    """How many bytes wait, up to a limit, and how many samples came in vain."""
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._bytes = 0
+        self._dropped: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def admit(self, sample: zenoh.Sample) -> bool:
+        """Return whether there is place for a sample, which then takes it."""
+        size = SAMPLE_BYTES + len(sample.payload)
+        with self._lock:
+            if self._bytes + size > self._limit:
+                self._dropped[str(sample.key_expr)] += 1
+                return False
+            self._bytes += size
+            return True
+
+    def release(self, sample: zenoh.Sample) -> Counter[str]:
+        """Free the place of a sample; return what was dropped since the last call, by key."""
+        with self._lock:
+            self._bytes -= SAMPLE_BYTES + len(sample.payload)
+            dropped = self._dropped
+            if dropped:
+                self._dropped = Counter()
+            return dropped
 
 
 class _ZenohPublisher(Publisher[MessageT]):

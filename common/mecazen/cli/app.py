@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
-import tomli_w
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -19,9 +19,11 @@ from mecazen.cli import sim, talk
 from mecazen.cli.options import ScenarioArgument, Settings, load
 from mecazen.cli.up import run_up
 from mecazen.errors import MecazenError
-from mecazen.loading import effective, scenario_path
+from mecazen.loading import scenario_path, to_toml
 from mecazen.simulate import Result, simulate, simulate_distributed
 from mecazen.trajectory import Trajectory
+
+RECORDER = "recorder"
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -35,9 +37,13 @@ app.command()(talk.topics)
 app.command()(talk.services)
 app.command()(talk.echo)
 app.command()(talk.pub)
-for group in entry_points(group="mecazen.commands"):
-    # what is installed beside the SDK brings its own commands
-    app.add_typer(group.load(), name=group.name)
+for entry in entry_points(group="mecazen.commands"):
+    # what is installed beside the SDK brings its own commands: one, or a group of them
+    command = entry.load()
+    if isinstance(command, typer.Typer):
+        app.add_typer(command, name=entry.name)
+    else:
+        app.command(entry.name)(command)
 
 
 @app.command()
@@ -90,6 +96,14 @@ def simulate_command(
         Path | None,
         typer.Option(metavar="FILE.csv", help="Write every tick.", show_default=False),
     ] = None,
+    record: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.mcap",
+            help="Record everything: the same as services with recorder, and recorder.file.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
     settings: Settings = None,
 ) -> None:
@@ -107,6 +121,10 @@ def simulate_command(
         overrides.append(f"sim.duration_s={duration_s}")
     path = scenario_path(scenario)
     loaded = load(scenario, overrides)
+    if record is not None:
+        overrides.append(f"services={json.dumps([*loaded.services, RECORDER])}")
+        overrides.append(f"{RECORDER}.file={json.dumps(record)}")
+        loaded = load(scenario, overrides)
     if trajectory is not None and not trajectory.absolute().parent.is_dir():
         raise MecazenError(f"--trajectory {trajectory}: no such folder")
     with Progress(
@@ -152,7 +170,7 @@ def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool
 @app.command()
 def config(scenario: ScenarioArgument, settings: Settings = None) -> None:
     """Print the whole effective configuration of a scenario, as TOML that loads again."""
-    typer.echo(tomli_w.dumps(effective(load(scenario, settings))), nl=False)
+    typer.echo(to_toml(load(scenario, settings)), nl=False)
 
 
 def main() -> None:

@@ -33,6 +33,7 @@ WORK = {
     "controller": "cmd_vel → wheels → odom",
     "target": "the person, and what the sensor sees",
     "follower": "observations → cmd_vel",
+    "recorder": "everything → an MCAP file",
 }
 
 

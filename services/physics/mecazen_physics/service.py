@@ -12,6 +12,7 @@ from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario, whole_ticks
 from mecazen.errors import StepTimeoutError
 from mecazen.geometry import Twist2D
+from mecazen.loading import to_toml
 from mecazen.messages import (
     Clock,
     Empty,
@@ -82,6 +83,8 @@ class PhysicsService(Service):
         self.subscribe(keys.JOINT_COMMAND, self.on_joint_command)
         self.subscribe(keys.TARGET_ODOM, self.on_target_odom)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
+        configuration = to_toml(scenario)
+        bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
         bus.serve(keys.SIM_PAUSE, self.on_pause)
         bus.serve(keys.SIM_RESUME, self.on_resume)
         bus.serve(keys.SIM_STEP, self.on_step)

@@ -1,0 +1,1 @@
+"""The recorder: what is published, in MCAP files; played back, and computed anew."""

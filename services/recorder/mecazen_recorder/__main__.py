@@ -1,0 +1,5 @@
+"""Runs the recorder: `python -m mecazen_recorder SCENARIO`."""
+
+from mecazen.runtime import main
+
+main("recorder")

@@ -1,0 +1,187 @@
+"""`mecazen record`, `mecazen replay` and `mecazen info`.
+
+The libraries of the commands are imported where a command runs: `mecazen --help` needs none.
+"""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+import math
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import msgspec
+import typer
+from mecazen.cli.options import Connect, Namespace, tool_bus
+from mecazen.config import ROUTER
+from mecazen.errors import ConfigError, MecazenError
+from mecazen.service import NS_PER_S
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from mecazen_recorder.reader import Recording
+
+RecordingFile = Annotated[
+    Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
+]
+
+
+def record(
+    keys: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEYS]...",
+            help="Keys, or expressions such as 'target/**'.",
+            show_default="all",
+        ),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE.mcap", help="Where to; a new file.")
+    ] = Path("run.mcap"),
+    encoding: Annotated[
+        Literal["cdr", "json"],
+        typer.Option(
+            help="cdr: ROS 2's messages, which Rerun, Foxglove, PlotJuggler and ros2 bag read. "
+            "json: with JSON schemas, which Foxglove reads.",
+        ),
+    ] = "cdr",
+    rrd: Annotated[
+        bool, typer.Option("--rrd", help="Write Rerun's format as well, at the end.")
+    ] = False,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Record what is published, in MCAP, until Ctrl-C.
+
+    Times are simulated times. After a crash all but the last half second is readable.
+
+    Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
+    """
+    from mecazen_recorder import rerun
+    from mecazen_recorder.config import RecorderConfig
+    from mecazen_recorder.recorder import record_until_stopped
+
+    if rrd:
+        if encoding != "cdr":
+            raise ConfigError("--rrd needs --encoding cdr: Rerun does not read the other")
+        rerun.converter()
+    config = RecorderConfig(file=str(output), keys=tuple(keys or ["**"]), encoding=encoding)
+    with tool_bus(connect, namespace) as bus:
+        count = record_until_stopped(bus, config)
+        lost = bus.refused.total()
+    typer.echo(f"{output}: {count} samples" + (f", {lost} refused or dropped" if lost else ""))
+    if rrd:
+        typer.echo(f"{rerun.convert(output)}: the same for Rerun")
+
+
+def replay(
+    file: RecordingFile,
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=1000, help="Simulated seconds per wall second.")
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin anew at the end.")] = False,
+    keys: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--keys",
+            metavar="KEY",
+            help="A key, or an expression such as 'target/**'. May be given several times.",
+            show_default="all",
+        ),
+    ] = None,
+    begin_s: Annotated[
+        float, typer.Option("--from", metavar="S", min=0, help="First simulated second.")
+    ] = 0.0,
+    end_s: Annotated[
+        float | None,
+        typer.Option("--to", metavar="S", min=0, help="Last one.", show_default="the end"),
+    ] = None,
+    through: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SERVICE",
+            help="Publish nothing: feed a service (or file.py:Class) with what it was given, and "
+            "compare what it answers with the recording. Ends with 1 at the first difference.",
+            show_default=False,
+        ),
+    ] = None,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Publish a recording again, with its original stamps; or compute a service's part anew.
+
+    Examples: mecazen replay run.mcap --keys odom --keys 'target/*' --loop ·
+    mecazen replay run.mcap --through follower
+    """
+    from mecazen_recorder.reader import Recording
+    from mecazen_recorder.replay import publish
+
+    recording = Recording(file)
+    if through is not None:
+        if loop or keys or begin_s or end_s is not None:
+            raise ConfigError(
+                "--through takes the whole recording: no --loop, --keys, --from, --to"
+            )
+        _recompute(recording, through)
+        return
+    begin_ns = round(begin_s * NS_PER_S)
+    end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
+    with tool_bus(connect, namespace) as bus:
+        for turn in count() if loop else range(1):
+            published = publish(
+                recording,
+                bus,
+                keys or ["**"],
+                speed=speed,
+                begin_ns=begin_ns,
+                end_ns=end_ns,
+                turn=turn,
+            )
+            if turn == 0:
+                _tell_if_cut_off(recording)
+                typer.echo(f"{published} samples published")
+
+
+def _recompute(recording: Recording, program: str) -> None:
+    from mecazen_recorder.recompute import recompute
+
+    compared = recompute(recording, program)
+    _tell_if_cut_off(recording)
+    if compared.difference is not None:
+        raise MecazenError(f"{recording.path}: {compared.difference}")
+    samples = ", ".join(f"{count} of {key}" for key, count in sorted(compared.counts.items()))
+    typer.echo(f"{program}: identical: {samples}")
+
+
+def info(
+    file: RecordingFile,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
+    """Show what is inside a recording: runs, keys, counts, rates and gaps."""
+    from mecazen_recorder.info import inspect
+    from mecazen_recorder.reader import Recording
+
+    recording = Recording(file)
+    found = inspect(recording)
+    _tell_if_cut_off(recording)
+    if as_json:
+        typer.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
+        return
+    table = Table("key", "message", "samples", "Hz", "gaps", "longest gap")
+    for key in found.keys:
+        rate = "-" if key.rate_hz is None else f"{key.rate_hz:g}"
+        longest = "-" if key.longest_gap_s is None else f"{key.longest_gap_s:g} s"
+        table.add_row(key.key, key.type, str(key.count), rate, str(key.gaps), longest)
+    Console().print(table)
+    for run in found.runs:
+        known = "" if run.has_scenario else ", without its configuration"
+        typer.echo(f"run {run.run}, seed {run.seed}: {run.begin_s:g} to {run.end_s:g} s{known}")
+
+
+def _tell_if_cut_off(recording: Recording) -> None:
+    if recording.is_cut_off:
+        what = "the end of the file is missing; what is there was read"
+        typer.echo(f"{recording.path}: {what}", err=True)

@@ -1,0 +1,99 @@
+"""What is inside a recording: keys, counts, rates, runs and gaps."""
+
+from __future__ import annotations
+
+import statistics
+from itertools import pairwise
+
+import msgspec
+from mecazen.keys import topic_of
+from mecazen.service import NS_PER_S
+
+from mecazen_recorder.reader import Recording, Sample
+
+GAP = 1.5
+"""An interval of more than so many usual ones is a gap."""
+
+
+class KeyInfo(msgspec.Struct, frozen=True):
+    """The samples on one key."""
+
+    key: str
+    type: str
+    """The message's ROS type, or the Zenoh encoding on a key that is not in the table."""
+    count: int
+    rate_hz: float | None
+    """One over the median interval of simulated time; none with fewer than two samples."""
+    gaps: int
+    """Intervals of more than 1.5 times the median."""
+    longest_gap_s: float | None
+
+
+class RunInfo(msgspec.Struct, frozen=True):
+    """One run in a recording; where nothing has a stamp there is none."""
+
+    run: int
+    seed: int
+    begin_s: float
+    end_s: float
+    has_scenario: bool
+    """Whether the run's whole configuration is in the file."""
+
+
+class Info(msgspec.Struct, frozen=True):
+    """What `mecazen info --json` prints."""
+
+    file: str
+    is_cut_off: bool
+    """Whether the end of the file is missing, as after a crash."""
+    count: int
+    duration_s: float
+    """Simulated, of all runs together."""
+    runs: tuple[RunInfo, ...]
+    keys: tuple[KeyInfo, ...]
+
+
+def inspect(recording: Recording) -> Info:
+    """Return what is inside a recording."""
+    times: dict[str, dict[tuple[int, int] | None, list[int]]] = {}
+    encodings: dict[str, str] = {}
+    spans: dict[tuple[int, int], tuple[int, int]] = {}
+    for sample in recording.samples():
+        run = None if sample.stamp is None else (sample.stamp.run, sample.stamp.seed)
+        times.setdefault(sample.key, {}).setdefault(run, []).append(sample.time_ns)
+        encodings.setdefault(sample.key, _type_of(sample))
+        if run is not None:
+            first, last = spans.get(run, (sample.time_ns, sample.time_ns))
+            spans[run] = min(first, sample.time_ns), max(last, sample.time_ns)
+    runs = tuple(
+        RunInfo(run, seed, first / NS_PER_S, last / NS_PER_S, run in recording.scenarios)
+        for (run, seed), (first, last) in spans.items()
+    )
+    infos = tuple(
+        _key_info(key, encodings[key], list(times[key].values())) for key in sorted(times)
+    )
+    return Info(
+        file=str(recording.path),
+        is_cut_off=recording.is_cut_off,
+        count=sum(info.count for info in infos),
+        duration_s=sum(run.end_s - run.begin_s for run in runs),
+        runs=runs,
+        keys=infos,
+    )
+
+
+def _type_of(sample: Sample) -> str:
+    topic = topic_of(sample.key)
+    return sample.encoding if topic is None else topic.type.ROS_TYPE
+
+
+def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:
+    count = sum(map(len, runs))
+    # several samples of one tick are none of them late
+    intervals = [b - a for times in runs for a, b in pairwise(times) if b > a]
+    if not intervals:
+        return KeyInfo(key, kind, count, None, 0, None)
+    usual = statistics.median(intervals)
+    gaps = [interval for interval in intervals if interval > GAP * usual]
+    longest_s = max(gaps) / NS_PER_S if gaps else None
+    return KeyInfo(key, kind, count, NS_PER_S / usual, len(gaps), longest_s)

@@ -1,0 +1,154 @@
+"""Reads what `mecazen_recorder.writer` wrote, also where the end of the file is missing."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, NamedTuple, TypeVar
+
+from mcap.exceptions import InvalidMagic, McapError
+from mcap.records import Channel, Chunk, DataEnd, Header, McapRecord, Metadata
+from mcap.records import Message as Record
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.well_known import MessageEncoding
+from mecazen.keys import topic_of
+from mecazen.messages import Message
+from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
+from zstandard import ZstdError
+
+from mecazen_recorder import cdr
+from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.writer import LIBRARY
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+_DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
+"""What the library raises where bytes are missing or wrong."""
+
+
+class Sample(NamedTuple):
+    """What was published on a key."""
+
+    key: str
+    time_ns: int
+    """Simulated time."""
+    stamp: Stamp | None
+    """None where an outsider sent none."""
+    payload: bytes
+    encoding: str
+    """A Zenoh encoding, or `cdr`."""
+
+    def message(self, kind: type[MessageT]) -> MessageT:
+        """Return the message.
+
+        Raises:
+            RefusedError: It is not of this kind.
+        """
+        if self.encoding == MessageEncoding.CDR:
+            return cdr.decode(self.payload, kind)
+        return decode(self.payload, kind, self.encoding)
+
+    def as_published(self) -> tuple[bytes, str, bytes | None]:
+        """Return payload, Zenoh encoding and attachment as a bus takes them: messages in JSON.
+
+        Raises:
+            RefusedError: The message is not what its key carries.
+        """
+        attachment = None if self.stamp is None else self.stamp.pack()
+        topic = topic_of(self.key)
+        if topic is None:
+            return self.payload, self.encoding, attachment
+        return encode(self.message(topic.type), "json"), JSON_ENCODING, attachment
+
+
+class Recording:
+    """A recording to be read.
+
+    Args:
+        path: The MCAP file.
+
+    Raises:
+        RecordingError: It can't be read, or `mecazen record` has not written it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.scenarios: dict[int, str] = {}
+        """The configuration of each run in TOML, where it is known; filled in by `samples`."""
+        self.is_cut_off = False
+        """Whether the end is missing; known when `samples` has come to its end."""
+        with self._open() as file:
+            header = next(self._records(file), None)
+        if not isinstance(header, Header):
+            raise RecordingError(f"{path}: not an MCAP file")
+        if header.library.partition(" ")[0] != LIBRARY:
+            raise RecordingError(
+                f"{path}: an MCAP file of {header.library!r}, not of `mecazen record`"
+            )
+
+    def samples(self, begin_ns: float = 0, end_ns: float = math.inf) -> Iterator[Sample]:
+        """Return the samples in the order of recording.
+
+        Args:
+            begin_ns: Simulated time of the first, in each run.
+            end_ns: Simulated time of the last, in each run.
+        """
+        channels: dict[int, tuple[str, Stamp | None, str]] = {}
+        with self._open() as file:
+            for record in self._records(file):
+                if isinstance(record, Metadata):
+                    self._note_run(record)
+                elif isinstance(record, Channel):
+                    channels[record.id] = record.topic, _run_of(record), _encoding_of(record)
+                elif isinstance(record, DataEnd):
+                    return
+                elif (
+                    isinstance(record, Record)
+                    and begin_ns <= record.log_time <= end_ns
+                    and record.channel_id in channels  # unless a damaged chunk had it
+                ):
+                    key, run, encoding = channels[record.channel_id]
+                    stamp = None if run is None else run._replace(time_ns=record.log_time)
+                    yield Sample(key, record.log_time, stamp, record.data, encoding)
+        self.is_cut_off = True
+
+    def _open(self) -> IO[bytes]:
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"{self.path}: can't be read: {error.strerror}") from None
+
+    def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
+        """Return the records up to the end of the data, or to the first that is damaged."""
+        limit = self.path.stat().st_size
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=limit)
+        try:
+            for record in reader.records:
+                if isinstance(record, Chunk):
+                    yield from breakup_chunk(record, validate_crc=True)
+                elif not isinstance(record, Channel | Record):  # outside of a chunk: damage
+                    yield record
+        except InvalidMagic:
+            raise RecordingError(f"{self.path}: not an MCAP file") from None
+        except _DAMAGE:
+            return
+
+    def _note_run(self, record: Metadata) -> None:
+        run = record.metadata
+        # no checksum is over metadata: what makes no sense in it is as good as not there
+        if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
+            self.scenarios[int(run["run"])] = run["scenario"]
+
+
+def _run_of(channel: Channel) -> Stamp | None:
+    run = channel.metadata.get("run")
+    return None if run is None else Stamp(0, int(run), int(channel.metadata["seed"]))
+
+
+def _encoding_of(channel: Channel) -> str:
+    """Return the Zenoh encoding of a channel's samples, or `cdr`."""
+    if channel.message_encoding == MessageEncoding.CDR:
+        return MessageEncoding.CDR
+    return channel.metadata.get("zenoh_encoding", JSON_ENCODING)

@@ -1,0 +1,251 @@
+"""Feeds one service with its recorded inputs, and compares what it gives with the recording."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+from mecazen import keys
+from mecazen.bus import LocalBus, Publisher
+from mecazen.bus.base import Handler
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.keys import Topic
+from mecazen.loading import KNOWN_SERVICES, from_tables, installed_sections
+from mecazen.messages import Message
+from mecazen.runtime import find_service
+from mecazen.service import NS_PER_S, Service
+from mecazen.wire import Stamp, encode
+
+from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.service import RecorderService
+from mecazen_recorder.sink import RecordingError
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+_ORDER: tuple[Topic[Any], ...] = (
+    keys.JOINT_STATES,
+    keys.GROUND_TRUTH,
+    keys.TARGET_ODOM,
+    keys.OBSERVATION,
+    keys.ODOM,
+    keys.FOLLOWER_STATE,
+    keys.CMD_VEL,
+    keys.JOINT_COMMAND,
+)
+"""The samples of a tick as they follow from each other, see docs/time.md.
+
+They come to the recorder from several processes, by chance also in another order.
+"""
+_RANKS = {topic.key: rank for rank, topic in enumerate(_ORDER)}
+
+_PERIODIC = ("tick", "sensor")
+"""Rates of keys that tell by their last sample how far a recording goes."""
+
+
+class Difference(NamedTuple):
+    """The first thing that is not as it was recorded."""
+
+    key: str
+    time_ns: int
+    field: str
+    """Where in the message; empty where one of the two is no sample at all."""
+    recorded: str
+    recomputed: str
+
+    def __str__(self) -> str:
+        """Return the line that says it."""
+        where = " ".join(filter(None, (self.key, self.field)))
+        values = f"recorded {self.recorded}, recomputed {self.recomputed}"
+        return f"{where} at {self.time_ns / NS_PER_S} s: {values}"
+
+
+class Comparison(NamedTuple):
+    """What a service gave again."""
+
+    counts: Counter[str]
+    """Samples that were recorded and are to be compared, by key."""
+    difference: Difference | None
+
+
+def recompute(recording: Recording, program: str) -> Comparison:
+    """Run a service of a recording anew.
+
+    Runs that are not recorded from their beginning, or whose configuration is not in the
+    recording, are left out. What a service says of its health is not compared.
+
+    Args:
+        recording: Holds the inputs and the outputs.
+        program: A service's name, or `file.py:Class` of one that plays its part.
+
+    Raises:
+        MecazenError: There is nothing to compute or nothing to compare, or the service failed.
+    """
+    counts: Counter[str] = Counter()
+    for run, samples in _whole_runs(recording).items():
+        service, bus = _make_service(recording, recording.scenarios[run], program)
+        compared = _recompute_run(samples, bus)
+        service.close()
+        counts += compared.counts
+        if compared.difference is not None:
+            return Comparison(counts, compared.difference)
+    if not counts:
+        raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
+    return Comparison(counts, None)
+
+
+class _OneServiceBus(LocalBus):
+    """Keeps what the one service publishes instead of delivering it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.inputs: dict[str, Topic[Any]] = {}
+        self.outputs: dict[str, Topic[Any]] = {}
+        self.published: dict[str, list[_Output]] = {}
+
+    def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
+        self.outputs[topic.key] = topic
+        return _Keeper(self.published.setdefault(topic.key, []))
+
+    def subscribe(
+        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+    ) -> None:
+        self.inputs[topic.key] = topic
+        super().subscribe(topic, handler, every=every)
+
+
+class _Output(NamedTuple):
+    time_ns: int
+    message: Message
+
+
+class _Keeper(Publisher[MessageT]):
+    def __init__(self, kept: list[_Output]) -> None:
+        self._kept = kept
+
+    def put(self, message: MessageT, stamp: Stamp) -> None:
+        self._kept.append(_Output(stamp.time_ns, message))
+
+
+def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
+    """Return the samples of each run that can be computed anew."""
+    runs: dict[int, list[Sample]] = {}
+    run: int | None = None
+    for sample in recording.samples():
+        run = run if sample.stamp is None else sample.stamp.run
+        if run is not None:
+            runs.setdefault(run, []).append(sample)
+    known = {run: samples for run, samples in runs.items() if run in recording.scenarios}
+    whole = {run: samples for run, samples in known.items() if samples[0].time_ns == 0}
+    if not whole:
+        missing = "the beginning of a run" if known else "the configuration of a run"
+        raise RecordingError(f"{recording.path}: can't be computed anew without {missing}")
+    return whole
+
+
+def _make_service(recording: Recording, text: str, program: str) -> tuple[Service, _OneServiceBus]:
+    """Return the service with its recorded configuration, whatever other sections refer to."""
+    tables = tomllib.loads(text)
+    sections = {
+        name: tables.pop(name)
+        for name in {*KNOWN_SERVICES, *installed_sections(), "bus"}
+        if name in tables
+    }
+
+    def load(*names: str) -> Scenario:
+        own = {name: sections[name] for name in names if name in sections}
+        return from_tables({**tables, **own}, recording.path)
+
+    kind = find_service(program, load())
+    if kind.OWNS_TIME:
+        raise ConfigError(f"{program}: makes the time itself; `mecazen simulate` runs it anew")
+    if issubclass(kind, RecorderService):
+        raise ConfigError(f"{program}: computes nothing")
+    bus = _OneServiceBus()
+    return kind(bus, load(kind.NAME)), bus
+
+
+def _recompute_run(samples: Sequence[Sample], bus: _OneServiceBus) -> Comparison:
+    for sample in sorted(samples, key=_place_in_time):
+        if sample.key in bus.inputs:
+            bus.put_bytes(sample.key, *sample.as_published())
+            bus.spin()
+    outputs = {
+        key: topic for key, topic in bus.outputs.items() if not key.startswith("diagnostics/")
+    }
+    horizon_ns = _horizon_ns(samples, {**bus.inputs, **outputs})
+    recorded: dict[str, list[_Output]] = {}
+    for sample in samples:
+        if sample.key in outputs and sample.stamp is not None:
+            message = sample.message(outputs[sample.key].type)
+            recorded.setdefault(sample.key, []).append(_Output(sample.time_ns, message))
+    differences = [
+        difference
+        for key in recorded
+        if (difference := _compare(key, recorded[key], bus.published[key], horizon_ns)) is not None
+    ]
+    counts = Counter({key: len(kept) for key, kept in recorded.items()})
+    first = min(differences, key=lambda d: (d.time_ns, _rank(d.key)), default=None)
+    return Comparison(counts, first)
+
+
+def _rank(key: str) -> int:
+    return _RANKS.get(key, len(_RANKS))
+
+
+def _place_in_time(sample: Sample) -> tuple[int, int]:
+    # what came without a stamp may have come at any time of its tick
+    rank = len(_RANKS) + 1 if sample.stamp is None else _rank(sample.key)
+    return sample.time_ns, rank
+
+
+def _horizon_ns(samples: Sequence[Sample], topics: dict[str, Topic[Any]]) -> int:
+    """Return the last tick of which everything was recorded, wherever the recording ends."""
+    last: dict[str, int] = {}
+    for sample in samples:
+        topic = topics.get(sample.key)
+        if topic is not None and topic.rate in _PERIODIC and sample.stamp is not None:
+            last[sample.key] = max(last.get(sample.key, 0), sample.time_ns)
+    return min(last.values(), default=0)
+
+
+def _compare(
+    key: str, recorded: Sequence[_Output], recomputed: Sequence[_Output], horizon_ns: int
+) -> Difference | None:
+    pairs = zip_longest(
+        (output for output in recorded if output.time_ns <= horizon_ns),
+        (output for output in recomputed if output.time_ns <= horizon_ns),
+    )
+    for old, new in pairs:
+        if old is None or new is None or old.time_ns != new.time_ns:
+            time_ns = min(output.time_ns for output in (old, new) if output is not None)
+            there = [
+                "a message" if output is not None and output.time_ns == time_ns else "nothing"
+                for output in (old, new)
+            ]
+            return Difference(key, time_ns, "", *there)
+        # as bytes, since 0.0 and -0.0 are equal as numbers
+        if encode(old.message, "json") != encode(new.message, "json"):
+            was, now = (msgspec.to_builtins(output.message) for output in (old, new))
+            return Difference(key, old.time_ns, *next(_different(was, now, "")))
+    return None
+
+
+def _different(was: Any, now: Any, path: str) -> Iterator[tuple[str, str, str]]:
+    """Yield the leaves that differ: their place, and both values."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        for name in was:
+            yield from _different(was[name], now[name], f"{path}.{name}" if path else name)
+    elif isinstance(was, list | tuple) and isinstance(now, list | tuple) and len(was) == len(now):
+        for index, pair in enumerate(zip(was, now, strict=True)):
+            yield from _different(*pair, f"{path}[{index}]")
+    elif repr(was) != repr(now):
+        yield path, _short(was), _short(now)
+
+
+def _short(value: Any) -> str:
+    return f"{len(value)} items" if isinstance(value, list | tuple) else repr(value)

@@ -1,0 +1,158 @@
+"""Takes what is published on a bus, and has it written."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mecazen import keys, log
+from mecazen.bus import Bus, StoppedError
+from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.errors import BusError
+from mecazen.keys import Topic, topic_of
+from mecazen.messages import Empty, Message
+from mecazen.runtime import stop_on_signals
+from mecazen.service import NS_PER_S
+from mecazen.wire import RefusedError, Stamp, decode
+
+from mecazen_recorder.config import RecorderConfig
+from mecazen_recorder.writer import SYNC_S, RecordingWriter
+
+BYTES_PER_MIB = 1 << 20
+ANSWER_S = 1.0
+"""Samples wait meanwhile."""
+
+logger = logging.getLogger(__name__)
+
+
+class Recorder:
+    """Records every sample of some keys.
+
+    Messages are decoded and written in the file's encoding, with all their fields; those that
+    are not what their key carries are refused. Keys that are not in the table of `mecazen.keys`
+    are written as they come. What an outsider sends without a stamp has the time of the newest
+    tick.
+
+    Args:
+        bus: Where services publish.
+        config: What to record, and where.
+        services: Whose diagnostics to record on the bus within a process.
+        scenario: Tells the configuration of a run that begins, in TOML, or None.
+
+    Raises:
+        RecordingError: The file can't be written.
+        BusError: A key is no key expression.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        config: RecorderConfig,
+        services: Sequence[str],
+        scenario: Callable[[], str | None],
+    ) -> None:
+        self._bus = bus
+        self._scenario = scenario
+        self.now = Stamp(0, 0, 0)
+        """The newest tick."""
+        self._runs: set[int] = set()
+        for key in config.keys:
+            includes(key, key)  # wrong keys are told before there is a file
+        self.writer = RecordingWriter(Path(config.file), config.encoding)
+        if isinstance(bus, ZenohBus):
+            for index, key in enumerate(config.keys):
+                take = partial(self._take_bytes, config.keys[:index])
+                bus.subscribe_bytes(key, take, config.backlog_mib * BYTES_PER_MIB)
+        else:
+            topics: list[Topic[Any]] = [topic for topic in keys.TOPICS if "*" not in topic.key]
+            for topic in [*topics, *map(keys.diagnostics, services)]:
+                if any(includes(key, topic.key) for key in config.keys):
+                    bus.subscribe(topic, partial(self._take, topic.key), every=True)
+
+    def run(self) -> None:
+        """Record until the bus is stopped."""
+        while True:
+            self._bus.spin_once(SYNC_S)
+            self.writer.sync_if_due()
+
+    def close(self) -> None:
+        """Finish the file."""
+        self.writer.close()
+
+    def _take_bytes(
+        self,
+        already: Sequence[str],
+        key: str,
+        payload: bytes,
+        encoding: str,
+        attachment: bytes | None,
+    ) -> None:
+        if any(includes(expression, key) for expression in already):
+            return  # another subscription brings it too
+        topic = topic_of(key)
+        try:
+            if topic is None:
+                stamp = _own_stamp(attachment)
+                self._note(stamp)
+                self.writer.write_bytes(key, payload, encoding, stamp, self.now.time_ns)
+            else:
+                stamp = None if attachment is None else Stamp.unpack(attachment)
+                self._take(key, decode(payload, topic.type, encoding), stamp)
+        except RefusedError as refusal:
+            self._bus.refuse(key, str(refusal))
+
+    def _take(self, key: str, message: Message, stamp: Stamp | None) -> None:
+        self._note(stamp)
+        time_ns = self.now.time_ns if stamp is None else stamp.time_ns
+        self.writer.write(key, message, stamp, time_ns)
+
+    def _note(self, stamp: Stamp | None) -> None:
+        """Remember the newest tick, and write down a run that begins."""
+        if stamp is None:
+            return
+        if stamp.run not in self._runs:
+            self._runs.add(stamp.run)
+            self.writer.write_run(stamp, self._scenario())
+            self.now = stamp
+        elif stamp.run == self.now.run:
+            self.now = max(self.now, stamp)
+
+
+def _own_stamp(attachment: bytes | None) -> Stamp | None:
+    """Return the stamp of a sample on a key of the user's own, if what it carries is one."""
+    try:
+        return None if attachment is None else Stamp.unpack(attachment)
+    except RefusedError:
+        return None
+
+
+def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
+    """Record what a tool's bus hears until a signal; return how many samples.
+
+    Raises:
+        RecordingError: The file can't be written.
+        BusError: A key is no key expression.
+    """
+
+    def scenario() -> str | None:
+        try:
+            return bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data
+        except BusError:
+            return None  # nobody simulates, as in a replay
+
+    log.set_up("recorder", lambda: recorder.now.time_ns / NS_PER_S)
+    recorder = Recorder(bus, config, (), scenario)
+    stop_on_signals(bus.stop)
+    try:
+        for name in ("record", "record/ready"):
+            bus.declare_alive(name)
+        logger.info("msg=started file=%s", config.file)
+        recorder.run()
+    except StoppedError:
+        pass
+    finally:
+        recorder.close()
+    return recorder.writer.count

@@ -1,0 +1,43 @@
+"""Rerun's own format, made from a finished recording by Rerun's own converter."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sysconfig
+from pathlib import Path
+
+from mecazen_recorder.sink import RecordingError
+
+
+def converter() -> Path:
+    """Return Rerun's command.
+
+    Raises:
+        RecordingError: It is not installed.
+    """
+    command = Path(sysconfig.get_path("scripts")) / "rerun"
+    if not command.exists():
+        raise RecordingError("--rrd needs Rerun: pip install 'mecazen-recorder[rerun]'")
+    return command
+
+
+def convert(path: Path) -> Path:
+    """Write a recording in CDR as `.rrd` beside it, in simulated time; return that file.
+
+    Raises:
+        RecordingError: Rerun can't convert it.
+    """
+    target = path.with_suffix(".rrd")
+    done = subprocess.run(
+        [converter(), "mcap", "convert", "--timeline-type", "duration", "-o", target, path],
+        capture_output=True,
+        text=True,
+        check=False,
+        # it tells its makers how it is used, unless it runs as a test
+        env={**os.environ, "CI": "1"},
+    )
+    if done.returncode != 0:
+        reason = (done.stderr.strip() or f"ended with code {done.returncode}").splitlines()[-1]
+        raise RecordingError(f"{target}: Rerun can't write it: {reason}")
+    return target

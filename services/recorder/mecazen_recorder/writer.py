@@ -1,0 +1,135 @@
+"""Writes samples into an MCAP file.
+
+A sample's log time is its simulated time. What else its stamp holds, the run and the seed,
+is the same for many samples and stands in the metadata of their channel: each key has a
+channel for each run. Metadata records named `run` hold the run's whole configuration.
+"""
+
+from __future__ import annotations
+
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, cast
+
+from mcap.well_known import MessageEncoding
+from mcap.writer import Writer
+from mecazen.messages import Message
+from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp
+
+from mecazen_recorder import schemas
+from mecazen_recorder.config import Encoding
+from mecazen_recorder.sink import RecordingError, Sink
+
+LIBRARY = "mecazen"
+SYNC_S = 0.5
+"""Longest wall time that a sample is in memory alone."""
+
+MAX_CHANNELS = 2**16 - 1
+_RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpack"}
+
+
+class RecordingWriter:
+    """An MCAP file that is being written.
+
+    Args:
+        path: The file, which must not exist.
+        encoding: How messages are written.
+
+    Raises:
+        RecordingError: The file can't be made.
+    """
+
+    def __init__(self, path: Path, encoding: Encoding) -> None:
+        self.count = 0
+        self._encoding = encoding
+        self._channels: dict[tuple[str, Stamp | None, type[Message] | str], int] = {}
+        self._schemas: dict[type[Message], int] = {}
+        self._sink: Sink | None = Sink(path)
+        self._mcap = Writer(cast(IO[bytes], self._sink))
+        self._mcap.start("ros2" if encoding == "cdr" else "", f"{LIBRARY} {version('mecazen')}")
+        self._sync()
+
+    def write(self, key: str, message: Message, stamp: Stamp | None, time_ns: int) -> None:
+        """Write a message of simulated time `time_ns`.
+
+        Raises:
+            RefusedError: There are too many keys and runs.
+            RecordingError: The disk is full.
+        """
+        channel = self._channel(key, stamp, type(message))
+        self._add(channel, schemas.write(message, self._encoding), time_ns)
+
+    def write_bytes(
+        self, key: str, payload: bytes, encoding: str, stamp: Stamp | None, time_ns: int
+    ) -> None:
+        """Write a payload of an unknown kind as it is, and the Zenoh encoding that it came in.
+
+        Raises:
+            RefusedError: There are too many keys and runs.
+            RecordingError: The disk is full.
+        """
+        self._add(self._channel(key, stamp, encoding), payload, time_ns)
+
+    def write_run(self, stamp: Stamp, scenario: str | None) -> None:
+        """Write down that a run has begun, and its configuration in TOML where it is known."""
+        run = {"run": str(stamp.run), "seed": str(stamp.seed)}
+        self._mcap.add_metadata("run", run if scenario is None else {**run, "scenario": scenario})
+
+    def sync_if_due(self) -> None:
+        """Bring to the disk what was written, once in `SYNC_S`."""
+        if time.monotonic() - self._synced_s >= SYNC_S:
+            self._sync()
+
+    def close(self) -> None:
+        """Write what readers find their way by, and close the file; again, it does nothing.
+
+        Raises:
+            RecordingError: The disk is full.
+        """
+        if self._sink is None:
+            return
+        self._mcap.finish()  # type: ignore[no-untyped-call]
+        self._sync()
+        self._sink.close()
+        self._sink = None
+
+    def _add(self, channel: int, data: bytes, time_ns: int) -> None:
+        self._mcap.add_message(channel, log_time=time_ns, data=data, publish_time=time_ns)
+        self.count += 1
+        self.sync_if_due()
+
+    def _sync(self) -> None:
+        if self._sink is None:
+            return
+        self._mcap.flush()  # type: ignore[no-untyped-call]
+        try:
+            self._sink.sync()
+        except RecordingError:
+            self._sink.close()
+            self._sink = None
+            raise
+        self._synced_s = time.monotonic()
+
+    def _channel(self, key: str, stamp: Stamp | None, kind: type[Message] | str) -> int:
+        run = None if stamp is None else stamp._replace(time_ns=0)
+        known = self._channels.get((key, run, kind))
+        if known is not None:
+            return known
+        if len(self._channels) >= MAX_CHANNELS:
+            raise RefusedError(f"a file holds at most {MAX_CHANNELS} keys times runs")
+        metadata = {} if run is None else {"run": str(run.run), "seed": str(run.seed)}
+        if isinstance(kind, str):
+            encoding: str = _RAW_ENCODINGS.get(kind, "")
+            metadata["zenoh_encoding"] = kind
+            schema = 0
+        else:
+            encoding, schema = self._encoding, self._schema(kind)
+        channel = self._mcap.register_channel(key, encoding, schema, metadata)
+        self._channels[key, run, kind] = channel
+        return channel
+
+    def _schema(self, kind: type[Message]) -> int:
+        if kind not in self._schemas:
+            self._schemas[kind] = self._mcap.register_schema(*schemas.schema(kind, self._encoding))
+        return self._schemas[kind]

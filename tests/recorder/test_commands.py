@@ -1,0 +1,226 @@
+"""`mecazen record`, `replay` and `info` as processes, over a router."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mecazen import keys
+from mecazen.messages import String, Twist
+from mecazen.wire import JSON_ENCODING
+from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.sink import RecordingError
+from recorder.conftest import Net, mecazen, stop
+from recorder.ticks import stamp_of, tick
+
+PER_TICK = len(tick(0))
+
+
+def samples(path: Path) -> list[Sample]:
+    """What can be read by now, however much that is."""
+    try:
+        return list(Recording(path).samples())
+    except RecordingError:
+        return []
+
+
+def record(net: Net, path: Path, *options: object) -> Any:
+    """Start `mecazen record`, and wait until whoever publishes knows of it."""
+    if not net.processes:
+        net.bus.declare_alive("test")
+    process = net.start("record", "-o", path, *options)
+    net.wait(lambda: "record" in net.bus.presence.names)
+    return process
+
+
+def finish(net: Net, process: Any) -> str:
+    """End a recorder as Ctrl-C does, and return what it says."""
+    code, out, err = stop(process)
+    assert code == 0, err
+    net.wait(lambda: "record" not in net.bus.presence.names)
+    return str(out)
+
+
+def assert_one_line(done: Any, *words: str) -> None:
+    assert done.returncode == 1, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "json"])
+def test_what_is_recorded_replayed_and_recorded_again_is_the_same(
+    net: Net, tmp_path: Path, encoding: str
+) -> None:
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    recorder = record(net, first, "--encoding", encoding)
+    net.publish(range(50))
+    net.bus.put_bytes("my/key", b"\x00\xff", "image/png", stamp_of(50).pack())
+    net.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.5}}')
+    count = 50 * PER_TICK + 2
+    net.wait(lambda: len(samples(first)) == count)
+    assert f"{count} samples" in finish(net, recorder)
+    expected = samples(first)
+    assert [s.key for s in expected[:PER_TICK]] == list(tick(0))
+    assert (expected[-1].stamp, expected[-1].time_ns) == (None, stamp_of(50).time_ns)
+    assert expected[-2].payload == b"\x00\xff"
+
+    info = msgspec.json.decode(mecazen("info", first, "--json").stdout)
+    assert (info["count"], info["is_cut_off"]) == (count, False)
+    assert {k["key"]: k["gaps"] for k in info["keys"]} == dict.fromkeys([*tick(0), "my/key"], 0)
+
+    recorder = record(net, second, "--encoding", encoding)
+    assert f"{count} samples" in net.run("replay", first, "--speed", 100).stdout
+    net.wait(lambda: len(samples(second)) == count)
+    finish(net, recorder)
+    assert samples(second) == expected
+
+
+def test_some_keys_are_recorded_once_each(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "some.mcap"
+    recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
+    net.publish(range(5))
+    net.wait(lambda: len(samples(path)) == 10)
+    finish(net, recorder)
+    assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 5
+
+
+@pytest.mark.parametrize("batches", [0, 1, 3])
+def test_after_sigkill_all_that_had_reached_the_disk_is_read(
+    net: Net, tmp_path: Path, batches: int
+) -> None:
+    path = tmp_path / "killed.mcap"
+    recorder = record(net, path)
+    for batch in range(batches):
+        net.publish(range(batch * 20, batch * 20 + 20))
+        net.wait(lambda batch=batch: len(samples(path)) == (batch + 1) * 20 * PER_TICK)
+    net.publish(range(batches * 20, batches * 20 + 20))
+    recorder.kill()
+    recorder.wait()
+    found = samples(path)
+    published = [(n, key) for n in range(batches * 20 + 20) for key in tick(0)]
+    assert len(found) >= batches * 20 * PER_TICK
+    assert [(s.stamp, s.key) for s in found] == [
+        (stamp_of(n), key) for n, key in published[: len(found)]
+    ]
+    done = mecazen("info", path, "--json")
+    assert done.returncode == 0
+    assert msgspec.json.decode(done.stdout)["count"] == len(found)
+    (line,) = done.stderr.strip().splitlines()
+    assert "the end of the file is missing" in line
+
+
+def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(
+    net: Net, tmp_path: Path
+) -> None:
+    path = tmp_path / "full.mcap"
+    recorder = record(net, path)
+    net.publish(range(20))
+    net.wait(lambda: len(samples(path)) == 20 * PER_TICK)
+    # no process can fill a disk in a test: a limit to the size of files fails in the same place
+    limit = path.stat().st_size + 10
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (limit, limit))
+    net.publish(range(20, 40))
+    out, err = recorder.communicate(timeout=30)
+    assert recorder.returncode == 1, out
+    errors = [line for line in err.splitlines() if line.startswith("error:")]
+    assert len(errors) == len(err.splitlines()) == 1, err
+    assert "File too large" in errors[0]
+    assert "can be read" in errors[0]
+    assert len(samples(path)) == 20 * PER_TICK
+
+
+def test_what_is_malformed_is_refused_and_the_rest_recorded(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "some.mcap"
+    recorder = record(net, path)
+    for payload in (b"", b"{", b'{"linear":1}', b"\xff"):
+        net.bus.put_bytes("cmd_vel", payload, JSON_ENCODING)
+    net.bus.put_bytes("cmd_vel", b"{}", JSON_ENCODING, b"no stamp")
+    net.bus.put_bytes("cmd_vel", b"{}", JSON_ENCODING)
+    net.wait(lambda: len(samples(path)) == 1)
+    assert "1 samples, 5 refused or dropped" in finish(net, recorder)
+
+
+def test_the_configuration_of_who_simulates_is_asked_for(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "asked.mcap"
+    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data="seed = 3")))
+    recorder = record(net, path)
+    net.publish(range(2))
+    net.wait(lambda: len(samples(path)) == 2 * PER_TICK)
+    finish(net, recorder)
+    recording = Recording(path)
+    assert len(list(recording.samples())) == 2 * PER_TICK
+    assert recording.scenarios == {7: "seed = 3"}
+
+
+def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(
+    net: Net, make_recording: Callable[..., Path]
+) -> None:
+    path = make_recording(range(4))
+    heard: list[tuple[str, Any]] = []
+    net.bus.subscribe(keys.CMD_VEL, lambda *sample: heard.append(sample), every=True)
+    net.bus.subscribe(keys.ODOM, lambda *_: pytest.fail("not asked for"), every=True)
+    options = ("--keys", "cmd_vel", "--from", 0.01, "--to", 0.02)
+    assert "2 samples" in net.run("replay", path, *options).stdout
+    net.wait(lambda: len(heard) == 2)
+    assert heard == [(tick(n)["cmd_vel"], stamp_of(n)) for n in (1, 2)]
+    net.start_quietly("replay", path, *options, "--loop")
+    net.wait(lambda: len(heard) >= 8)
+    assert [stamp for _, stamp in heard[2:8]] == [
+        stamp_of(n, run) for run in (7, 8, 9) for n in (1, 2)
+    ]
+
+
+def test_without_a_router_expect_one_line(
+    make_recording: Callable[..., Path], tmp_path: Path
+) -> None:
+    nowhere = ("--connect", "tcp/127.0.0.1:1")
+    path = tmp_path / "none.mcap"
+    for done in (
+        mecazen("record", "-o", path, *nowhere),
+        mecazen("replay", make_recording(), *nowhere),
+    ):
+        assert_one_line(done, "tcp/127.0.0.1:1", "mecazen up")
+    assert not path.exists()
+
+
+def test_what_a_user_gets_wrong_is_one_line(
+    net: Net, make_recording: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = make_recording()
+    text = tmp_path / "text.mcap"
+    text.write_text("hello")
+    for command in ("info", "replay"):
+        assert_one_line(mecazen(command, text), "not an MCAP file")
+        assert_one_line(mecazen(command, tmp_path / "none.mcap"), "none.mcap", "No such file")
+    assert_one_line(net.run("record", "-o", path), "exists already")
+    assert_one_line(net.run("record", "a//b", "-o", tmp_path / "x.mcap"), "a//b")
+    assert not (tmp_path / "x.mcap").exists()
+    assert_one_line(net.run("replay", path, "--keys", "nothing"), "nothing on these keys")
+    assert_one_line(mecazen("replay", path, "--through", "follower"), "the configuration of a run")
+
+
+def test_rerun_and_json_do_not_go_together(tmp_path: Path) -> None:
+    done = mecazen("record", "-o", tmp_path / "a.mcap", "--rrd", "--encoding", "json")
+    assert done.returncode == 2
+    assert "--encoding cdr" in done.stderr
+
+
+def test_the_help_of_mecazen_names_the_commands() -> None:
+    overview = mecazen("--help").stdout
+    for command in ("record", "replay", "info"):
+        assert command in overview
+        assert len(mecazen(command, "--help").stdout) > 300
+
+
+def test_an_empty_twist_is_a_whole_message(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "whole.mcap"
+    recorder = record(net, path, "--encoding", "json")
+    net.bus.put_bytes("cmd_vel", b"{}")
+    net.wait(lambda: len(samples(path)) == 1)
+    finish(net, recorder)
+    assert msgspec.json.decode(samples(path)[0].payload) == msgspec.to_builtins(Twist())

@@ -1,0 +1,210 @@
+"""A service that is fed with what it was given answers as it did, or the difference is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+from harness import load_robot
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.config import Scenario
+from mecazen.errors import MecazenError
+from mecazen.loading import to_toml
+from mecazen.messages import Observation
+from mecazen.runtime import find_service
+from mecazen_recorder.config import RecorderConfig
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recompute import recompute
+from mecazen_recorder.recorder import Recorder
+from mecazen_recorder.service import RecorderService
+from mecazen_recorder.writer import RecordingWriter
+from recorder.ticks import TICK_NS, odometry, stamp_of, topic_named
+
+TICKS = 40
+FRAME_TICKS = 4
+
+PROGRAM = """
+from mecazen.follower import Follower
+from mecazen.geometry import Twist2D
+
+class Mine(Follower):
+    def reset(self, seed):
+        self.sum = 0.0
+    def follow(self, odom, frame, stamp):
+        self.sum += odom.pose.pose.position.x / 3
+        if frame is not None:
+            self.sum += len(frame.poses)
+        return {answer}
+
+class Watcher(Mine):
+    OWNS_TIME = True
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Callable[..., str]:
+    """Write a follower; return how it is named."""
+
+    def write(answer: str = "Twist2D(x=self.sum)", kind: str = "Mine") -> str:
+        path = tmp_path / f"follower{len(list(tmp_path.iterdir()))}.py"
+        path.write_text(PROGRAM.format(answer=answer))
+        return f"{path}:{kind}"
+
+    return write
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Callable[..., Path]:
+    """Record a follower that answers made-up odometry and frames; return the file."""
+
+    def make(program: str, encoding: str = "cdr", first: int = 0, runs: int = 1) -> Path:
+        path = tmp_path / "run.mcap"
+        scenario = Scenario(robot=load_robot(), seed=3)
+        bus = LocalBus()
+        find_service(program, scenario)(bus, scenario)
+        config = msgspec.convert({"file": str(path), "encoding": encoding}, RecorderConfig)
+        recorder = Recorder(bus, config, (), lambda: to_toml(scenario))
+        odom, frames = bus.publisher(keys.ODOM), bus.publisher(keys.OBSERVATION)
+        for run in range(7, 7 + runs):
+            for number in range(first, TICKS):
+                stamp = stamp_of(number, run)
+                if number % FRAME_TICKS == 0:
+                    frames.put(Observation(poses=(odometry(1).pose,) * (number % 3)), stamp)
+                odom.put(odometry(number / 7), stamp)
+                bus.spin()
+        recorder.close()
+        return path
+
+    return make
+
+
+def rewritten(
+    path: Path, keep: Callable[[int, str], bool] = lambda *_: True, *, turned: bool = False
+) -> Path:
+    """Return a copy of a recording without some samples, or with those of a tick turned round."""
+    recording = Recording(path)
+    samples = list(recording.samples())
+    copy = path.with_name("copy.mcap")
+    writer = RecordingWriter(copy, "json")
+    for run, scenario in recording.scenarios.items():
+        writer.write_run(stamp_of(0, run), scenario)
+    for sample in sorted(samples[:: -1 if turned else 1], key=lambda s: s.time_ns):
+        if keep(sample.time_ns // TICK_NS, sample.key):
+            message = sample.message(topic_named(sample.key).type)
+            writer.write(sample.key, message, sample.stamp, sample.time_ns)
+    writer.close()
+    return copy
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "json"])
+@pytest.mark.parametrize("runs", [1, 2])
+def test_the_same_code_answers_as_recorded(
+    program: Callable[..., str], recorded: Callable[..., Path], encoding: str, runs: int
+) -> None:
+    mine = program()
+    compared = recompute(Recording(recorded(mine, encoding, runs=runs)), mine)
+    assert compared.difference is None
+    assert compared.counts == {"cmd_vel": TICKS * runs}
+
+
+@pytest.mark.parametrize(
+    ("answer", "field"),
+    [
+        ("Twist2D(x=self.sum, y=0.5 * (stamp.time_ns == 12 * 10**7))", "linear.y"),
+        ("Twist2D(x=self.sum + 1e-15 * (stamp.time_ns >= 12 * 10**7))", "linear.x"),
+        ("Twist2D(x=self.sum, yaw=-0.0 if stamp.time_ns == 12 * 10**7 else 0.0)", "angular.z"),
+    ],
+)
+def test_the_first_difference_is_named_to_the_last_bit(
+    program: Callable[..., str], recorded: Callable[..., Path], answer: str, field: str
+) -> None:
+    difference = recompute(Recording(recorded(program())), program(answer)).difference
+    assert difference is not None
+    assert (difference.key, difference.time_ns, difference.field) == ("cmd_vel", 12 * 10**7, field)
+    assert difference.recorded != difference.recomputed
+    line = f"cmd_vel {field} at 0.12 s: recorded {difference.recorded}, recomputed"
+    assert str(difference).startswith(line)
+
+
+def test_an_answer_that_is_missing_or_new_is_a_difference(
+    program: Callable[..., str], recorded: Callable[..., Path]
+) -> None:
+    mine = program()
+    path = recorded(mine)
+    gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")))
+    difference = recompute(gap, mine).difference
+    assert str(difference) == "cmd_vel at 0.2 s: recorded nothing, recomputed a message"
+
+
+def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(
+    program: Callable[..., str], recorded: Callable[..., Path]
+) -> None:
+    mine = program()
+    path = recorded(mine)
+    for key in ("cmd_vel", "odom", "target/observation"):
+        # the link of one process was behind the others' when the recorder was stopped
+        copy = rewritten(path, lambda n, k, key=key: k != key or n < TICKS - 3)
+        compared = recompute(Recording(copy), mine)
+        assert compared.difference is None
+        assert compared.counts["cmd_vel"] >= TICKS - 3
+        copy.unlink()
+
+
+def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(
+    program: Callable[..., str], recorded: Callable[..., Path]
+) -> None:
+    mine = program()
+    copy = rewritten(recorded(mine), turned=True)
+    assert recompute(Recording(copy), mine).difference is None
+
+
+@pytest.mark.parametrize(
+    ("first", "kind", "words"),
+    [(1, "Mine", "without the beginning of a run"), (0, "Watcher", "mecazen simulate")],
+)
+def test_what_cant_be_computed_anew_is_one_line(
+    program: Callable[..., str], recorded: Callable[..., Path], first: int, kind: str, words: str
+) -> None:
+    path = recorded(program(), first=first)
+    with pytest.raises(MecazenError, match=words):
+        recompute(Recording(path), program(kind=kind))
+
+
+def test_a_service_of_which_nothing_was_recorded_is_one_line(
+    program: Callable[..., str], recorded: Callable[..., Path]
+) -> None:
+    mine = program()
+    copy = rewritten(recorded(mine), lambda _, key: key != "cmd_vel")
+    with pytest.raises(MecazenError, match=r"holds nothing that .*Mine publishes"):
+        recompute(Recording(copy), mine)
+    with pytest.raises(MecazenError, match="computes nothing"):
+        recompute(Recording(copy), "recorder")
+
+
+def test_the_recorder_beside_a_follower_writes_what_both_say(
+    program: Callable[..., str], tmp_path: Path
+) -> None:
+    config = RecorderConfig(file=str(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
+    scenario = Scenario(
+        robot=load_robot(), services=("follower", "recorder"), sections={"recorder": config}
+    )
+    bus = LocalBus()
+    find_service(program(), scenario)(bus, scenario)
+    recorder = RecorderService(bus, scenario)
+    odom, clock = bus.publisher(keys.ODOM), bus.publisher(keys.CLOCK)
+    for number in (0, 100, 200):
+        clock.put(keys.CLOCK.type(), stamp_of(number))
+        odom.put(odometry(number), stamp_of(number))
+        bus.spin()
+    recorder.close()
+    recording = Recording(tmp_path / "run.mcap")
+    by_key: dict[str, int] = {}
+    for sample in recording.samples():
+        by_key[sample.key] = by_key.get(sample.key, 0) + 1
+    assert by_key == {"odom": 3, "diagnostics/follower": 3, "diagnostics/recorder": 3}
+    assert recording.scenarios == {7: to_toml(scenario)}
+    # its last diagnostics are themselves the ninth sample, and were written after the count
+    assert recorder.diagnostics() == {"recorded": 9}

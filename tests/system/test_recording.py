@@ -1,0 +1,86 @@
+"""Whole runs, recorded in one process and as processes, and computed anew."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import pytest
+from mecazen import keys
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recompute import recompute
+
+ROOT = Path(__file__).parents[2]
+GUARD_S = 60
+
+HARD = (
+    "sensor.dropout_probability=0.2",
+    "sensor.latency_s=0.04",
+    "target.gait.step_length_m=0.3",
+    "target.path.start_after_s=0.5",
+)
+EVERY_TICK = [topic.key for topic in keys.TOPICS if topic.rate == "tick"]
+
+
+def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "mecazen", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=GUARD_S,
+        cwd=ROOT,
+        check=False,
+    )
+
+
+def simulate(scenario: str, duration_s: float, *options: object) -> dict[str, object]:
+    settings = [f"--set={setting}" for setting in HARD]
+    done = mecazen(
+        "simulate", scenario, "--duration", duration_s, "--seed", 5, "--json", *settings, *options
+    )
+    assert done.returncode == 0, done.stderr
+    result: dict[str, object] = msgspec.json.decode(done.stdout)
+    return result
+
+
+def counts(recording: Recording) -> Counter[str]:
+    return Counter(sample.key for sample in recording.samples())
+
+
+@pytest.mark.parametrize("distributed", [(), ("--distributed",)], ids=["one process", "processes"])
+def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(
+    tmp_path: Path, distributed: tuple[str, ...]
+) -> None:
+    path = tmp_path / "run.mcap"
+    result = simulate("side", 4, "--record", path, *distributed)
+    assert result["trajectory_sha256"] == simulate("side", 4)["trajectory_sha256"]
+    recording = Recording(path)
+    found = counts(recording)
+    assert {key: found[key] for key in EVERY_TICK} == dict.fromkeys(EVERY_TICK, 400)
+    assert found["target/observation"] == 100
+    assert not recording.is_cut_off
+    for service in ("follower", "controller", "target"):
+        compared = recompute(recording, service)
+        assert compared.difference is None
+        assert set(compared.counts.values()) <= {400, 100}
+    (text,) = recording.scenarios.values()
+    assert tomllib.loads(text)["follower"]["view"] == "side_left"
+
+
+def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    simulate("back", 2, "--record", path)
+    same = mecazen("replay", path, "--through", "follower")
+    assert (same.returncode, same.stderr) == (0, "")
+    assert "identical: 200 of cmd_vel, 200 of follower/state" in same.stdout
+    changed = mecazen("replay", path, "--through", "examples/my_follower.py:MyFollower")
+    assert changed.returncode == 1
+    assert len(changed.stderr.splitlines()) == 1
+    assert "cmd_vel" in changed.stderr
+    assert "recorded" in changed.stderr
+    time_itself = mecazen("replay", path, "--through", "physics")
+    assert (time_itself.returncode, len(time_itself.stderr.splitlines())) == (2, 1)
