@@ -1,6 +1,6 @@
 # Every target prepares what it needs. PYTHON is any Python 3.11 or later with venv.
 PYTHON ?= python3.11
-SERVICES := physics controller target follower
+SERVICES := physics controller target follower viewer
 SCENARIO ?= back
 WORKSPACE := common $(SERVICES:%=services/%) experiments
 
