@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from bench import latency, loop, physics
+from bench import latency, loop, physics, viewer
 from bench.__main__ import Report
 from bench.figures import Figure, Group, Target
 from bench.machine import Machine
@@ -68,6 +68,16 @@ def test_every_command_is_answered_in_real_time() -> None:
     (row,) = figures(latency.run(puts=30)).values()
     assert row["lost"].value == 0
     assert 0.01 < row["median ms"].value <= row["p99 ms"].value <= row["max ms"].value < 1000.0
+
+
+def test_the_viewer_takes_some_processor_time_and_memory() -> None:
+    service, server, both = figures(viewer.run(window_s=2.0)).values()
+    for figure in ("% of a core", "MB"):
+        # a server that nobody looks at may take less than the clock of the processor counts
+        assert service[figure].value > 0.0
+        assert server[figure].value >= 0.0
+        total = service[figure].value + server[figure].value
+        assert both[figure].value == pytest.approx(total)
 
 
 @pytest.mark.parametrize(

@@ -106,8 +106,8 @@ def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing() -> None:
     seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
     frame = Observation(header=Header(frame_id="world"), poses=(seen,))
     counts = [
-        len(values(shown.on_observation(message, 0), e.OBSERVATION, "positions"))
-        for message in (frame, frame, Observation(), Observation(), Observation())
+        len(values(shown.on_observation(message, 100 * MS * i), e.OBSERVATION, "positions"))
+        for i, message in enumerate((frame, frame, Observation(), Observation(), Observation()))
     ]
     assert counts == [1, 2, 1, 0, 0]
 
