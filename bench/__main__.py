@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from bench import latency, loop, physics
+from bench import latency, loop, physics, viewer
 from bench.figures import Group
 from bench.machine import Machine
 
@@ -17,6 +17,7 @@ PARTS: dict[str, Callable[[], list[Group]]] = {
     "physics": lambda: physics.run(physics.engines()),
     "loop": loop.run,
     "latency": latency.run,
+    "viewer": viewer.run,
 }
 WIDTH = 120
 """Of the tables [characters] where the output is no terminal."""

@@ -32,8 +32,8 @@ FARTHEST_M = 1e6
 """Beyond it single precision, in which all is drawn, has no digits left."""
 OBSERVATIONS = 25
 """Points of the newest observations that are shown: 1 s of the usual sensor."""
-PLOT_STEP_NS = 100_000_000
-"""Between two points of a line: 600 of them in a plot are more than it has pixels."""
+BELIEF_STEP_NS = 100_000_000
+"""Between two pictures of what is measured, believed and wanted; what moves is shown always."""
 PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
 """The person's body where physics says nothing of it."""
 
@@ -51,7 +51,7 @@ class Picture:
         self._model: RobotModel | None = None
         self._seen: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
         self._grid: tuple[int, int] | None = None
-        self._plotted_ns: dict[str, int] = {}
+        self._shown_ns: dict[str, int] = {}
         self._health = Health()
 
     def shapes(self) -> Iterator[Entity]:
@@ -95,12 +95,12 @@ class Picture:
 
     def on_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
         """Lay the odometry's frame where the robot in it is the true one."""
-        pose, truth = _planar(odom), self._robot.at(time_ns)
-        if truth is not None:
-            yield things.frame(e.ODOM, truth.compose(pose.between(Pose2D())))
+        pose = _planar(odom)
         if self._odom.add(time_ns, pose):
             yield things.trail("odometry", self._odom.trail)
-        if self._is_due("measured", time_ns):
+        if self._is_due(e.ODOM, time_ns):
+            if (truth := self._robot.at(time_ns)) is not None:
+                yield things.frame(e.ODOM, truth.compose(pose.between(Pose2D())))
             yield from plots.velocity("measured", odom.twist.twist.to_planar())
 
     def on_target_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
@@ -112,7 +112,6 @@ class Picture:
 
     def on_observation(self, frame: Observation, time_ns: int) -> Iterator[Entity]:
         """Show what the sensor saw where it saw it: from the robot as it was at the capture."""
-        del time_ns
         axes = None
         if frame.poses and (seen := self._in_world(frame)) is not None:
             self._seen.append(seen)
@@ -120,6 +119,8 @@ class Picture:
             axes = None if spread is None else covariance.ellipse_axes(spread, seen.yaw)
         elif self._seen:
             self._seen.popleft()
+        if not self._is_due(e.OBSERVATION, time_ns):
+            return
         yield things.points(np.array([pose[:2] for pose in self._seen]).reshape(-1, 2))
         if self._seen:
             x, y, _ = self._seen[-1]
@@ -128,7 +129,7 @@ class Picture:
     def on_follower_state(self, state: FollowerState, time_ns: int) -> Iterator[Entity]:
         """Show estimate and goal, and how far off the robot and the estimate are."""
         yield from self._health.tracking(state.tracking)
-        if not (state.estimate and state.goal):
+        if not (state.estimate and state.goal and self._is_due(e.ESTIMATE, time_ns)):
             return
         person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
         spread = covariance.planar(state.estimate[0].pose.covariance)
@@ -136,8 +137,6 @@ class Picture:
         yield things.frame(e.ESTIMATE, person)
         yield things.ellipse(e.ESTIMATE_ELLIPSE, person.x, person.y, axes)
         yield things.frame(e.GOAL, goal)
-        if not self._is_due(e.DISTANCE, time_ns):
-            return
         robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
         seen = None if robot is None or truth is None else truth.between(robot)
         standoff = person.between(goal)
@@ -168,11 +167,11 @@ class Picture:
             self._grid = centre
             yield things.ground(centre)
 
-    def _is_due(self, plot: str, time_ns: int) -> bool:
-        """Return whether a plot has its next point at this time."""
-        if time_ns - self._plotted_ns.get(plot, -PLOT_STEP_NS) < PLOT_STEP_NS:
+    def _is_due(self, what: str, time_ns: int) -> bool:
+        """Return whether something that is shown ten times a second is shown at this time."""
+        if time_ns - self._shown_ns.get(what, -BELIEF_STEP_NS) < BELIEF_STEP_NS:
             return False
-        self._plotted_ns[plot] = time_ns
+        self._shown_ns[what] = time_ns
         return True
 
     def _in_world(self, frame: Observation) -> Pose2D | None:

@@ -53,7 +53,11 @@ LINES: dict[str, tuple[Line, ...]] = {
         Line("95 % of a good filter", e.ORANGE),
         Line("NEES", e.BLUE),
     ),
-    e.REAL_TIME: (Line("× real time", e.BLUE, 2.0),),
+    e.REAL_TIME: (
+        Line("standstill", e.GREY),
+        Line("real time", e.GREEN),
+        Line("simulated", e.BLUE, 2.0),
+    ),
 }
 
 DISTANCE_BAND_M, ANGLE_BAND_DEG = (0.1, -0.1), (10.0, -10.0)
@@ -113,4 +117,4 @@ def consistency(nees: float) -> Entity:
 
 def real_time(factor: float) -> Entity:
     """Return simulated over wall time."""
-    return e.REAL_TIME, rr.Scalars(factor)
+    return e.REAL_TIME, rr.Scalars([0.0, 1.0, factor])
