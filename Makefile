@@ -1,6 +1,6 @@
 # Every target prepares what it needs. PYTHON is any Python 3.11 or later with venv.
 PYTHON ?= python3.11
-SERVICES := physics controller target follower recorder
+SERVICES := physics controller target follower viewer recorder
 SCENARIO ?= back
 WORKSPACE := common $(SERVICES:%=services/%) experiments
 
@@ -19,13 +19,17 @@ define make_venv
 	touch $(1)/ready
 endef
 
-.PHONY: help install run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system
+# what draws without a screen or a graphics card: tests that need it skip where it can't be had
+DRAWING := libvulkan1 mesa-vulkan-drivers chromium
+
+.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
 	@echo "make test         everything that is tested; make test-physics and its like: one part"
 	@echo "make lint         style, types and import rules"
 	@echo "make bench        speed and accuracy, beside MuJoCo"
+	@echo "make picture      docs/viewer.png, from a run in the viewer"
 	@echo "make install      only prepare .venv"
 
 install: .venv/ready
@@ -46,10 +50,20 @@ install: .venv/ready
 run: .venv/ready
 	@.venv/bin/mecazen up $(SCENARIO)
 
+drawing:
+	@dpkg -s $(DRAWING) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
+		apt-get install -y -qq --no-install-recommends $(DRAWING) >/dev/null; } || \
+		echo "without $(DRAWING) the tests of pictures are skipped"
+
+picture: .venv/ready drawing
+	@.venv/bin/python docs/make_picture.py
+
 test: test-common $(SERVICES:%=test-%) test-experiments test-bench test-system
 
 test-common $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
+
+test-viewer test-system: drawing
 
 test-experiments test-bench test-system: test-%: .venv/ready
 	.venv/bin/python -m pytest tests/$*

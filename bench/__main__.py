@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from bench import experiments, latency, loop, physics, recorder
+from bench import experiments, latency, loop, physics, recorder, viewer
 from bench.figures import Group
 from bench.machine import Machine
 
@@ -19,6 +19,7 @@ PARTS: dict[str, Callable[[], list[Group]]] = {
     "latency": latency.run,
     "experiments": experiments.run,
     "recorder": recorder.run,
+    "viewer": viewer.run,
 }
 WIDTH = 120
 """Of the tables [characters] where the output is no terminal."""

@@ -51,6 +51,7 @@ class Supervisor:
     def __init__(self, scenario: Path, settings: Sequence[str]) -> None:
         self._arguments = [str(scenario), *(f"--set={setting}" for setting in settings)]
         self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._needed: set[str] = set()
         self._watchers: list[threading.Thread] = []
         self._events: queue.SimpleQueue[Line | Ended] = queue.SimpleQueue()
 
@@ -59,8 +60,9 @@ class Supervisor:
         """The process of each name that was started."""
         return {name: process.pid for name, process in self._processes.items()}
 
-    def start(self, name: str) -> None:
-        """Start a service, or the `router`."""
+    def start(self, name: str, *, needed: bool = True) -> None:
+        """Start a service, or the `router`; where it is not `needed`, its end is no error."""
+        (self._needed.add if needed else self._needed.discard)(name)
         command = [sys.executable, "-m", "mecazen.runtime", name, *self._arguments]
         process = subprocess.Popen(
             [*command, "--until-orphaned"],
@@ -90,7 +92,7 @@ class Supervisor:
         """Return the next line that a process wrote, or None when there is none in time.
 
         Raises:
-            ProcessError: A process has ended that was not told to.
+            ProcessError: A process that is needed has ended and was not told to.
         """
         try:
             event = (
@@ -101,6 +103,8 @@ class Supervisor:
         if isinstance(event, Line):
             return event
         error = event.error.removeprefix("error: ") or f"ended with code {event.code}"
+        if event.name not in self._needed:
+            return Line(event.name, f"{event.name} has ended; the others go on")
         raise ProcessError(f"{event.name}: {error}")
 
     def stop(self) -> list[str]:

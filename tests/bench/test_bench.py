@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from bench import experiments, latency, loop, physics, recorder
+from bench import experiments, latency, loop, physics, recorder, viewer
 from bench.__main__ import Report
 from bench.figures import Figure, Group, Target
 from bench.machine import Machine
@@ -82,6 +82,16 @@ def test_the_recorder_loses_nothing_alone_or_as_a_process() -> None:
     for row in rows.values():
         assert row["messages/s"].value > 1.0
     assert [row["lost"].value for row in rows.values() if "lost" in row] == [0.0, 0.0]
+
+
+def test_the_viewer_takes_some_processor_time_and_memory() -> None:
+    service, server, both = figures(viewer.run(window_s=2.0)).values()
+    for figure in ("% of a core", "MB"):
+        # a server that nobody looks at may take less than the clock of the processor counts
+        assert service[figure].value > 0.0
+        assert server[figure].value >= 0.0
+        total = service[figure].value + server[figure].value
+        assert both[figure].value == pytest.approx(total)
 
 
 @pytest.mark.parametrize(

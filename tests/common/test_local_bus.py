@@ -90,7 +90,10 @@ def test_when_a_query_stays_open_expect_that_said(bus):
 
 def test_served_files_are_there(bus):
     bus.serve_files("robot_description", {"meshes/wheel.stl": b"solid"})
-    assert bus.file("robot_description/meshes/wheel.stl") == b"solid"
+    files = {"robot_description/meshes/wheel.stl": b"solid"}
+    assert bus.fetch_files("robot_description/meshes/wheel.stl") == files
+    assert bus.fetch_files("robot_description/**") == files
+    assert bus.fetch_files("robot_description/*.xml") == {}
 
 
 def test_stop_ends_the_next_spin_once(bus):

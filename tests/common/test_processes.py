@@ -119,6 +119,13 @@ def test_when_a_process_fails_expect_its_own_words(supervisor, name, error):
     assert len(str(caught.value).splitlines()) == 1
 
 
+def test_the_end_of_a_process_that_is_not_needed_is_told_and_is_no_error(supervisor):
+    supervisor.start("fails", needed=False)
+    assert await_line(supervisor, "fails", "error: the wheel came off")
+    assert await_line(supervisor, "fails", "fails has ended; the others go on")
+    assert supervisor.poll(0.0) is None
+
+
 def test_stop_ends_all_and_none_has_to_be_killed(supervisor):
     supervisor.start("toy")
     await_line(supervisor, "toy", "msg=started")

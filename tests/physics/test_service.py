@@ -576,7 +576,7 @@ def test_the_robot_description_is_a_urdf_and_its_meshes_are_served():
     meshes = {mesh.get("filename") for mesh in root.iter("mesh")}
     assert meshes
     for name in meshes:
-        data = rig.bus.file(f"robot_description/{name}")
+        data = rig.bus.fetch_files(f"robot_description/{name}")[f"robot_description/{name}"]
         (triangles,) = struct.unpack_from("<I", data, 80)
         assert triangles > 5000
         assert len(data) == 84 + 50 * triangles

@@ -103,7 +103,7 @@ def test_the_printed_configuration_is_whole_and_loads_again(scenario: str, tmp_p
 
 
 def test_every_command_has_help_that_says_what_it_does() -> None:
-    names = ["up", "run", "simulate", "topics", "services", "echo", "pub", "config", "sim"]
+    names = ["up", "run", "simulate", "topics", "services", "echo", "pub", "config", "sim", "view"]
     for name in names:
         done = mecazen(name, "--help")
         assert done.returncode == 0
@@ -117,7 +117,8 @@ class Up:
 
     def __init__(self, scenario: str, *settings: str) -> None:
         self.meeting = private_meeting_point()
-        flags = [f"--set={setting}" for setting in (*settings, *self.meeting)]
+        ports = ("viewer.web_port=0", "viewer.data_port=0")
+        flags = [f"--set={setting}" for setting in (*settings, *ports, *self.meeting)]
         self.process = subprocess.Popen(
             [sys.executable, "-m", "mecazen", "up", scenario, *flags],
             stdout=subprocess.PIPE,
@@ -163,7 +164,7 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
     up = Up("back", "sim.speed=4")
     up.read_until("following")
     pids = up.pids()
-    assert set(pids) == {"router", "physics", "controller", "target", "follower"}
+    assert set(pids) == {"router", "physics", "controller", "target", "follower", "viewer"}
     alive = mecazen("services", *up.tools).stdout
     assert all(name in alive for name in ("physics", "controller", "target", "follower"))
     odom = msgspec.json.decode(mecazen("echo", "odom", "--count", 1, *up.tools).stdout)

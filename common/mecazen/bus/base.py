@@ -96,6 +96,10 @@ class Bus(ABC):
         """Answer queries on `prefix/<path>` with a file's bytes."""
 
     @abstractmethod
+    def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
+        """Return the served files that a key expression selects, by key."""
+
+    @abstractmethod
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
     ) -> AnswerT:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any, TypeVar
 
@@ -69,12 +70,13 @@ class LocalBus(Bus):
         self._servers[call.key] = handler
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
-        """Keep files for `file`."""
+        """Keep files for `fetch_files`."""
         self._files.update({f"{prefix}/{path}": data for path, data in files.items()})
 
-    def file(self, key: str) -> bytes:
-        """Return a served file's bytes."""
-        return self._files[key]
+    def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
+        """Return the served files that a key, or `prefix/**`, selects."""
+        del timeout_s
+        return {key: data for key, data in self._files.items() if fnmatchcase(key, selector)}
 
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0

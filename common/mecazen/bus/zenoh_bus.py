@@ -266,7 +266,7 @@ class ZenohBus(Bus):
         )
 
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
-        """Return the files that answer a key expression, by key."""
+        """Return the served files that a key expression selects, by key."""
         replies = self._session.get(selector, timeout=timeout_s)
         return {
             str(reply.ok.key_expr): reply.ok.payload.to_bytes()

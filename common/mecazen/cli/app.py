@@ -6,7 +6,7 @@ import json
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import typer
@@ -47,15 +47,25 @@ for entry in entry_points(group="mecazen.commands"):
 
 
 @app.command()
-def up(scenario: ScenarioArgument, settings: Settings = None) -> None:
+def up(
+    scenario: ScenarioArgument,
+    viewer: Annotated[
+        Literal["web", "native"],
+        typer.Option(help="Where it is shown: a page for the browser, or Rerun's own window too."),
+    ] = "web",
+    no_viewer: Annotated[
+        bool, typer.Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
+    ] = False,
+    settings: Settings = None,
+) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
 
     A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
-    all are ended and its error is shown.
+    all are ended and its error is shown; without the viewer the rest goes on.
 
-    Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop
+    Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
-    run_up(scenario_path(scenario), tuple(settings or ()))
+    run_up(scenario_path(scenario), tuple(settings or ()), None if no_viewer else viewer)
 
 
 @app.command()
@@ -63,8 +73,8 @@ def run(
     service: Annotated[
         str,
         typer.Argument(
-            help="An installed service (physics, controller, target, follower), router, or a "
-            "class of your own: file.py:Class.",
+            help="An installed service (physics, controller, target, follower, viewer), router, "
+            "or a class of your own: file.py:Class.",
             show_default=False,
         ),
     ],

@@ -9,6 +9,7 @@ import sys
 from contextlib import closing
 from pathlib import Path
 from types import FrameType
+from typing import Literal
 
 from rich.console import Console
 from rich.live import Live
@@ -17,15 +18,20 @@ from rich.table import Table
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, Scenario
+from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, FollowerState, Odometry
 from mecazen.processes import Supervisor
-from mecazen.runtime import find_service
+from mecazen.runtime import find_service, installed_services
 from mecazen.wire import Stamp
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
 """Simulated time between two lines of status where the output is no terminal."""
+
+VIEWER = "viewer"
+SERVING = "msg=serving url="
+"""The viewer's own words, before the address at which a browser finds it."""
 
 WORK = {
     "router": "where processes and tools meet",
@@ -34,15 +40,24 @@ WORK = {
     "target": "the person, and what the sensor sees",
     "follower": "observations → cmd_vel",
     "recorder": "everything → an MCAP file",
+    "viewer": "shows all of it",
 }
+Viewer = Literal["web", "native"]
 
 
-def run_up(path: Path, settings: tuple[str, ...]) -> None:
+def run_up(path: Path, settings: tuple[str, ...], viewer: Viewer | None) -> None:
     """Run a scenario until Ctrl-C or until one of its processes fails.
+
+    The viewer, where it is installed, is started beside them; it may fail.
 
     Raises:
         MecazenError: What is wrong with the scenario, or the error of the process that failed.
     """
+    shown = viewer is not None and VIEWER in installed_services()
+    if viewer == "native":
+        if not shown:
+            raise ConfigError("--viewer native: the viewer is not installed")
+        settings = (*settings, "viewer.native=true")
     scenario = load_scenario(path, settings)
     for part in scenario.services:
         find_service(part, scenario)
@@ -57,6 +72,8 @@ def run_up(path: Path, settings: tuple[str, ...]) -> None:
             status = Status(bus, scenario)
             for part in scenario.services:
                 supervisor.start(part)
+            if shown:
+                supervisor.start(VIEWER, needed=False)
             _introduce(console, scenario, supervisor, path)
             _watch(console, supervisor, bus, status)
     except KeyboardInterrupt:
@@ -77,7 +94,10 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
         while True:
             line = supervisor.poll(REFRESH_S)
             while line is not None:
-                if "level=info" not in line.text:
+                if line.name == VIEWER and SERVING in line.text:
+                    url = line.text.partition(SERVING)[2]
+                    console.print(f"Watch it at [bold]{url}[/]", highlight=False, soft_wrap=True)
+                elif "level=info" not in line.text:
                     console.print(line.text, markup=False, highlight=False)
                 line = supervisor.poll(0.0)
             while bus.spin_once(0.0):

@@ -1,0 +1,60 @@
+"""Makes docs/viewer.png: the scenario `side` as processes, in a viewer without a window.
+
+Run from the repository by `make picture`.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from mecazen.loading import load_scenario
+from mecazen.processes import Supervisor, private_meeting_point
+from mecazen_viewer.headless import headless_viewer
+from mecazen_viewer.rerun_process import free_port, uri
+from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+SCENARIO = ROOT / "configs" / "scenarios" / "side.toml"
+PICTURE = ROOT / "docs" / "viewer.png"
+SERVING = "msg=serving"
+START_S = 30.0
+"""Longer than any process is silent while all start."""
+AT_S = 37.0
+"""The robot is in the bend."""
+KEPT_BITS = 0b11111100
+"""Of each colour: nobody sees the rest, and a fifth of the file is gone."""
+
+
+def main() -> None:
+    """Take pictures until the viewer shows what is worth one."""
+    data_port = free_port("viewer.data_port", 0)
+    settings = (
+        f"viewer.data_port={data_port}",
+        "viewer.web_port=0",
+        *private_meeting_point(),
+    )
+    supervisor = Supervisor(SCENARIO, settings)
+    try:
+        supervisor.start_router()
+        with headless_viewer() as viewer:
+            for part in (*load_scenario(SCENARIO, settings).services, "viewer"):
+                supervisor.start(part)
+            while (line := supervisor.poll(START_S)) is not None and SERVING not in line.text:
+                pass
+            viewer.open(uri(data_port))
+            shown_s = 0.0
+            while shown_s < AT_S:
+                png = viewer.take_screenshot()
+                supervisor.poll(0.0)
+                for recording in viewer.get_state().recordings:
+                    shown_s = (recording.current_time or 0) / 1e9
+    finally:
+        supervisor.stop()
+    picture = Image.open(io.BytesIO(png)).convert("RGB").point(lambda level: level & KEPT_BITS)
+    picture.save(PICTURE, optimize=True)
+    print(f"{PICTURE.relative_to(ROOT)}: {PICTURE.stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Shows a simulation in Rerun: read-only, and no part of the tick."""

@@ -1,0 +1,26 @@
+"""A native viewer without a window, for pictures and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rerun.experimental import ViewerClient
+
+from mecazen_viewer.rerun_process import free_port, rerun, uri
+
+READY = "Headless viewer running"
+
+
+@contextmanager
+def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
+    """Have a viewer running meanwhile, of so many pixels.
+
+    Raises:
+        RerunError: It does not start, as without a driver for Vulkan (Debian's
+            mesa-vulkan-drivers draws on the processor).
+    """
+    port = free_port("port", 0)
+    size = f"--window-size={width}x{height}"
+    with rerun("--headless", f"--port={port}", size, "--hide-welcome-screen", ready=READY):
+        yield ViewerClient.connect(uri(port))

@@ -1,0 +1,64 @@
+"""What the services say of themselves, as text: changes as a log, the newest as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import rerun as rr
+from mecazen.messages import DiagnosticArray, DiagnosticStatus
+
+from mecazen_viewer import entities as e
+from mecazen_viewer.entities import Entity
+
+LEVELS = (
+    rr.TextLogLevel.INFO,
+    rr.TextLogLevel.WARN,
+    rr.TextLogLevel.ERROR,
+    rr.TextLogLevel.WARN,
+)
+"""Of a diagnostic status: ok, warning, error, stale."""
+NAMES = ("ok", "warning", "error", "stale")
+
+SAID_BY_HEALTH = {"refused_payloads"}
+TRACKING_LEVELS = {"coasting": rr.TextLogLevel.WARN, "lost": rr.TextLogLevel.ERROR}
+
+
+class Health:
+    """Remembers what was said, so that only what is new is logged."""
+
+    def __init__(self) -> None:
+        self._tracking = ""
+        self._status: dict[str, DiagnosticStatus] = {}
+
+    def tracking(self, state: str) -> Iterator[Entity]:
+        """Return a line when the tracking state changes."""
+        if state != self._tracking:
+            self._tracking = state
+            level = TRACKING_LEVELS.get(state, rr.TextLogLevel.INFO)
+            yield f"{e.LOG}/follower", rr.TextLog(f"tracking: {state}", level=level)
+
+    def diagnostics(self, report: DiagnosticArray) -> Iterator[Entity]:
+        """Return a line for each service whose health changes, and the table of all."""
+        for status in report.status:
+            before = self._status.get(status.name)
+            self._status[status.name] = status
+            if before is None or (before.level, before.message) != (status.level, status.message):
+                line = rr.TextLog(f"{status.name}: {status.message}", level=LEVELS[status.level])
+                yield f"{e.LOG}/{status.name}", line
+        yield e.HEALTH, rr.TextDocument(self._table(), media_type=rr.MediaType.MARKDOWN)
+
+    def _table(self) -> str:
+        rows = ["| service | health | says |", "| --- | --- | --- |"]
+        for name, status in sorted(self._status.items()):
+            said = [pair for pair in status.values if pair.key not in SAID_BY_HEALTH]
+            values = ", ".join(f"{pair.key} {_short(pair.value)}" for pair in said)
+            rows.append(f"| {name} | {NAMES[status.level]} | {values} |")
+        return "\n".join(rows)
+
+
+def _short(value: str) -> str:
+    """Return a number with four digits, and other text as it is."""
+    try:
+        return f"{float(value):.4g}"
+    except ValueError:
+        return value

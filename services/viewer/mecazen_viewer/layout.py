@@ -1,0 +1,74 @@
+"""The layout that a viewer opens with: follow view, top view, plots, text."""
+
+from __future__ import annotations
+
+import rerun.blueprint as rrb
+
+from mecazen_viewer import entities as e
+from mecazen_viewer.track import TRAIL_NS
+
+BACKGROUND = (206, 211, 218)
+"""Of the scene: light, since the robot is dark; the same in a dark and in a light viewer."""
+PLOTTED_NS = TRAIL_NS
+"""Of each plot, before the time that is shown."""
+
+
+def blueprint() -> rrb.Blueprint:
+    """Return the layout; it needs no click."""
+    past = rrb.VisibleTimeRange(
+        e.TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+
+    def plot(path: str, name: str) -> rrb.TimeSeriesView:
+        return rrb.TimeSeriesView(
+            origin=path,
+            name=name,
+            time_ranges=past,
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+        )
+
+    def scene(name: str, eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
+        return rrb.Spatial3DView(
+            origin=e.FOLLOW,
+            contents=f"{e.WORLD}/**",
+            name=name,
+            background=BACKGROUND,
+            line_grid=False,
+            eye_controls=eye,
+        )
+
+    follow = rrb.EyeControls3D(
+        position=(-1.4, 1.6, 1.2), look_target=(0.05, 0.0, 0.62), eye_up=(0.0, 0.0, 1.0)
+    )
+    above = rrb.EyeControls3D(
+        position=(0.0, 0.0, 5.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0)
+    )
+    text = rrb.Vertical(
+        rrb.TextDocumentView(origin=e.HEALTH, name="health"),
+        rrb.TextLogView(
+            origin=e.LOG,
+            name="log",
+            columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+        ),
+    )
+    scenes = rrb.Vertical(
+        scene("following", follow),
+        rrb.Horizontal(scene("from above", above), text),
+        row_shares=[3, 2],
+    )
+    plots = rrb.Vertical(
+        plot(e.DISTANCE, "distance error [m]"),
+        plot(e.ANGLE, "heading error [°]"),
+        rrb.Horizontal(
+            plot(e.VELOCITY, "body velocity [m/s]"), plot(e.YAW_RATE, "yaw rate [rad/s]")
+        ),
+        plot(e.WHEEL_SPEED, "wheel speed [rad/s]"),
+        rrb.Horizontal(plot(e.NEES, "estimator: NEES"), plot(e.REAL_TIME, "real-time factor")),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(scenes, plots, column_shares=[3, 2]),
+        rrb.TimePanel(timeline=e.TIMELINE, play_state="following", state="collapsed"),
+        collapse_panels=True,
+    )

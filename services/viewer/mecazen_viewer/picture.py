@@ -1,0 +1,198 @@
+"""A run as a picture: each message to what is logged of it. No bus, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import rerun as rr
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D
+from mecazen.messages import (
+    DiagnosticArray,
+    FollowerState,
+    JointState,
+    Observation,
+    Odometry,
+    String,
+    Twist,
+)
+from mecazen.robot import WHEELS
+
+from mecazen_viewer import covariance, plots, things, urdf
+from mecazen_viewer import entities as e
+from mecazen_viewer.entities import Entity
+from mecazen_viewer.health import Health
+from mecazen_viewer.robot import RobotModel
+from mecazen_viewer.track import Track
+
+FARTHEST_M = 1e6
+"""Beyond it single precision, in which all is drawn, has no digits left."""
+OBSERVATIONS = 25
+"""Points of the newest observations that are shown: 1 s of the usual sensor."""
+BELIEF_STEP_NS = 100_000_000
+"""Between two pictures of what is measured, believed and wanted; what moves is shown always."""
+PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
+"""The person's body where physics says nothing of it."""
+
+
+class Picture:
+    """What is shown of one run.
+
+    Each method takes a message and the time of its tick [ns], and returns the entities that
+    it changes. All of them raise ValueError where a message can't be drawn.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._robot, self._odom, self._person = Track(), Track(), Track()
+        self._model: RobotModel | None = None
+        self._seen: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
+        self._grid: tuple[int, int] | None = None
+        self._shown_ns: dict[str, int] = {}
+        self._health = Health()
+
+    def shapes(self) -> Iterator[Entity]:
+        """Return what never changes, but for the robot."""
+        yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
+        # obstacles and the person's body are physics' to know
+        physics = self._scenario.sections.get("physics")
+        body = getattr(physics, "person", None)
+        base = self._scenario.robot.base
+        yield from things.marks(base.length_m, base.width_m)
+        yield from things.person(
+            getattr(body, "radius_m", PERSON_RADIUS_M), getattr(body, "height_m", PERSON_HEIGHT_M)
+        )
+        for number, obstacle in enumerate(getattr(physics, "obstacles", ())):
+            (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
+            yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
+        yield from plots.styles()
+
+    def robot_shapes(self, description: String, meshes: Mapping[str, bytes]) -> list[Entity]:
+        """Return the robot of a URDF whose meshes are `meshes`, by the names in it."""
+        self._model = RobotModel(urdf.read(description.data), meshes)
+        return self._model.shapes
+
+    def on_ground_truth(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
+        """Place the robot, and what moves with it."""
+        pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
+        place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+        if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
+            raise ValueError(f"pose out of range: {odom.pose.pose}")
+        yield e.ROBOT, e.transform(place, turn)
+        yield things.frame(e.FOLLOW, self._middle(pose))
+        if self._robot.add(time_ns, pose):
+            yield things.trail("robot", self._robot.trail)
+
+    def on_joint_states(self, joints: JointState, time_ns: int) -> Iterator[Entity]:
+        """Turn the wheels and every roller."""
+        if self._model is not None:
+            yield from self._model.pose(joints)
+        if len(joints.velocity) >= len(WHEELS) and self._is_due(e.WHEEL_SPEED, time_ns):
+            yield plots.wheel_speeds(joints.velocity[: len(WHEELS)])
+
+    def on_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
+        """Lay the odometry's frame where the robot in it is the true one."""
+        pose = _planar(odom)
+        if self._odom.add(time_ns, pose):
+            yield things.trail("odometry", self._odom.trail)
+        if self._is_due(e.ODOM, time_ns):
+            if (truth := self._robot.at(time_ns)) is not None:
+                yield things.frame(e.ODOM, truth.compose(pose.between(Pose2D())))
+            yield from plots.velocity("measured", odom.twist.twist.to_planar())
+
+    def on_target_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
+        """Place the person."""
+        pose = _planar(odom)
+        yield things.frame(e.PERSON, pose)
+        if self._person.add(time_ns, pose):
+            yield things.trail("person", self._person.trail)
+
+    def on_observation(self, frame: Observation, time_ns: int) -> Iterator[Entity]:
+        """Show what the sensor saw where it saw it: from the robot as it was at the capture."""
+        axes = None
+        if frame.poses and (seen := self._in_world(frame)) is not None:
+            self._seen.append(seen)
+            spread = covariance.planar(frame.poses[0].covariance)
+            axes = None if spread is None else covariance.ellipse_axes(spread, seen.yaw)
+        elif self._seen:
+            self._seen.popleft()
+        if not self._is_due(e.OBSERVATION, time_ns):
+            return
+        yield things.points(np.array([pose[:2] for pose in self._seen]).reshape(-1, 2))
+        if self._seen:
+            x, y, _ = self._seen[-1]
+            yield things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes)
+
+    def on_follower_state(self, state: FollowerState, time_ns: int) -> Iterator[Entity]:
+        """Show estimate and goal, and how far off the robot and the estimate are."""
+        yield from self._health.tracking(state.tracking)
+        if not (state.estimate and state.goal and self._is_due(e.ESTIMATE, time_ns)):
+            return
+        person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
+        spread = covariance.planar(state.estimate[0].pose.covariance)
+        axes = None if spread is None else covariance.ellipse_axes(spread)
+        yield things.frame(e.ESTIMATE, person)
+        yield things.ellipse(e.ESTIMATE_ELLIPSE, person.x, person.y, axes)
+        yield things.frame(e.GOAL, goal)
+        robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
+        seen = None if robot is None or truth is None else truth.between(robot)
+        standoff = person.between(goal)
+        yield from plots.errors(standoff, seen, state.distance_error, state.heading_error)
+        odom = self._odom.at(time_ns)
+        if seen is not None and odom is not None and spread is not None:
+            in_odom = odom.compose(seen.between(Pose2D()))
+            yield plots.consistency(covariance.nees(person, in_odom, spread))
+
+    def on_cmd_vel(self, twist: Twist, time_ns: int) -> Iterator[Entity]:
+        """Plot the velocity that is wanted."""
+        if self._is_due("commanded", time_ns):
+            yield from plots.velocity("commanded", twist.to_planar())
+
+    def on_diagnostics(self, report: DiagnosticArray, time_ns: int) -> Iterator[Entity]:
+        """Show the health of a service, and the real-time factor that physics tells."""
+        del time_ns
+        yield from self._health.diagnostics(report)
+        for status in report.status:
+            for pair in status.values:
+                if status.name == "physics" and pair.key == "rtf":
+                    yield plots.real_time(float(pair.value))
+
+    def ground(self) -> Iterator[Entity]:
+        """Return the grid where it has to be laid anew: it never changes but then."""
+        pose = self._robot.newest
+        if pose is not None and self._grid != (centre := things.grid_centre(pose)):
+            self._grid = centre
+            yield things.ground(centre)
+
+    def _is_due(self, what: str, time_ns: int) -> bool:
+        """Return whether something that is shown ten times a second is shown at this time."""
+        if time_ns - self._shown_ns.get(what, -BELIEF_STEP_NS) < BELIEF_STEP_NS:
+            return False
+        self._shown_ns[what] = time_ns
+        return True
+
+    def _in_world(self, frame: Observation) -> Pose2D | None:
+        """Return where a frame's person is, with the yaw of the frame that they were seen in."""
+        seen = _in_range(frame.poses[0].pose.to_planar())
+        if frame.header.frame_id != "base_link":
+            return seen._replace(yaw=0.0)
+        robot = self._robot.at(frame.header.stamp.ns)
+        return None if robot is None else robot.compose(seen)._replace(yaw=robot.yaw)
+
+    def _middle(self, robot: Pose2D) -> Pose2D:
+        """Return the middle between robot and person, or the robot where nobody is; unturned."""
+        person = self._person.newest or robot
+        return Pose2D((robot.x + person.x) / 2.0, (robot.y + person.y) / 2.0)
+
+
+def _planar(odom: Odometry) -> Pose2D:
+    return _in_range(odom.pose.pose.to_planar())
+
+
+def _in_range(pose: Pose2D) -> Pose2D:
+    if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
+        raise ValueError(f"pose out of range: {pose.x}, {pose.y}")
+    return pose

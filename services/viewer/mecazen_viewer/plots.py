@@ -1,0 +1,120 @@
+"""The plots: their lines, and the values of each from messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import rerun as rr
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.robot import WHEELS
+
+from mecazen_viewer import entities as e
+from mecazen_viewer.entities import Colour, Entity
+
+
+class Line(NamedTuple):
+    """One line of a plot."""
+
+    name: str
+    colour: Colour
+    width: float = 1.5
+
+
+LINES: dict[str, tuple[Line, ...]] = {
+    e.DISTANCE: (
+        Line("± 0.1 m", e.GREY, 1.0),
+        Line("± 0.1 m", e.GREY, 1.0),
+        Line("reference", e.GREEN),
+        Line("as estimated", e.PURPLE, 1.0),
+        Line("true", e.BLUE, 2.0),
+    ),
+    e.ANGLE: (
+        Line("± 10°", e.GREY, 1.0),
+        Line("± 10°", e.GREY, 1.0),
+        Line("reference", e.GREEN),
+        Line("as estimated", e.PURPLE, 1.0),
+        Line("true", e.BLUE, 2.0),
+    ),
+    f"{e.VELOCITY}/commanded": (
+        Line("x commanded", e.ORANGE, 3.0),
+        Line("y commanded", e.SKY, 3.0),
+    ),
+    f"{e.VELOCITY}/measured": (Line("x", e.RED), Line("y", e.BLUE)),
+    f"{e.YAW_RATE}/commanded": (Line("commanded", e.ORANGE, 3.0),),
+    f"{e.YAW_RATE}/measured": (Line("measured", e.RED),),
+    e.WHEEL_SPEED: tuple(
+        Line(wheel.replace("_", " "), colour)
+        for wheel, colour in zip(WHEELS, (e.BLUE, e.ORANGE, e.GREEN, e.RED), strict=True)
+    ),
+    e.NEES: (
+        Line("mean of a good filter", e.GREY),
+        Line("95 % of a good filter", e.ORANGE),
+        Line("NEES", e.BLUE),
+    ),
+    e.REAL_TIME: (
+        Line("standstill", e.GREY),
+        Line("real time", e.GREEN),
+        Line("simulated", e.BLUE, 2.0),
+    ),
+}
+
+DISTANCE_BAND_M, ANGLE_BAND_DEG = (0.1, -0.1), (10.0, -10.0)
+"""Without them a small error fills its plot as a large one does."""
+GOOD_NEES = 3.0, 7.815
+"""Mean, and the value below which 95 % lie: chi-square with three freedoms."""
+
+
+def styles() -> Iterator[Entity]:
+    """Return the names, colours and widths of all lines, which never change."""
+    for path, lines in LINES.items():
+        yield (
+            path,
+            rr.SeriesLines(
+                names=[line.name for line in lines],
+                colors=[line.colour for line in lines],
+                widths=[line.width for line in lines],
+            ),
+        )
+
+
+def errors(
+    standoff: Pose2D, seen: Pose2D | None, distance_error: float, heading_error: float
+) -> Iterator[Entity]:
+    """Return the errors of distance [m] and heading [deg].
+
+    Args:
+        standoff: Where the robot should be, in the person's frame.
+        seen: Where it truly is in it, where that is known.
+        distance_error: What the follower makes of it [m].
+        heading_error: The same of the heading [rad].
+    """
+    distance = angle = math.nan
+    if seen is not None:
+        distance = math.hypot(seen.x, seen.y) - math.hypot(standoff.x, standoff.y)
+        angle = wrap(seen.yaw - standoff.yaw)
+    yield e.DISTANCE, rr.Scalars([*DISTANCE_BAND_M, 0.0, distance_error, distance])
+    estimated, true = math.degrees(heading_error), math.degrees(angle)
+    yield e.ANGLE, rr.Scalars([*ANGLE_BAND_DEG, 0.0, estimated, true])
+
+
+def velocity(kind: str, twist: Twist2D) -> Iterator[Entity]:
+    """Return a body velocity, `commanded` or `measured`."""
+    yield f"{e.VELOCITY}/{kind}", rr.Scalars([twist.x, twist.y])
+    yield f"{e.YAW_RATE}/{kind}", rr.Scalars(twist.yaw)
+
+
+def wheel_speeds(speeds: tuple[float, ...]) -> Entity:
+    """Return the speeds of the four wheels [rad/s], in the order of `WHEELS`."""
+    return e.WHEEL_SPEED, rr.Scalars(speeds)
+
+
+def consistency(nees: float) -> Entity:
+    """Return the estimator's NEES, and what it should be."""
+    return e.NEES, rr.Scalars([*GOOD_NEES, nees])
+
+
+def real_time(factor: float) -> Entity:
+    """Return simulated over wall time."""
+    return e.REAL_TIME, rr.Scalars([0.0, 1.0, factor])

@@ -1,0 +1,130 @@
+"""Rerun's own program, which serves, shows and takes pictures, as a process of ours.
+
+The SDK could serve from within this process, but its web page only on all interfaces.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlencode
+
+import rerun_cli
+from mecazen.errors import MecazenError
+
+PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
+"""The program itself: its Python wrapper would leave it behind when it is ended."""
+LOOPBACK = "127.0.0.1"
+SERVES, SHOWS = "Hosting a web-viewer", "wgpu adapter"
+"""What it says once it serves, and once it has a window."""
+STOP_TIMEOUT_S = 3.0
+PR_SET_PDEATHSIG = 1
+
+
+class RerunError(MecazenError):
+    """Rerun does not start, or has ended."""
+
+
+class RerunProcess:
+    """Rerun's program with some arguments, once it has said `ready`.
+
+    Raises:
+        RerunError: It ended before.
+    """
+
+    def __init__(self, *arguments: str, ready: str) -> None:
+        libc = ctypes.CDLL(None)
+        self._process = subprocess.Popen(
+            [PROGRAM, f"--bind={LOOPBACK}", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            # without CI in its environment it reports how it is used
+            env={**os.environ, "CI": "1", "NO_COLOR": "1", "RUST_LOG": "info"},
+            # Ctrl-C is for the process that ends this one ...
+            start_new_session=True,
+            # ... and however this one ends, nothing is left behind that holds a port
+            preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL),  # noqa: PLW1509
+        )
+        assert self._process.stderr is not None
+        self._stderr = self._process.stderr
+        self.pid = self._process.pid
+        self._last = ""
+        if not any(ready in line for line in self._lines()):
+            self._process.wait()
+            self._stderr.close()
+            self.check()
+        # it would stop when nobody read what it says
+        self._reader = threading.Thread(target=lambda: [None for _ in self._lines()], daemon=True)
+        self._reader.start()
+
+    def check(self) -> None:
+        """Raise RerunError if it has ended."""
+        code = self._process.poll()
+        if code is not None:
+            raise RerunError(f"rerun has ended: {self._last or f'code {code}'}")
+
+    def wait(self) -> None:
+        """Wait until it ends by itself, as when its window is closed."""
+        self._process.wait()
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join()
+        self._stderr.close()
+
+    def _lines(self) -> Iterator[str]:
+        for line in self._stderr:
+            self._last = line.strip() or self._last
+            yield line
+
+
+@contextmanager
+def rerun(*arguments: str, ready: str) -> Iterator[RerunProcess]:
+    """Have Rerun's program running meanwhile; see `RerunProcess`."""
+    process = RerunProcess(*arguments, ready=ready)
+    try:
+        yield process
+    finally:
+        process.close()
+
+
+def free_port(key: str, wanted: int) -> int:
+    """Return `wanted` if nothing listens there, or a free port for 0.
+
+    Raises:
+        RerunError: It is taken; the message names `key`.
+    """
+    try:
+        with socket.create_server((LOOPBACK, wanted)) as server:
+            port: int = server.getsockname()[1]
+            return port
+    except OSError as error:
+        reason = os.strerror(error.errno or 0).lower()
+        raise RerunError(
+            f"{key} = {wanted}: {reason}; another viewer? (--set {key}=0 takes a free port)"
+        ) from None
+
+
+def uri(port: int) -> str:
+    """Return what viewers connect to for the data of a server."""
+    return f"rerun+http://{LOOPBACK}:{port}/proxy"
+
+
+def page(port: int, server: str) -> str:
+    """Return what a browser opens for the data of the server at a URI."""
+    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': server})}"

@@ -1,0 +1,68 @@
+"""Serves runs to any number of viewers, which may attach at any time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mecazen_viewer.config import ViewerConfig
+from mecazen_viewer.layout import blueprint
+from mecazen_viewer.rerun_process import (
+    SERVES,
+    SHOWS,
+    RerunError,
+    RerunProcess,
+    free_port,
+    page,
+    rerun,
+    uri,
+)
+
+logger = logging.getLogger(__name__)
+
+BUFFER = "32MiB"
+"""What a viewer that attaches late is given: some minutes; the oldest goes first."""
+
+
+class Server:
+    """A server that holds the newest data of all runs, and a page that shows them."""
+
+    def __init__(self, process: RerunProcess, data_port: int, web_port: int) -> None:
+        self.uri = uri(data_port)
+        """Where native viewers connect."""
+        self.url = page(web_port, self.uri)
+        """What a browser opens."""
+        self.check = process.check
+        self._layout: rrb.Blueprint | None = blueprint()
+
+    def take(self, recording: rr.RecordingStream) -> None:
+        """Take what is logged in a new recording; attached viewers turn to it."""
+        recording.connect_grpc(self.uri, default_blueprint=self._layout)
+        # the server keeps it for all runs, and a viewer keeps what its user has made of it
+        self._layout = None
+
+
+@contextmanager
+def serving(config: ViewerConfig) -> Iterator[Server]:
+    """Serve meanwhile, and open a window where the configuration wants one.
+
+    Raises:
+        RerunError: A port is taken.
+    """
+    data = free_port("viewer.data_port", config.data_port)
+    web = free_port("viewer.web_port", config.web_port)
+    arguments = (f"--port={data}", f"--web-viewer-port={web}", f"--server-memory-limit={BUFFER}")
+    with ExitStack() as processes:
+        process = processes.enter_context(rerun("--serve-web", *arguments, ready=SERVES))
+        server = Server(process, data, web)
+        if config.native:
+            try:
+                window = rerun("--port=auto", f"--connect={server.uri}", ready=SHOWS)
+                processes.enter_context(window)
+            except RerunError as error:
+                logger.warning("msg=%r", f"no window: {error}")
+        yield server

@@ -1,0 +1,146 @@
+"""The viewer: everything that is published, to a picture that is served."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+import numpy as np
+import rerun as rr
+import rerun_bindings
+from mecazen import keys
+from mecazen.bus import Bus
+from mecazen.config import Scenario
+from mecazen.errors import BusError
+from mecazen.keys import Topic
+from mecazen.messages import Empty, Message
+from mecazen.service import Service
+from mecazen.wire import Stamp
+
+from mecazen_viewer.config import ViewerConfig
+from mecazen_viewer.entities import TIMELINE, Entity
+from mecazen_viewer.picture import Picture
+from mecazen_viewer.server import serving
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+logger = logging.getLogger(__name__)
+
+APPLICATION = "mecazen"
+FRAME_S = 1 / 30
+BATCH_S = 0.1
+"""What is logged in this time is sent together: each batch costs as much as a few frames."""
+DESCRIPTION_TIMEOUT_S = 2.0
+
+
+class ViewerService(Service):
+    """Shows every run as a recording of its own. Nobody waits for it."""
+
+    NAME = "viewer"
+
+    def __init__(self, bus: Bus, scenario: Scenario) -> None:
+        self.config = scenario.section(ViewerConfig, "viewer")
+        self.runs = 0
+        self.send: Callable[[rr.RecordingStream], None] = lambda _: None
+        """Takes the recording of each run before anything is logged in it."""
+        self.recording: rr.RecordingStream | None = None
+        super().__init__(bus, scenario)
+        self.show(keys.GROUND_TRUTH, Picture.on_ground_truth)
+        self.show(keys.JOINT_STATES, Picture.on_joint_states)
+        self.show(keys.ODOM, Picture.on_odom)
+        self.show(keys.TARGET_ODOM, Picture.on_target_odom)
+        self.show(keys.OBSERVATION, Picture.on_observation)
+        self.show(keys.FOLLOWER_STATE, Picture.on_follower_state)
+        self.show(keys.CMD_VEL, Picture.on_cmd_vel, tells_time=False)
+        for part in scenario.services:
+            self.show(keys.diagnostics(part), Picture.on_diagnostics)
+
+    def reset(self, seed: int) -> None:
+        """Begin a new picture."""
+        del seed
+        self.end()
+        self.picture = Picture(self.scenario)
+
+    def run(self) -> None:
+        """Show what is newest, 30 times a second."""
+        with serving(self.config) as server:
+            self.send = server.take
+            logger.info("msg=serving url=%s", server.url)
+            try:
+                while True:
+                    self.bus.spin_once()
+                    while self.bus.spin_once(0.0):
+                        pass
+                    server.check()
+                    # what comes meanwhile is replaced by what is newer, and not even decoded
+                    time.sleep(FRAME_S)
+            finally:
+                self.end()
+
+    def show(
+        self,
+        topic: Topic[MessageT],
+        draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
+        *,
+        tells_time: bool = True,
+    ) -> None:
+        """Log what `draw` makes of each sample, at the time of its tick."""
+
+        def deliver(message: MessageT, stamp: Stamp | None) -> None:
+            if stamp is None and self.recording is None:
+                return  # an outsider speaks before there is a run
+            time_ns = (self.stamp if stamp is None else stamp).time_ns
+            try:
+                entities = list(draw(self.picture, message, time_ns))
+            except ValueError as refusal:
+                self.bus.refuse(topic.key, str(refusal))
+                return
+            self.log(entities, time_ns)
+
+        self.subscribe(topic, deliver, tells_time=tells_time)
+
+    def log(self, entities: Iterable[Entity], time_ns: int) -> None:
+        """Log entities at a simulated time, in the recording of this run."""
+        if self.recording is None:
+            self.recording = self.begin()
+        self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
+        for path, archetype in entities:
+            self.recording.log(path, archetype)
+        for path, archetype in self.picture.ground():
+            self.recording.log(path, archetype, static=True)
+
+    def begin(self) -> rr.RecordingStream:
+        """Return the recording of a new run, with all that never changes."""
+        self.runs += 1
+        recording = rr.RecordingStream(
+            APPLICATION,
+            recording_id=f"{self.stamp.run:08x}",
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=BATCH_S),
+        )
+        recording.set_log_tick_enabled(False)
+        recording.set_log_time_enabled(False)
+        self.send(recording)
+        recording.send_recording_name(f"run {self.runs}, seed {self.stamp.seed}")
+        for path, archetype in [*self.picture.shapes(), *self.robot()]:
+            recording.log(path, archetype, static=True)
+        return recording
+
+    def end(self) -> None:
+        """End the recording of a run."""
+        self.recording = None
+        # a recording that nobody holds any more keeps its threads until then
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
+
+    def robot(self) -> Iterable[Entity]:
+        """Ask for the robot; return nothing where nobody describes it."""
+        call = keys.ROBOT_DESCRIPTION
+        try:
+            description = self.bus.call(call, Empty(), DESCRIPTION_TIMEOUT_S)
+            files = self.bus.fetch_files(f"{call.key}/**", DESCRIPTION_TIMEOUT_S)
+            meshes = {key.removeprefix(f"{call.key}/"): data for key, data in files.items()}
+            return self.picture.robot_shapes(description, meshes)
+        except (BusError, ValueError) as error:
+            logger.warning("msg=%r", f"no picture of the robot: {error}")
+            return []

@@ -1,0 +1,197 @@
+"""What stands and moves on the ground, apart from the robot.
+
+Shapes are logged once, below a frame that is all that moves: a frame costs a tenth of what a
+shape does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+from mecazen.geometry import Pose2D
+
+from mecazen_viewer import entities as e
+from mecazen_viewer.entities import Colour, Entity
+
+Array = npt.NDArray[np.float64]
+
+GRID_REACH_M = 20
+GRID_STEP_M = 10
+"""The grid is laid anew when the robot has gone this far: it seems to have no end."""
+GRID_COLOUR = (170, 176, 185)
+AXES_COLOUR = (110, 116, 126)
+GRID_RADIUS = rr.Radius.ui_points(0.4)
+
+TRAIL_COLOURS = {"robot": e.BLUE, "odometry": e.ORANGE, "person": e.RED}
+TRAIL_RADIUS = rr.Radius.ui_points(1.0)
+MARK_RADIUS = rr.Radius.ui_points(1.0)
+MARK_Z = 0.004
+"""Height of what is drawn on the ground [m]: above the grid."""
+ARROW_RADIUS = 0.025
+GOAL_ARROW_M, ESTIMATE_ARROW_M = 0.3, 0.45
+POINT_RADIUS = 0.012
+
+OBSTACLE_COLOUR = (165, 140, 110)
+CLOTHES, TROUSERS = (112, 128, 150), (70, 78, 92)
+SKIN = (226, 180, 160)
+CIRCLE_POINTS = 49
+DOT_M = 1e-3
+
+HIP, ARROW, SHOULDER, HEAD_RADIUS = 0.50, 0.42, 0.82, 0.065
+"""Heights of a person's parts, and the head's radius, as shares of their height."""
+PERSON_ARROW_M = 0.6
+
+
+def frame(path: str, pose: Pose2D) -> Entity:
+    """Return the frame of something that stands on the ground."""
+    turn = (0.0, 0.0, math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0))
+    return path, e.transform(np.array([pose.x, pose.y, 0.0]), np.array(turn))
+
+
+def grid_centre(pose: Pose2D) -> tuple[int, int]:
+    """Return the middle of the grid [m] where the robot is at `pose`."""
+    x, y = (round(place / GRID_STEP_M) * GRID_STEP_M for place in pose[:2])
+    return x, y
+
+
+def ground(centre: tuple[int, int]) -> Entity:
+    """Return lines 1 m apart round `centre` [m]; those through the world's origin are darker."""
+    places = np.arange(-GRID_REACH_M, GRID_REACH_M + 1)
+    lines = len(places)
+    # in short pieces: the width of a long one is wrong where it passes the eye
+    along, across = np.meshgrid(places, places)
+    flat = np.zeros((lines, lines))
+    x, y = centre
+    strips = np.concatenate(
+        [
+            np.stack([x + across, y + along, flat], axis=-1),
+            np.stack([x + along, y + across, flat], axis=-1),
+        ]
+    )
+    through_origin = np.concatenate([places + x, places + y]) == 0
+    colours = np.where(through_origin[:, np.newaxis], AXES_COLOUR, GRID_COLOUR).astype(np.uint8)
+    return e.GROUND, rr.LineStrips3D(strips, colors=colours, radii=GRID_RADIUS)
+
+
+def person(radius: float, height: float) -> Iterator[Entity]:
+    """Return a body of `radius` and `height` [m] that looks along x, and its red arrow."""
+    hip, shoulder, head = (share * height for share in (HIP, SHOULDER, HEAD_RADIUS))
+    leg, trunk, arm = 0.32 * radius, 0.58 * radius, 0.22 * radius
+    limbs = [  # radius, length, y and z of the lower end, colour
+        (trunk, shoulder - hip - trunk, 0.0, hip, CLOTHES),
+        (leg, hip - leg, 0.42 * radius, leg, TROUSERS),
+        (leg, hip - leg, -0.42 * radius, leg, TROUSERS),
+        (arm, shoulder - hip, 0.78 * radius, hip - arm, CLOTHES),
+        (arm, shoulder - hip, -0.78 * radius, hip - arm, CLOTHES),
+    ]
+    radii, lengths, sides, heights, colours = zip(*limbs, strict=True)
+    yield (
+        f"{e.PERSON}/body",
+        rr.Capsules3D(
+            radii=radii,
+            lengths=lengths,
+            translations=[(0.0, y, z) for y, z in zip(sides, heights, strict=True)],
+            colors=colours,
+            fill_mode="solid",
+        ),
+    )
+    yield (
+        f"{e.PERSON}/head",
+        rr.Ellipsoids3D(
+            radii=[head], centers=[(0.0, 0.0, height - head)], colors=[SKIN], fill_mode="solid"
+        ),
+    )
+    yield (
+        f"{e.PERSON}/arrow",
+        rr.Arrows3D(
+            vectors=[(PERSON_ARROW_M, 0.0, 0.0)],
+            origins=[(0.0, 0.0, ARROW * height)],
+            radii=[2.0 * ARROW_RADIUS],
+            colors=[e.RED],
+        ),
+    )
+
+
+def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:
+    """Return a static body that stands on the ground.
+
+    Its `size` [m] is a box's length, width and height, or a cylinder's radius and height.
+    """
+    path, colours = f"{e.OBSTACLES}/{number}", [OBSTACLE_COLOUR]
+    centres = [(place.x, place.y, size[-1] / 2)]
+    if len(size) == 2:
+        return path, rr.Cylinders3D(
+            radii=[size[0]],
+            lengths=[size[1]],
+            centers=centres,
+            colors=colours,
+            fill_mode="solid",
+        )
+    turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=place.yaw)]
+    return path, rr.Boxes3D(
+        sizes=[size],
+        centers=centres,
+        rotation_axis_angles=turns,
+        colors=colours,
+        fill_mode="solid",
+    )
+
+
+def marks(length: float, width: float) -> Iterator[Entity]:
+    """Return the shapes of goal, estimate and ellipses, and the colours of trails and points.
+
+    `length` and `width` [m] are the robot's: where it should be, its outline is drawn.
+    """
+    corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]) * (length / 2, width / 2)
+    angles = np.linspace(0.0, math.tau, CIRCLE_POINTS)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    yield f"{e.GOAL}/arrow", _arrow(GOAL_ARROW_M, e.GREEN)
+    yield f"{e.GOAL}/outline", _outline(corners, e.GREEN)
+    yield f"{e.ESTIMATE}/arrow", _arrow(ESTIMATE_ARROW_M, e.PURPLE)
+    yield f"{e.ESTIMATE_ELLIPSE}/outline", _outline(circle, e.PURPLE)
+    yield f"{e.OBSERVATION_ELLIPSE}/outline", _outline(circle, e.ORANGE)
+    yield e.OBSERVATION, rr.Points3D.from_fields(colors=[e.ORANGE], radii=[POINT_RADIUS])
+    for name, colour in TRAIL_COLOURS.items():
+        line = rr.LineStrips3D.from_fields(colors=[colour], radii=TRAIL_RADIUS)
+        yield f"{e.TRAILS}/{name}", line
+
+
+def trail(name: str, points: Array) -> Entity:
+    """Return the way that something has gone: points (N, 2) [m]."""
+    return f"{e.TRAILS}/{name}", rr.LineStrips3D.from_fields(strips=[_raised(points)])
+
+
+def points(places: Array) -> Entity:
+    """Return what the sensor saw: points (N, 2) [m] in world."""
+    return e.OBSERVATION, rr.Points3D.from_fields(positions=_raised(places))
+
+
+def ellipse(path: str, x: float, y: float, axes: Array | None) -> Entity:
+    """Return an ellipse as the unit circle stretched by `axes` (2, 2) [m]; a dot where None."""
+    stretch = np.diag([DOT_M, DOT_M, 1.0]).astype(np.float32)
+    if axes is not None:
+        stretch[:2, :2] = axes
+    return path, rr.Transform3D(translation=np.array([x, y, 0.0]), mat3x3=stretch)
+
+
+def _arrow(length: float, colour: Colour) -> rr.Arrows3D:
+    return rr.Arrows3D(
+        vectors=[(length, 0.0, 0.0)],
+        origins=[(0.0, 0.0, ARROW_RADIUS)],
+        radii=[ARROW_RADIUS],
+        colors=[colour],
+    )
+
+
+def _outline(places: Array, colour: Colour) -> rr.LineStrips3D:
+    return rr.LineStrips3D([_raised(places)], colors=[colour], radii=MARK_RADIUS)
+
+
+def _raised(places: Array) -> npt.NDArray[np.float32]:
+    raised = np.full((len(places), 3), MARK_Z, dtype=np.float32)
+    raised[:, :2] = places
+    return raised

@@ -1,0 +1,124 @@
+"""What is drawn of a URDF: shapes with colours, and the joints between their links."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "mesh": ()}
+"""Attributes that hold the size of each shape."""
+GREY = (0.5, 0.5, 0.5, 1.0)
+
+
+class Origin(NamedTuple):
+    """A frame in its parent: xyz [m]; roll, pitch, yaw [rad] about the parent's fixed axes."""
+
+    xyz: Vector = ZERO
+    rpy: Vector = ZERO
+
+
+class Visual(NamedTuple):
+    """What a link looks like."""
+
+    kind: str
+    """box, cylinder or mesh."""
+    size: tuple[float, ...]
+    """A box: length, width, height. A cylinder: radius, length [m]."""
+    mesh: str
+    """The name of a mesh's file; a mesh is in the link's frame."""
+    origin: Origin
+    """Of a box or cylinder, in the link's frame."""
+    rgba: tuple[float, ...]
+
+
+class Joint(NamedTuple):
+    """How a link hangs on its parent."""
+
+    name: str
+    parent: str
+    child: str
+    origin: Origin
+    """The child's frame in the parent's, at position 0."""
+    axis: Vector | None
+    """Of a joint that turns, in the child's frame; None for a fixed one."""
+
+
+class Urdf(NamedTuple):
+    """A robot."""
+
+    visuals: Mapping[str, Visual]
+    """By link; links without one are not in it."""
+    joints: tuple[Joint, ...]
+
+
+def read(text: str) -> Urdf:
+    """Return the robot that `text` describes.
+
+    Raises:
+        ValueError: It is not a URDF.
+    """
+    try:
+        # expat itself limits the expansion of entities, which is what an XML could do harm with
+        root = ET.fromstring(text)  # noqa: S314
+        colours = {
+            material.get("name"): _floats(_child(material, "color").get("rgba", ""))
+            for material in root.findall("material")
+        }
+        visuals = {
+            link.get("name", ""): _visual(visual, colours)
+            for link in root.findall("link")
+            if (visual := link.find("visual")) is not None
+        }
+        return Urdf(visuals, tuple(_joint(joint) for joint in root.findall("joint")))
+    except (ET.ParseError, ValueError) as error:
+        raise ValueError(f"not a URDF: {error}") from None
+
+
+def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]]) -> Visual:
+    geometry = _child(visual, "geometry")
+    if not len(geometry):
+        raise ValueError("an empty geometry")
+    shape = geometry[0]
+    if shape.tag not in SIZES:
+        raise ValueError(f"the shape {shape.tag!r}")
+    size = _floats(" ".join(shape.get(name, "") for name in SIZES[shape.tag]))
+    material = visual.find("material")
+    rgba = colours.get(None if material is None else material.get("name"), GREY)
+    return Visual(shape.tag, size, shape.get("filename", ""), _origin(visual), rgba)
+
+
+def _joint(joint: ET.Element) -> Joint:
+    axis = joint.find("axis")
+    return Joint(
+        name=joint.get("name", ""),
+        parent=_child(joint, "parent").get("link", ""),
+        child=_child(joint, "child").get("link", ""),
+        origin=_origin(joint),
+        axis=None if axis is None else _vector(axis.get("xyz", "1 0 0")),
+    )
+
+
+def _origin(element: ET.Element) -> Origin:
+    origin = element.find("origin")
+    if origin is None:
+        return Origin()
+    return Origin(_vector(origin.get("xyz", "0 0 0")), _vector(origin.get("rpy", "0 0 0")))
+
+
+def _child(element: ET.Element, tag: str) -> ET.Element:
+    child = element.find(tag)
+    if child is None:
+        raise ValueError(f"{element.tag} {element.get('name', '')} without {tag}")
+    return child
+
+
+def _vector(text: str) -> Vector:
+    x, y, z = _floats(text)
+    return x, y, z
+
+
+def _floats(text: str) -> tuple[float, ...]:
+    return tuple(float(word) for word in text.split())

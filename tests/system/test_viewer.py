@@ -1,0 +1,280 @@
+"""The viewer beside a real simulation: pictures, resets, and its own end."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+import pytest
+from mecazen import keys
+from mecazen.messages import ResetRequest
+from mecazen_viewer.headless import headless_viewer
+from mecazen_viewer.rerun_process import RerunError
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+ROOT = Path(__file__).parents[2]
+SCENARIOS = ROOT / "configs" / "scenarios"
+FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
+SERVING = "msg=serving url="
+FRAMES = 200
+"""Pictures taken one after the other until one shows what it should: only a hang needs so many."""
+
+BACKGROUND = (206, 211, 218)
+RED_OVER_OTHERS = 60
+"""The arrow and the trail are red by far more; skin, orange and purple by less."""
+
+
+class Shown:
+    """A running scenario with a viewer beside it."""
+
+    def __init__(self, stack, scenario: str, *settings: str) -> None:
+        self.running = stack(SCENARIOS / f"{scenario}.toml", *FREE_PORTS, *settings)
+        self.time_s = 0.0
+        self.running.bus.subscribe(keys.CLOCK, self._tell)
+        self.running.start()
+        self.running.supervisor.start("viewer", needed=False)
+        self.url = ""
+        self.running.wait_unwatched(self._has_url)
+
+    def _tell(self, clock, stamp) -> None:
+        self.time_s = stamp.time_ns / 1e9
+
+    def _has_url(self) -> bool:
+        line = self.running.supervisor.poll(0.0)
+        if line is not None and SERVING in line.text:
+            self.url = line.text.partition(SERVING)[2]
+        return bool(self.url)
+
+    @property
+    def uri(self) -> str:
+        """What a native viewer connects to."""
+        return parse_qs(urlsplit(self.url).query)["url"][0]
+
+    def until(self, time_s: float) -> None:
+        """Let simulated time pass."""
+        self.running.wait(lambda: self.time_s > time_s)
+
+
+@pytest.fixture
+def attach() -> Iterator[ViewerClient]:
+    """A native viewer without a window."""
+    try:
+        with headless_viewer() as viewer:
+            yield viewer
+    except RerunError as error:
+        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")
+
+
+def pixels(png: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+
+
+def share(image: np.ndarray, like: Callable[[np.ndarray], np.ndarray]) -> float:
+    """The share of pixels for whose colours (..., 3) a condition holds."""
+    return float(np.mean(like(image)))
+
+
+def red(image: np.ndarray) -> np.ndarray:
+    return image[..., 0] - image[..., 1:].max(axis=-1) > RED_OVER_OTHERS
+
+
+def ground(image: np.ndarray) -> np.ndarray:
+    return np.abs(image - BACKGROUND).max(axis=-1) < 8
+
+
+def dark(image: np.ndarray) -> np.ndarray:
+    return image.max(axis=-1) < 70
+
+
+def shows_the_scene(image: np.ndarray) -> bool:
+    """Whether the person's red arrow stands on ground of which most is free."""
+    return share(image, red) > 0.002 and 0.5 < share(image, ground) < 0.99
+
+
+def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """Take pictures until one is good; the last is kept for who looks into a failure."""
+    for _ in range(FRAMES):
+        png = picture()
+        if good(pixels(png)):
+            return pixels(png)
+    (ROOT / "out").mkdir(exist_ok=True)
+    (ROOT / "out" / "not_shown.png").write_bytes(png)
+    raise AssertionError("never shown; the last picture is out/not_shown.png")
+
+
+def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(
+    stack, attach: ViewerClient
+) -> None:
+    shown = Shown(stack, "side", "sim.speed=3")
+    shown.until(5.0)
+    attach.open(shown.uri)
+    whole = until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
+    assert whole.shape == (1080, 1920, 3)
+    state = attach.get_state()
+    assert all(view.visible and not view.reports for view in state.views)
+    views = {view.name: view.view_id for view in state.views}
+
+    def take(name: str) -> Callable[[], bytes]:
+        return lambda: attach.take_screenshot(views[name])
+
+    follow = until_shown(take("following"), shows_the_scene)
+    # the robot is dark, in the lower middle of the view that follows it
+    height, width, _ = follow.shape
+    around = follow[height // 2 :, width // 5 : 4 * width // 5]
+    assert share(around, dark) > 0.01
+    assert shows_the_scene(until_shown(take("from above"), shows_the_scene))
+    for plot in (name for name in views if "error" in name or "speed" in name or "NEES" in name):
+        # lines take up some of it: blue is in every plot
+        blue = until_shown(
+            take(plot), lambda image: share(image, lambda i: i[..., 2] - i[..., 0] > 60) > 0.001
+        )
+        assert share(blue, ground) < 0.5
+
+
+def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(
+    stack, attach: ViewerClient
+) -> None:
+    shown = Shown(stack, "side", "sim.speed=2")
+    shown.until(1.0)
+    attach.open(shown.uri)
+    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
+    before = attach.get_state()
+    shown.running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
+    until_shown(
+        attach.take_screenshot,
+        lambda _: attach.get_state().active_recording != before.active_recording,
+    )
+    after = attach.get_state()
+    assert len(after.recordings) == len(before.recordings) + 1
+    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
+
+
+def test_a_browser_shows_a_live_run_at_the_printed_address(stack) -> None:
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("chromium is not installed (Debian's package chromium)")
+    from playwright.sync_api import sync_playwright
+
+    shown = Shown(stack, "side")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
+        )
+        page = browser.new_page(viewport={"width": 1600, "height": 900})
+        page.goto(shown.url)
+        whole = until_shown(
+            lambda: page.screenshot(timeout=120_000),
+            lambda image: share(image, red) > 0.0005 and share(image, ground) > 0.1,
+        )
+        browser.close()
+    height, width, _ = whole.shape
+    assert shows_the_scene(whole[height // 8 : height // 2, : width // 2])
+
+
+def test_when_the_viewer_is_killed_the_simulation_goes_on(stack) -> None:
+    shown = Shown(stack, "side", "sim.speed=2")
+    os.kill(shown.running.supervisor.pids["viewer"], signal.SIGKILL)
+    # `until` raises where a process ends that is needed
+    shown.until(shown.time_s + 2.0)
+
+
+def test_a_viewer_that_hangs_holds_nobody_up(stack) -> None:
+    shown = Shown(stack, "side", "sim.speed=2")
+    viewer = shown.running.supervisor.pids["viewer"]
+    os.kill(viewer, signal.SIGSTOP)
+    try:
+        shown.until(shown.time_s + 10.0)
+    finally:
+        os.kill(viewer, signal.SIGCONT)
+
+
+def mecazen(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "mecazen", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "COLUMNS": "160", "PYTHONUNBUFFERED": "1"},
+    )
+
+
+def read_until(process: subprocess.Popen[str], words: str) -> str:
+    assert process.stdout is not None
+    text = ""
+    for line in process.stdout:
+        text += line
+        if words in line:
+            return text
+    raise AssertionError(f"ended without {words!r}: {text}")
+
+
+def test_up_prints_where_to_watch() -> None:
+    up = mecazen("up", "side", *(f"--set={setting}" for setting in (*FREE_PORTS, *meeting())))
+    url = read_until(up, "Watch it at").splitlines()[-1].split()[-1]
+    with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
+        assert page.status == 200
+    up.send_signal(signal.SIGINT)
+    assert up.communicate(timeout=60)[1] == ""
+    assert up.returncode == 0
+
+
+def test_up_without_a_viewer_starts_none() -> None:
+    up = mecazen("up", "side", "--no-viewer", *(f"--set={setting}" for setting in meeting()))
+    text = read_until(up, "t = ")
+    up.send_signal(signal.SIGINT)
+    text += up.communicate(timeout=60)[0]
+    assert "Watch" not in text
+    assert "│ viewer" not in text
+
+
+def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        settings = ("viewer.web_port=0", f"viewer.data_port={port}", *meeting())
+        up = mecazen("up", "side", *(f"--set={setting}" for setting in settings))
+        text = read_until(up, "viewer has ended")
+        assert text.count("address already in use") == 1
+        assert f"viewer.data_port = {port}" in text
+        read_until(up, "t = 5")
+        up.send_signal(signal.SIGINT)
+        assert up.communicate(timeout=60)[1] == ""
+
+
+def meeting() -> tuple[str, ...]:
+    from mecazen.processes import private_meeting_point
+
+    return private_meeting_point()
+
+
+def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
+    import rerun as rr
+
+    file = tmp_path / "run.rrd"
+    recording = rr.RecordingStream("mecazen", recording_id="one")
+    recording.save(file)
+    recording.log("text", rr.TextLog("hello"))
+    recording.flush()
+    view = mecazen("view", str(file))
+    url = read_until(view, "http").split()[1]
+    with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
+        assert page.status == 200
+    view.send_signal(signal.SIGINT)
+    assert view.communicate(timeout=60)[1] == ""
+
+
+def test_a_recording_that_is_not_there_is_one_line() -> None:
+    view = mecazen("view", "nowhere.rrd")
+    out, err = view.communicate(timeout=60)
+    assert (view.returncode, out, err) == (2, "", "error: nowhere.rrd: no such file\n")

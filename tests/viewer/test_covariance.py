@@ -1,0 +1,67 @@
+"""Ellipses and NEES."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mecazen.geometry import Pose2D
+from mecazen.messages import diagonal_covariance
+from mecazen_viewer import covariance
+
+
+def ros(part: np.ndarray) -> tuple[float, ...]:
+    full = np.zeros((6, 6))
+    full[covariance.PLANAR] = part
+    return tuple(full.ravel().tolist())
+
+
+def test_the_planar_part_is_that_of_x_y_and_yaw() -> None:
+    part = covariance.planar(diagonal_covariance((1.0, 2.0, 9.0, 9.0, 9.0, 3.0)))
+    assert part is not None
+    assert part.tolist() == np.diag([1.0, 2.0, 3.0]).tolist()
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        np.zeros((3, 3)),
+        np.diag([1.0, 1.0, -1.0]),
+        np.diag([1e300, 1e300, 1e300]),
+        np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    ],
+)
+def test_what_is_no_covariance_is_none(part: np.ndarray) -> None:
+    assert covariance.planar(ros(part)) is None
+
+
+def test_the_ellipse_holds_95_percent() -> None:
+    # (x, y)·C⁻¹·(x, y) is chi-square with two freedoms, whose 95 % quantile is 5.991
+    spread = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]])
+    axes = covariance.ellipse_axes(spread)
+    angles = np.linspace(0.0, math.tau, 7)
+    outline = axes @ np.array([np.cos(angles), np.sin(angles)])
+    squared = np.sum(outline * np.linalg.solve(spread[:2, :2], outline), axis=0)
+    assert squared == pytest.approx(np.full(7, 5.991), abs=1e-3)
+
+
+def test_the_ellipse_turns_with_the_frame_in_which_it_was_seen() -> None:
+    axes = covariance.ellipse_axes(np.diag([1.0, 4.0, 1.0]), math.pi / 2)
+    turned = axes @ axes.T
+    assert turned / turned[1, 1] == pytest.approx(np.diag([4.0, 1.0]))
+
+
+@given(
+    st.tuples(*[st.floats(-2.0, 2.0)] * 3),
+    st.tuples(*[st.floats(0.1, 3.0)] * 3),
+)
+def test_nees_is_the_sum_of_squares_of_independent_errors(
+    error: tuple[float, float, float], std: tuple[float, float, float]
+) -> None:
+    truth = Pose2D(3.0, -1.0, 3.0)
+    estimate = Pose2D(*(a + b for a, b in zip(truth, error, strict=True)))
+    nees = covariance.nees(estimate, truth, np.diag(np.square(std)))
+    assert nees == pytest.approx(sum((e / s) ** 2 for e, s in zip(error, std, strict=True)))

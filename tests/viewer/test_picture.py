@@ -1,0 +1,235 @@
+"""What is shown of each message, and when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from harness import load_robot
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import (
+    DiagnosticArray,
+    DiagnosticStatus,
+    FollowerState,
+    Header,
+    JointState,
+    KeyValue,
+    Observation,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    Time,
+    Twist,
+    diagonal_covariance,
+    planar_odometry,
+)
+from mecazen_viewer import entities as e
+from mecazen_viewer.entities import Entity
+from mecazen_viewer.layout import blueprint
+from mecazen_viewer.picture import Picture
+from mecazen_viewer.plots import LINES
+
+MS = 10**6
+COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+
+
+def picture() -> Picture:
+    return Picture(Scenario(robot=load_robot()))
+
+
+def odometry(pose: Pose2D, twist: Twist2D | None = None) -> Odometry:
+    return planar_odometry(Time(), "world", "base_link", pose, twist or Twist2D())
+
+
+def values(entity: Iterable[Entity], path: str, field: str) -> np.ndarray:
+    archetype = dict(entity)[path]
+    return np.array(getattr(archetype, field).as_arrow_array().to_pylist())
+
+
+def place(entities: Iterable[Entity], path: str) -> Pose2D:
+    """The planar pose of a frame."""
+    frame = dict(entities)[path]
+    x, y, _ = frame.translation.as_arrow_array().to_pylist()[0]
+    _, _, z, w = frame.quaternion.as_arrow_array().to_pylist()[0]
+    return Pose2D(x, y, 2.0 * math.atan2(z, w))
+
+
+def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> FollowerState:
+    pose = PoseWithCovariance(pose=Pose.planar(estimate), covariance=COVARIANCE)
+    return FollowerState(
+        tracking=tracking,
+        estimate=(Odometry(pose=pose),),
+        goal=(Pose.planar(goal),),
+        distance_error=0.25,
+        heading_error=0.5,
+    )
+
+
+def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_the_person() -> None:
+    shown = picture()
+    list(shown.on_target_odom(odometry(Pose2D(3.0, 2.0)), 0))
+    entities = list(shown.on_ground_truth(odometry(Pose2D(1.0, 2.0, 0.5)), 0))
+    assert place(entities, e.ROBOT) == pytest.approx((1.0, 2.0, 0.5), abs=1e-6)
+    assert place(entities, e.FOLLOW) == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
+
+
+def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_true_one() -> None:
+    shown = picture()
+    truth, drifted = Pose2D(1.0, 2.0, 0.5), Pose2D(0.7, 2.2, 0.4)
+    list(shown.on_ground_truth(odometry(truth), 0))
+    frame = place(shown.on_odom(odometry(drifted), 0), e.ODOM)
+    assert frame.compose(drifted) == pytest.approx(truth, abs=1e-6)
+
+
+def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture() -> None:
+    shown = picture()
+    for tick in range(5):
+        list(shown.on_ground_truth(odometry(Pose2D(y=0.1 * tick, yaw=math.pi / 2)), tick * 10 * MS))
+    seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
+    header = Header(stamp=Time.from_ns(20 * MS), frame_id="base_link")
+    entities = list(shown.on_observation(Observation(header=header, poses=(seen,)), 40 * MS))
+    # 1 m ahead of a robot at y = 0.2 m that looks along y
+    assert values(entities, e.OBSERVATION, "positions")[0][:2] == pytest.approx((0.0, 1.2))
+    stretch = values(entities, e.OBSERVATION_ELLIPSE, "mat3x3")[0]
+    # 0.1 m times the square root of chi-square's 95 % quantile with two freedoms
+    assert np.abs(stretch).max() == pytest.approx(1.0)
+    assert np.abs(np.linalg.svd(stretch.reshape(3, 3))[1][1:]) == pytest.approx(
+        [0.2448, 0.2448], abs=1e-3
+    )
+
+
+def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing() -> None:
+    shown = picture()
+    seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
+    frame = Observation(header=Header(frame_id="world"), poses=(seen,))
+    counts = [
+        len(values(shown.on_observation(message, 100 * MS * i), e.OBSERVATION, "positions"))
+        for i, message in enumerate((frame, frame, Observation(), Observation(), Observation()))
+    ]
+    assert counts == [1, 2, 1, 0, 0]
+
+
+def test_errors_are_true_and_as_the_follower_has_them() -> None:
+    shown = picture()
+    list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
+    list(shown.on_target_odom(odometry(Pose2D()), 0))
+    list(shown.on_odom(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
+    entities = list(shown.on_follower_state(following(Pose2D(0.1), Pose2D(-0.9)), 0))
+    # the goal is 1 m behind the estimate, the robot 1.2 m behind the true person
+    *_, reference, estimated, true = values(entities, e.DISTANCE, "scalars")
+    assert (reference, estimated, true) == pytest.approx((0.0, 0.25, 0.2))
+    *_, reference, estimated, true = values(entities, e.ANGLE, "scalars")
+    assert (reference, estimated, true) == pytest.approx(
+        (0.0, math.degrees(0.5), math.degrees(0.1))
+    )
+    # the estimate is 0.1 m off by a standard deviation of 0.1 m
+    assert values(entities, e.NEES, "scalars")[-1] == pytest.approx(1.0)
+    assert place(entities, e.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
+
+
+def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() -> None:
+    shown = picture()
+    robot, person, drifted = Pose2D(2.0, 1.0, 0.3), Pose2D(3.0, 1.0, 0.2), Pose2D(9.0, 9.0, 2.0)
+    list(shown.on_ground_truth(odometry(robot), 0))
+    list(shown.on_target_odom(odometry(person), 0))
+    list(shown.on_odom(odometry(drifted), 0))
+    estimate = drifted.compose(robot.between(person))
+    entities = list(shown.on_follower_state(following(estimate, drifted), 0))
+    # rounding alone
+    assert values(entities, e.NEES, "scalars")[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_lines_have_ten_points_a_second() -> None:
+    shown = picture()
+    twists = [entity for tick in range(101) for entity in shown.on_cmd_vel(Twist(), tick * 10 * MS)]
+    assert len(twists) == 2 * 11  # velocity and yaw rate
+
+
+def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
+    shown = picture()
+    list(shown.on_ground_truth(odometry(Pose2D()), 0))
+    list(shown.on_target_odom(odometry(Pose2D(1.0)), 0))
+    drawn = [
+        *shown.on_odom(odometry(Pose2D()), 0),
+        *shown.on_cmd_vel(Twist(), 0),
+        *shown.on_joint_states(JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
+        *shown.on_follower_state(following(Pose2D(1.0), Pose2D()), 0),
+        *shown.on_diagnostics(physics_says("0.5"), 0),
+    ]
+    plotted = {path: archetype for path, archetype in drawn if path.startswith("plots/")}
+    assert set(plotted) == set(LINES)
+    for path, archetype in plotted.items():
+        assert len(archetype.scalars.as_arrow_array()) == len(LINES[path])
+
+
+def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArray:
+    status = DiagnosticStatus(
+        level=level, name="physics", message=message, values=(KeyValue(key="rtf", value=rtf),)
+    )
+    return DiagnosticArray(status=(status,))
+
+
+def test_tracking_and_health_are_logged_when_they_change() -> None:
+    shown = picture()
+    lines: list[str] = []
+    for entities in (
+        shown.on_follower_state(FollowerState(tracking="waiting"), 0),
+        shown.on_follower_state(FollowerState(tracking="waiting"), 0),
+        shown.on_follower_state(following(Pose2D(), Pose2D(), "coasting"), 0),
+        shown.on_diagnostics(physics_says("1.0"), 0),
+        shown.on_diagnostics(physics_says("1.1"), 0),
+        shown.on_diagnostics(physics_says("1.2", 1, "refused payloads"), 0),
+    ):
+        for path, archetype in entities:
+            if path.startswith(f"{e.LOG}/"):
+                (text,) = archetype.text.as_arrow_array().to_pylist()
+                (level,) = archetype.level.as_arrow_array().to_pylist()
+                lines.append(f"{level} {text}")
+    assert lines == [
+        "INFO tracking: waiting",
+        "WARN tracking: coasting",
+        "INFO physics: ok",
+        "WARN physics: refused payloads",
+    ]
+
+
+def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
+    shown = picture()
+    list(shown.on_diagnostics(physics_says("0.123456"), 0))
+    table = dict(shown.on_diagnostics(physics_says("0.987654"), 0))[e.HEALTH]
+    (text,) = table.text.as_arrow_array().to_pylist()
+    assert "| physics | ok | rtf 0.9877 |" in text
+    assert "0.1235" not in text
+
+
+def test_a_pose_beyond_what_can_be_drawn_is_refused() -> None:
+    with pytest.raises(ValueError, match="out of range"):
+        list(picture().on_ground_truth(odometry(Pose2D(1e7)), 0))
+
+
+def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far() -> None:
+    shown = picture()
+    assert list(shown.ground()) == []
+    laid = []
+    for x in (0.0, 1.0, 4.0, 12.0, 13.0):
+        list(shown.on_ground_truth(odometry(Pose2D(x)), 0))
+        laid.append(len(list(shown.ground())))
+    assert laid == [1, 0, 0, 1, 0]
+
+
+def test_the_layout_shows_every_plot_and_text_there_is() -> None:
+    origins = set()
+
+    def walk(part: object) -> None:
+        if hasattr(part, "origin"):
+            origins.add(part.origin)
+        for child in getattr(part, "contents", ()) if not hasattr(part, "origin") else ():
+            walk(child)
+
+    walk(blueprint().root_container)
+    assert {e.FOLLOW, e.HEALTH, e.LOG} <= origins
+    for path in LINES:
+        assert any(path == origin or path.startswith(f"{origin}/") for origin in origins)

@@ -1,0 +1,198 @@
+"""The server: attaching at any time, ports, memory, and its end."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from mecazen_viewer.config import ViewerConfig
+from mecazen_viewer.headless import headless_viewer
+from mecazen_viewer.rerun_process import RerunError
+from mecazen_viewer.server import Server, serving
+from rerun.experimental import ViewerClient, ViewerState
+from viewer_stage import Stage
+
+ANYWHERE = ViewerConfig(web_port=0, data_port=0)
+GUARD = 200
+"""Questions to a viewer that are answered one after the other: only a hang needs so many."""
+
+
+@pytest.fixture
+def attach() -> Iterator[ViewerClient]:
+    """A native viewer without a window."""
+    try:
+        with headless_viewer() as viewer:
+            yield viewer
+    except RerunError as error:
+        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")
+
+
+def wait(viewer: ViewerClient, recordings: int) -> ViewerState:
+    """The state of a viewer once it shows so many recordings, and all that they have."""
+    for _ in range(GUARD):
+        state = viewer.get_state()
+        viewer.take_screenshot()  # which takes a frame, so this is no busy wait
+        if len(state.recordings) == recordings and all(r.timelines for r in state.recordings):
+            return state
+    raise AssertionError(f"never {recordings} recordings: {state}")
+
+
+def play(stage: Stage, server: Server, run: int, ticks: int = 50) -> None:
+    stage.viewer.send = server.take
+    stage.play(run, ticks)
+    stage.viewer.recording.flush(timeout_sec=10.0)
+
+
+def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClient) -> None:
+    stage = Stage()
+    with serving(ANYWHERE) as server:
+        play(stage, server, run=1)
+        attach.open(server.uri)
+        state = wait(attach, 1)
+        (recording,) = state.recordings
+        (timeline,) = recording.timelines
+        assert (timeline.name, timeline.start, timeline.end) == ("sim_time", 0, 490_000_000)
+        schema = attach.get_recording_schema(recording.store_id, paths_only=True)
+        paths = {entity.entity_path for entity in schema.entities}
+        assert {
+            "/world/ground",
+            "/world/robot/shape",
+            "/world/robot/wheel",
+            "/world/person/arrow",
+            "/world/observation",
+            "/world/odom/estimate",
+            "/world/odom/goal",
+            "/world/trails/robot",
+            "/plots/distance",
+            "/log/follower",
+        } <= paths
+        stage.viewer.end()
+
+
+def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach: ViewerClient) -> None:
+    stage = Stage()
+    with serving(ANYWHERE) as server:
+        play(stage, server, run=1)
+        attach.open(server.uri)
+        assert wait(attach, 1).active_recording == "Recording:mecazen:00000001"
+        play(stage, server, run=2)
+        assert wait(attach, 2).active_recording == "Recording:mecazen:00000002"
+        stage.viewer.end()
+
+
+def test_every_view_of_the_layout_is_there_and_none_complains(attach: ViewerClient) -> None:
+    stage = Stage()
+    with serving(ANYWHERE) as server:
+        play(stage, server, run=1, ticks=150)
+        attach.open(server.uri)
+        state = wait(attach, 1)
+        names = {view.name for view in state.views}
+        assert {"following", "from above", "log", "health", "distance error [m]"} <= names
+        assert all(view.visible and not view.reports for view in state.views)
+        stage.viewer.end()
+
+
+def test_the_page_is_served_on_loopback_and_only_there() -> None:
+    with serving(ANYWHERE) as server:
+        with urllib.request.urlopen(server.url, timeout=10.0) as answer:  # noqa: S310
+            assert b"Rerun" in answer.read()
+        (rerun,) = psutil.Process().children()
+        listening = [c for c in rerun.net_connections() if c.status == psutil.CONN_LISTEN]
+        assert len(listening) == 2
+        assert {connection.laddr.ip for connection in listening} == {"127.0.0.1"}
+
+
+@pytest.mark.parametrize("key", ["web_port", "data_port"])
+def test_a_taken_port_is_one_line_that_names_its_key(key: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port})
+        with pytest.raises(RerunError) as caught, serving(config):
+            pass
+    assert str(caught.value).startswith(f"viewer.{key} = {port}: address already in use")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_server_that_ends_is_an_error() -> None:
+    with serving(ANYWHERE) as server:
+        server.check()
+        (rerun,) = psutil.Process().children()
+        rerun.kill()
+        rerun.wait()
+        with pytest.raises(RerunError, match="rerun has ended"):
+            server.check()
+
+
+def test_when_the_viewer_is_killed_the_server_ends_too() -> None:
+    code = (
+        "from mecazen_viewer.server import serving\n"
+        "from mecazen_viewer.config import ViewerConfig\n"
+        "import psutil, sys\n"
+        "with serving(ViewerConfig(web_port=0, data_port=0)):\n"
+        "    print(psutil.Process().children()[0].pid, flush=True)\n"
+        "    sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as viewer:
+        assert viewer.stdout is not None
+        server = os.pidfd_open(int(viewer.stdout.readline()))
+        viewer.kill()
+        assert select.select([server], [], [], 60.0)[0]
+        os.close(server)
+
+
+MEMORY = """
+import psutil
+from mecazen_viewer import server
+from mecazen_viewer.config import ViewerConfig
+from viewer_stage import Stage
+
+server.BUFFER = "4MiB"
+stage, me = Stage(), psutil.Process()
+
+def tell():
+    stage.viewer.recording.flush(timeout_sec=60.0)
+    memory = [process.memory_info().rss / 1e6 for process in (me, *me.children())]
+    print(*memory, me.num_threads(), flush=True)
+
+with server.serving(ViewerConfig(web_port=0, data_port=0)) as serving:
+    stage.viewer.send = serving.take
+    stage.play(run=1, ticks=4000)
+    tell()
+    stage.play(run=1, ticks=12000, begin=4000)
+    tell()
+    for run in range(2, 62):
+        stage.play(run, ticks=2)
+    tell()
+    stage.viewer.end()
+"""
+
+
+def test_memory_is_bounded_however_long_a_run_and_however_many_there_are() -> None:
+    """With a buffer of 4 MiB, which 4000 ticks fill: what is long elsewhere is short here."""
+    told = subprocess.run(
+        [sys.executable, "-c", MEMORY],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+        cwd=Path(__file__).parents[1],
+    ).stdout
+    short, long, many = (tuple(map(float, line.split())) for line in told.splitlines())
+    # 12000 ticks more are 16 MB; half of it would be a leak, less is what allocators keep
+    assert long[0] < short[0] + 8.0
+    assert long[1] < short[1] + 8.0
+    # 60 runs leave what of them never changes, and no thread
+    assert sum(many[:2]) < sum(long[:2]) + 10.0
+    assert many[2] <= long[2]
+    # the buffer as it is has 28 MiB more
+    assert sum(many[:2]) + 30.0 < 300.0

@@ -1,0 +1,130 @@
+"""Runs become recordings; what is wrong is refused; whoever describes no robot shows none."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+from harness import FORGED, FUZZ, Put, put_all, puts
+from hypothesis import given
+from mecazen import keys
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import (
+    DiagnosticArray,
+    DiagnosticStatus,
+    FollowerState,
+    JointState,
+    KeyValue,
+    Observation,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    Time,
+    Twist,
+    planar_odometry,
+)
+from mecazen.wire import Stamp
+from viewer_stage import COVARIANCE, Stage
+
+
+class Recordings:
+    """Takes each recording of a viewer into memory."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.names: list[str] = []
+        self.memories = []
+        stage.viewer.send = self._take
+
+    def _take(self, recording) -> None:
+        self.names.append(recording.get_recording_id())
+        self.memories.append(recording.memory_recording())
+
+    def messages(self) -> int:
+        """How much was logged in the newest."""
+        return self.memories[-1].num_msgs()
+
+
+def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample() -> None:
+    stage = Stage()
+    taken = Recordings(stage)
+    assert taken.names == []
+    stage.play(run=0xABC, ticks=3)
+    stage.play(run=0xDEF, ticks=3)
+    assert taken.names == ["00000abc", "00000def"]
+
+
+def test_what_is_late_of_an_ended_run_begins_no_recording() -> None:
+    stage = Stage()
+    taken = Recordings(stage)
+    stage.play(run=1, ticks=2)
+    stage.play(run=2, ticks=2)
+    stage.play(run=1, ticks=2, begin=2)
+    assert len(taken.names) == 2
+
+
+def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none() -> None:
+    stage = Stage()
+    taken = Recordings(stage)
+    stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    stage.bus.spin()
+    assert taken.names == []
+    stage.play(run=5, ticks=1)
+    stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    stage.bus.spin()
+    assert len(taken.names) == 1
+
+
+def test_without_a_description_the_rest_is_shown_and_one_line_says_so(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stage = Stage(described=False)
+    taken = Recordings(stage)
+    with caplog.at_level(logging.WARNING):
+        stage.play(run=1, ticks=20)
+    assert [record.getMessage() for record in caplog.records] == [
+        "msg='no picture of the robot: robot_description: nobody answers'"
+    ]
+    assert taken.messages() > 0
+
+
+def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown() -> None:
+    stage = Stage()
+    Recordings(stage)
+    stage.play(run=1, ticks=1)
+    far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
+    stage.bus.publisher(keys.GROUND_TRUTH).put(far, Stamp(10**9, 1, 7))
+    stage.bus.spin()
+    assert stage.bus.refused == {"ground_truth/odom": 1}
+    stage.play(run=1, ticks=1, begin=101)
+    assert stage.bus.refused.total() == 1
+
+
+POSE = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)
+GOOD = {
+    "ground_truth/odom": (Odometry(pose=POSE),),
+    "odom": (Odometry(pose=POSE),),
+    "target/odom": (Odometry(pose=POSE),),
+    "joint_states": (
+        JointState(name=("front_left_wheel_joint",), position=(1.0,), velocity=(1.0,) * 4),
+    ),
+    "target/observation": (Observation(poses=(POSE,)),),
+    "follower/state": (FollowerState(estimate=(Odometry(pose=POSE),), goal=(POSE.pose,)),),
+    "cmd_vel": (Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
+    "diagnostics/physics": (
+        DiagnosticArray(
+            status=(DiagnosticStatus(name="physics", values=(KeyValue(key="rtf", value="1"),)),)
+        ),
+    ),
+}
+
+
+@FUZZ
+@given(wrong=puts(GOOD, FORGED))
+def test_whatever_comes_the_viewer_goes_on(wrong: list[Put]) -> None:
+    stage = Stage()
+    Recordings(stage)
+    assert "physics" in Scenario(robot=stage.viewer.scenario.robot).services
+    put_all(stage.bus, wrong)
+    stage.play(run=4711, ticks=1)
+    assert stage.viewer.stamp.run == 4711

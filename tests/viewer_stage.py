@@ -1,0 +1,78 @@
+"""A simulation for the viewer's tests: a bus on which somebody says what services say."""
+
+from __future__ import annotations
+
+import math
+
+from harness import load_robot
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import (
+    FollowerState,
+    Header,
+    JointState,
+    Observation,
+    Odometry,
+    Pose,
+    PoseWithCovariance,
+    String,
+    Twist,
+    diagonal_covariance,
+    planar_odometry,
+)
+from mecazen.robot import WHEEL_JOINTS
+from mecazen.wire import Stamp
+from mecazen_viewer.service import ViewerService
+
+TICK_NS = 10_000_000
+COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+URDF = """<robot name="toy">
+  <link name="base_link"><visual><geometry><box size="0.4 0.3 0.1"/></geometry></visual></link>
+  <link name="wheel"/>
+  <joint name="front_left_wheel_joint" type="continuous">
+    <parent link="base_link"/><child link="wheel"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+class Stage:
+    """Publishes ticks of a robot that drives in a circle after a person."""
+
+    def __init__(self, *, described: bool = True) -> None:
+        self.bus = LocalBus()
+        if described:
+            self.bus.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(String(data=URDF)))
+        self.viewer = ViewerService(self.bus, Scenario(robot=load_robot()))
+
+    def play(self, run: int, ticks: int, begin: int = 0) -> None:
+        """Publish ticks of a run, one after the other."""
+        for tick in range(begin, begin + ticks):
+            stamp = Stamp(tick * TICK_NS, run, 7)
+            angle = tick / 500
+            robot = Pose2D(2 * math.cos(angle), 2 * math.sin(angle), angle + math.pi / 2)
+            person = robot.compose(Pose2D(1.0))
+            odom = planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D(0.4))
+            seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
+            header = Header(stamp=stamp.time, frame_id="base_link")
+            estimate = Odometry(
+                pose=PoseWithCovariance(pose=Pose.planar(person), covariance=COVARIANCE)
+            )
+            said = {
+                keys.GROUND_TRUTH: odom,
+                keys.JOINT_STATES: JointState(
+                    name=WHEEL_JOINTS, position=(0.1 * tick,) * 4, velocity=(10.0,) * 4
+                ),
+                keys.TARGET_ODOM: planar_odometry(
+                    stamp.time, "world", "person", person, Twist2D(0.4)
+                ),
+                keys.OBSERVATION: Observation(header=header, poses=(seen,)),
+                keys.ODOM: odom,
+                keys.FOLLOWER_STATE: FollowerState(
+                    tracking="following", estimate=(estimate,), goal=(Pose.planar(robot),)
+                ),
+                keys.CMD_VEL: Twist.planar(Twist2D(0.4)),
+            }
+            for topic, message in said.items():
+                self.bus.publisher(topic).put(message, stamp)
+            self.bus.spin()
