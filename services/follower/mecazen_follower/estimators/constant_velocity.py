@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from filterpy.common import Q_continuous_white_noise
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.schema import Positive
 
@@ -61,6 +60,10 @@ class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityPar
         if dt != self._dt:
             self._dt = dt
             step = np.array([[1.0, dt], [0.0, 1.0]])
+            from filterpy.common import (  # noqa: PLC0415  # as in `kalman`
+                Q_continuous_white_noise,
+            )
+
             noise = Q_continuous_white_noise(2, dt, 1.0)
             self._F = np.kron(np.eye(3), step)
             self._Q = np.kron(np.diag(self._densities), noise)

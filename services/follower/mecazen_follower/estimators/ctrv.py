@@ -7,7 +7,6 @@ from abc import abstractmethod
 from typing import Any, Protocol
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from mecazen.geometry import Pose2D
 from mecazen.schema import NonNegative, Positive
 
@@ -174,6 +173,11 @@ class Unscented:
     """
 
     def __init__(self, walks: Array, state: Array, covariance: Array) -> None:
+        from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
+            MerweScaledSigmaPoints,
+            UnscentedKalmanFilter,
+        )
+
         self._walks = walks
         points = MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
         self._filter: Any = UnscentedKalmanFilter(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from filterpy.kalman import KalmanFilter
-
 from mecazen_follower.estimators.base import Array, Covariance
 
 
 def kalman(state: Array, covariance: Array, H: Array) -> Any:
     """Return a filter that starts with `state`, a vector, and observes H times it."""
+    # here, and not above: every process reads the follower's config, and this takes a second
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415
+
     kf = KalmanFilter(dim_x=len(state), dim_z=len(H))
     kf.x, kf.P, kf.H = state, covariance, H
     return kf
