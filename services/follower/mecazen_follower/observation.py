@@ -37,6 +37,7 @@ def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
 
 def ros_covariance(covariance: Covariance) -> tuple[float, ...]:
     """Return ROS's row-major 6x6 of a 3x3 covariance of (x, y, yaw)."""
-    full = np.zeros((6, 6))
-    full[PLANAR] = covariance
-    return tuple(full.ravel().tolist())
+    full = [0.0] * 36
+    for row, values in zip((0, 1, 5), covariance, strict=True):
+        full[6 * row], full[6 * row + 1], full[6 * row + 5] = values
+    return tuple(full)

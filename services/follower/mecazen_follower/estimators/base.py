@@ -32,6 +32,8 @@ class Estimate(NamedTuple):
 
     def after(self, dt: float) -> Estimate:
         """Return the estimate `dt` [s] later, if the person keeps walking and turning."""
+        if dt == 0.0:
+            return self
         body = Twist2D(*rotate(self.velocity.x, self.velocity.y, -self.pose.yaw), self.velocity.yaw)
         pose = self.pose.integrate(body, dt)
         velocity = Twist2D(*rotate(body.x, body.y, pose.yaw), body.yaw)
@@ -90,9 +92,12 @@ class Estimator(ABC):
             raise ValueError("covariance of an observation must be 3x3 and finite")
         if not noise.any():
             return self._default_noise
-        if not np.allclose(noise, noise.T) or np.linalg.eigvalsh(noise)[0] < -MIN_VARIANCE:
+        positive = noise + 2 * MIN_VARIANCE * np.eye(3)
+        if (np.abs(noise - noise.T) > 1e-5 * np.abs(noise) + 1e-8).any() or not _is_positive(
+            positive
+        ):
             raise ValueError("covariance of an observation must be symmetric and not negative")
-        return noise + 2 * MIN_VARIANCE * np.eye(3)
+        return positive
 
     @abstractmethod
     def _observe(self, observation: Pose2D, noise: Array) -> None:
@@ -114,6 +119,15 @@ class Estimator(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Forget the person."""
+
+
+def _is_positive(matrix: Array) -> bool:
+    """Return whether a symmetric matrix is positive definite."""
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def make_params(name: str, params: Mapping[str, float]) -> Params:
