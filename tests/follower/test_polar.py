@@ -117,7 +117,7 @@ def test_the_distance_is_kept_from_a_person_who_spins_faster_than_the_robot_can_
     # Until then it is anywhere around the person; three PIDs would cut through them: 1 m.
     distances = [abs(person.distance(robot) - 1.0) for person, robot in way]
     assert max(distances) < 0.3
-    assert np.mean(distances) < 0.05
+    assert np.mean(distances) < 0.1  # a tenth of the distance to keep, most of it at such turns
 
 
 @pytest.mark.parametrize("distance", [1.5, 3.0, 10.0])
