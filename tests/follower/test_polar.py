@@ -102,8 +102,8 @@ any_twist = st.builds(Twist2D, huge, huge, huge)
 @given(standoffs, anywhere, any_twist, anywhere)
 def test_limits_hold_whatever_comes(standoff, goal, goal_velocity, robot):
     twist = make(standoff, 1.5, 2.5).command(goal, goal_velocity, robot, DT)
-    assert abs(twist.x) <= 1.5
-    assert abs(twist.y) <= 1.5
+    # a vector of just that length, put together from its parts, is rounded a few times
+    assert math.hypot(twist.x, twist.y) <= 1.5 * (1.0 + 1e-12)
     assert abs(twist.yaw) <= 2.5
 
 
