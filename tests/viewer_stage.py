@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
+import numpy as np
 from harness import load_robot
 from mecazen import keys
 from mecazen.bus import LocalBus
@@ -24,16 +26,24 @@ from mecazen.messages import (
 )
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.wire import Stamp
+from mecazen_viewer.components import Components
 from mecazen_viewer.service import ViewerService
 
 TICK_NS = 10_000_000
 COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
 URDF = """<robot name="toy">
   <link name="base_link"><visual><geometry><box size="0.4 0.3 0.1"/></geometry></visual></link>
-  <link name="wheel"/>
+  <link name="wheel"><visual><geometry><cylinder radius="0.05" length="0.04"/></geometry></visual>
+  </link>
   <joint name="front_left_wheel_joint" type="continuous">
     <parent link="base_link"/><child link="wheel"/><axis xyz="0 1 0"/></joint>
 </robot>"""
+
+
+def values(entities: Mapping[str, Components], path: str, component: str) -> np.ndarray:
+    """What is logged for a component of a path, such as `Transform3D:translation`."""
+    logged = {str(batch.component_descriptor()): batch for batch in entities[path]}
+    return np.array(logged[component].as_arrow_array().to_pylist())
 
 
 class Stage:

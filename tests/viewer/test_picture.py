@@ -31,8 +31,10 @@ from mecazen_viewer.entities import Entity
 from mecazen_viewer.layout import blueprint
 from mecazen_viewer.picture import Picture
 from mecazen_viewer.plots import LINES
+from viewer_stage import values
 
 MS = 10**6
+POINTS = e.OBSERVATION, "Points3D:positions"
 COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
 
 
@@ -44,16 +46,11 @@ def odometry(pose: Pose2D, twist: Twist2D | None = None) -> Odometry:
     return planar_odometry(Time(), "world", "base_link", pose, twist or Twist2D())
 
 
-def values(entity: Iterable[Entity], path: str, field: str) -> np.ndarray:
-    archetype = dict(entity)[path]
-    return np.array(getattr(archetype, field).as_arrow_array().to_pylist())
-
-
 def place(entities: Iterable[Entity], path: str) -> Pose2D:
     """The planar pose of a frame."""
-    frame = dict(entities)[path]
-    x, y, _ = frame.translation.as_arrow_array().to_pylist()[0]
-    _, _, z, w = frame.quaternion.as_arrow_array().to_pylist()[0]
+    logged = dict(entities)
+    x, y, _ = values(logged, path, "Transform3D:translation")[0]
+    _, _, z, w = values(logged, path, "Transform3D:quaternion")[0]
     return Pose2D(x, y, 2.0 * math.atan2(z, w))
 
 
@@ -71,7 +68,7 @@ def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> Fo
 def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_the_person() -> None:
     shown = picture()
     list(shown.on_target_odom(odometry(Pose2D(3.0, 2.0)), 0))
-    entities = list(shown.on_ground_truth(odometry(Pose2D(1.0, 2.0, 0.5)), 0))
+    entities = dict(shown.on_ground_truth(odometry(Pose2D(1.0, 2.0, 0.5)), 0))
     assert place(entities, e.ROBOT) == pytest.approx((1.0, 2.0, 0.5), abs=1e-6)
     assert place(entities, e.FOLLOW) == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
 
@@ -90,10 +87,10 @@ def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture() -> Non
         list(shown.on_ground_truth(odometry(Pose2D(y=0.1 * tick, yaw=math.pi / 2)), tick * 10 * MS))
     seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
     header = Header(stamp=Time.from_ns(20 * MS), frame_id="base_link")
-    entities = list(shown.on_observation(Observation(header=header, poses=(seen,)), 40 * MS))
+    entities = dict(shown.on_observation(Observation(header=header, poses=(seen,)), 40 * MS))
     # 1 m ahead of a robot at y = 0.2 m that looks along y
-    assert values(entities, e.OBSERVATION, "positions")[0][:2] == pytest.approx((0.0, 1.2))
-    stretch = values(entities, e.OBSERVATION_ELLIPSE, "mat3x3")[0]
+    assert values(entities, *POINTS)[0][:2] == pytest.approx((0.0, 1.2))
+    stretch = values(entities, e.OBSERVATION_ELLIPSE, "Transform3D:mat3x3")[0]
     # 0.1 m times the square root of chi-square's 95 % quantile with two freedoms
     assert np.abs(stretch).max() == pytest.approx(1.0)
     assert np.abs(np.linalg.svd(stretch.reshape(3, 3))[1][1:]) == pytest.approx(
@@ -106,7 +103,7 @@ def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing() -> None:
     seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
     frame = Observation(header=Header(frame_id="world"), poses=(seen,))
     counts = [
-        len(values(shown.on_observation(message, 100 * MS * i), e.OBSERVATION, "positions"))
+        len(values(dict(shown.on_observation(message, 100 * MS * i)), *POINTS))
         for i, message in enumerate((frame, frame, Observation(), Observation(), Observation()))
     ]
     assert counts == [1, 2, 1, 0, 0]
@@ -117,16 +114,16 @@ def test_errors_are_true_and_as_the_follower_has_them() -> None:
     list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     list(shown.on_target_odom(odometry(Pose2D()), 0))
     list(shown.on_odom(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
-    entities = list(shown.on_follower_state(following(Pose2D(0.1), Pose2D(-0.9)), 0))
+    entities = dict(shown.on_follower_state(following(Pose2D(0.1), Pose2D(-0.9)), 0))
     # the goal is 1 m behind the estimate, the robot 1.2 m behind the true person
-    *_, reference, estimated, true = values(entities, e.DISTANCE, "scalars")
+    *_, reference, estimated, true = values(entities, e.DISTANCE, "Scalars:scalars")
     assert (reference, estimated, true) == pytest.approx((0.0, 0.25, 0.2))
-    *_, reference, estimated, true = values(entities, e.ANGLE, "scalars")
+    *_, reference, estimated, true = values(entities, e.ANGLE, "Scalars:scalars")
     assert (reference, estimated, true) == pytest.approx(
         (0.0, math.degrees(0.5), math.degrees(0.1))
     )
     # the estimate is 0.1 m off by a standard deviation of 0.1 m
-    assert values(entities, e.NEES, "scalars")[-1] == pytest.approx(1.0)
+    assert values(entities, e.NEES, "Scalars:scalars")[-1] == pytest.approx(1.0)
     assert place(entities, e.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
 
 
@@ -137,9 +134,9 @@ def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() ->
     list(shown.on_target_odom(odometry(person), 0))
     list(shown.on_odom(odometry(drifted), 0))
     estimate = drifted.compose(robot.between(person))
-    entities = list(shown.on_follower_state(following(estimate, drifted), 0))
+    entities = dict(shown.on_follower_state(following(estimate, drifted), 0))
     # rounding alone
-    assert values(entities, e.NEES, "scalars")[-1] == pytest.approx(0.0, abs=1e-12)
+    assert values(entities, e.NEES, "Scalars:scalars")[-1] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_lines_have_ten_points_a_second() -> None:
@@ -161,8 +158,8 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
     ]
     plotted = {path: archetype for path, archetype in drawn if path.startswith("plots/")}
     assert set(plotted) == set(LINES)
-    for path, archetype in plotted.items():
-        assert len(archetype.scalars.as_arrow_array()) == len(LINES[path])
+    for path in plotted:
+        assert len(values(plotted, path, "Scalars:scalars")) == len(LINES[path])
 
 
 def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArray:

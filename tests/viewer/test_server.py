@@ -64,7 +64,8 @@ def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClien
         paths = {entity.entity_path for entity in schema.entities}
         assert {
             "/world/ground",
-            "/world/robot/shape",
+            "/world/robot/base_link",
+            "/world/robot",
             "/world/robot/wheel",
             "/world/person/arrow",
             "/world/observation",

@@ -11,6 +11,7 @@ from mecazen.messages import JointState
 from mecazen_viewer import rotation, urdf
 from mecazen_viewer.robot import RobotModel
 from mecazen_viewer.stl import read_stl
+from viewer_stage import values
 
 URDF = """<robot name="toy">
   <material name="dark"><color rgba="0.1 0.2 0.3 1"/></material>
@@ -20,7 +21,8 @@ URDF = """<robot name="toy">
     <geometry><cylinder radius="0.05" length="0.04"/></geometry></visual></link>
   <link name="roller_0"><visual><geometry><mesh filename="r.stl"/></geometry></visual></link>
   <link name="roller_1"><visual><geometry><mesh filename="r.stl"/></geometry></visual></link>
-  <link name="mast"/>
+  <link name="mast"><visual><origin xyz="0.3 0 0" rpy="0 0 0"/>
+    <geometry><cylinder radius="0.01" length="1"/></geometry></visual></link>
   <joint name="wheel_joint" type="continuous"><parent link="base_link"/><child link="wheel"/>
     <origin xyz="0.1 0.2 0.05" rpy="0 0 0"/><axis xyz="0 1 0"/></joint>
   <joint name="r0" type="continuous"><parent link="wheel"/><child link="roller_0"/>
@@ -31,8 +33,9 @@ URDF = """<robot name="toy">
     <origin xyz="0 0 1" rpy="0 0 0"/></joint>
 </robot>"""
 
-WHEEL = "world/robot/wheel"
-ROLLERS = "world/robot/wheel/instances_0"
+BASE, WHEEL, ROLLERS, MAST = (
+    f"world/robot/{name}" for name in ("base_link", "wheel", "roller", "mast")
+)
 
 
 def stl(*triangles: tuple[tuple[float, float, float], ...]) -> bytes:
@@ -46,45 +49,68 @@ def stl(*triangles: tuple[tuple[float, float, float], ...]) -> bytes:
 SQUARE = stl(((0, 0, 0), (1, 0, 0), (1, 1, 0)), ((0, 0, 0), (1, 1, 0), (0, 1, 0)))
 
 
+FILES = {"r.stl": SQUARE, "other.stl": SQUARE}
+
+
 def toy() -> RobotModel:
-    return RobotModel(urdf.read(URDF), {"r.stl": SQUARE})
+    return RobotModel(urdf.read(URDF), FILES)
 
 
 def states(**angles: float) -> JointState:
     return JointState(name=tuple(angles), position=tuple(angles.values()))
 
 
-def quaternions(archetype: object, field: str) -> np.ndarray:
-    return np.array(getattr(archetype, field).as_arrow_array().to_pylist())
-
-
-def test_shapes_are_below_the_links_that_have_them_and_fixed_joints_place_theirs() -> None:
+def test_what_is_alike_is_one_entity_by_what_the_names_have_in_common() -> None:
     paths = [path for path, _ in toy().shapes]
-    assert paths == [
-        "world/robot/shape",
-        "world/robot/wheel/shape",
-        ROLLERS,
-        "world/robot/mast",
-    ]
+    assert list(dict.fromkeys(paths)) == [BASE, WHEEL, MAST, ROLLERS]
+    named = URDF.replace("roller_0", "front_roller").replace("roller_1", "rear_roller")
+    assert [path for path, _ in RobotModel(urdf.read(named), FILES).shapes][-1] == ROLLERS
 
 
-def test_leaves_with_one_mesh_on_one_parent_are_instances_each_turned_by_its_own_joint() -> None:
-    posed = dict(toy().pose(states(wheel_joint=0.5, r0=math.pi / 2, r1=math.pi / 2, other=9.0)))
+def test_groups_whose_names_have_the_same_in_common_are_told_apart() -> None:
+    links = {"front_left": "r", "front_right": "other", "rear_left": "other", "rear_right": "r"}
+    text = "".join(
+        f'<link name="{link}_roller"><visual><geometry><mesh filename="{mesh}.stl"/></geometry>'
+        f'</visual></link><joint name="{link}" type="continuous"><parent link="base"/>'
+        f'<child link="{link}_roller"/><axis xyz="0 1 0"/></joint>'
+        for link, mesh in links.items()
+    )
+    shapes = RobotModel(urdf.read(f"<robot>{text}</robot>"), FILES).shapes
+    assert [path for path, _ in shapes] == [ROLLERS, f"{ROLLERS}_2"]
+
+
+def test_what_turns_with_nothing_stands_where_its_fixed_joints_place_it() -> None:
+    placed = [(path, components) for path, components in toy().shapes if path in (BASE, MAST)]
+    (base, mast) = dict(placed).values()  # the later of shape and place
+    assert values({BASE: base}, BASE, "Boxes3D:centers")[0] == pytest.approx([0, 0, 0.1])
+    assert values({MAST: mast}, MAST, "Cylinders3D:centers")[0] == pytest.approx([0.3, 0, 1])
+
+
+def test_what_turns_is_where_all_joints_below_it_put_it() -> None:
+    posed = dict(toy().pose(states(wheel_joint=math.pi / 2, r0=math.pi / 2, r1=0.0, other=9.0)))
     assert set(posed) == {WHEEL, ROLLERS}
-    h = math.sqrt(0.5)
-    turned = quaternions(posed[ROLLERS], "quaternions")
     # single precision
-    assert turned == pytest.approx(np.array([[0, 0, h, h], [0, 0, 1, 0]]), abs=1e-6)
-    assert quaternions(posed[ROLLERS], "translations")[:, 2] == pytest.approx([-0.04, 0.04])
-    wheel = quaternions(posed[WHEEL], "quaternion")[0]
-    assert wheel == pytest.approx([0, math.sin(0.25), 0, math.cos(0.25)], abs=1e-6)
-    assert quaternions(posed[WHEEL], "translation")[0] == pytest.approx([0.1, 0.2, 0.05])
+    near = {"abs": 1e-6}
+    assert values(posed, WHEEL, "Cylinders3D:centers") == pytest.approx(
+        np.array([[0.1, 0.2, 0.05]]), **near
+    )
+    # the cylinder lies in its link by 1.5 rad about x, and the link is turned about y
+    h = math.sqrt(0.5)
+    a, b = h * math.sin(0.75), h * math.cos(0.75)
+    hub = values(posed, WHEEL, "Cylinders3D:quaternions")
+    assert hub == pytest.approx(np.array([[a, b, -a, b]]), **near)
+    # a wheel that has turned a quarter about y has what was below it behind, and above it before
+    places = values(posed, ROLLERS, "InstancePoses3D:translations")
+    assert places == pytest.approx(np.array([[0.06, 0.2, 0.05], [0.14, 0.2, 0.05]]), **near)
+    # a quarter about y after a quarter about z: of the joint's angle, and of the second's origin
+    turned = values(posed, ROLLERS, "InstancePoses3D:quaternions")
+    assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
 
 
 def test_a_million_turns_leave_no_less_precision_than_none() -> None:
     one = dict(toy().pose(states(wheel_joint=0.0, r0=1.0, r1=0.0)))
     many = dict(toy().pose(states(wheel_joint=0.0, r0=1.0 + 1e6 * math.tau, r1=0.0)))
-    a, b = (quaternions(posed[ROLLERS], "quaternions") for posed in (one, many))
+    a, b = (values(posed, ROLLERS, "InstancePoses3D:quaternions") for posed in (one, many))
     # a double at 6e6 rad has steps of 1e-9
     assert np.abs(a - b).max() < 1e-6
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
-Entity = tuple[str, rr.AsComponents]
+from mecazen_viewer.components import Components
+
+Entity = tuple[str, rr.AsComponents | Components]
 """A path in the recording, and what is logged there."""
 
 TIMELINE = "sim_time"
@@ -48,11 +48,3 @@ PURPLE: Colour = (190, 90, 160)
 SKY: Colour = (86, 180, 233)
 RED: Colour = (213, 40, 30)
 GREY: Colour = (128, 128, 128)
-
-
-def transform(
-    translation: npt.NDArray[np.floating], quaternion: npt.NDArray[np.floating]
-) -> rr.Transform3D:
-    """Return a frame in its parent's: translation (3,) [m], rotation (4,) as x, y, z, w."""
-    # both at once, always: what is left out would fall back to no translation, or no rotation
-    return rr.Transform3D(translation=translation, quaternion=rr.Quaternion(xyzw=quaternion))

@@ -23,6 +23,7 @@ from mecazen.robot import WHEELS
 
 from mecazen_viewer import covariance, plots, things, urdf
 from mecazen_viewer import entities as e
+from mecazen_viewer.components import transform
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.health import Health
 from mecazen_viewer.robot import RobotModel
@@ -81,7 +82,7 @@ class Picture:
         place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
         if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
             raise ValueError(f"pose out of range: {odom.pose.pose}")
-        yield e.ROBOT, e.transform(place, turn)
+        yield e.ROBOT, transform(place, turn)
         yield things.frame(e.FOLLOW, self._middle(pose))
         if self._robot.add(time_ns, pose):
             yield things.trail("robot", self._robot.trail)

@@ -11,6 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.robot import WHEELS
 
 from mecazen_viewer import entities as e
+from mecazen_viewer.components import scalars
 from mecazen_viewer.entities import Colour, Entity
 
 
@@ -94,27 +95,27 @@ def errors(
     if seen is not None:
         distance = math.hypot(seen.x, seen.y) - math.hypot(standoff.x, standoff.y)
         angle = wrap(seen.yaw - standoff.yaw)
-    yield e.DISTANCE, rr.Scalars([*DISTANCE_BAND_M, 0.0, distance_error, distance])
+    yield e.DISTANCE, scalars([*DISTANCE_BAND_M, 0.0, distance_error, distance])
     estimated, true = math.degrees(heading_error), math.degrees(angle)
-    yield e.ANGLE, rr.Scalars([*ANGLE_BAND_DEG, 0.0, estimated, true])
+    yield e.ANGLE, scalars([*ANGLE_BAND_DEG, 0.0, estimated, true])
 
 
 def velocity(kind: str, twist: Twist2D) -> Iterator[Entity]:
     """Return a body velocity, `commanded` or `measured`."""
-    yield f"{e.VELOCITY}/{kind}", rr.Scalars([twist.x, twist.y])
-    yield f"{e.YAW_RATE}/{kind}", rr.Scalars(twist.yaw)
+    yield f"{e.VELOCITY}/{kind}", scalars([twist.x, twist.y])
+    yield f"{e.YAW_RATE}/{kind}", scalars([twist.yaw])
 
 
 def wheel_speeds(speeds: tuple[float, ...]) -> Entity:
     """Return the speeds of the four wheels [rad/s], in the order of `WHEELS`."""
-    return e.WHEEL_SPEED, rr.Scalars(speeds)
+    return e.WHEEL_SPEED, scalars(speeds)
 
 
 def consistency(nees: float) -> Entity:
     """Return the estimator's NEES, and what it should be."""
-    return e.NEES, rr.Scalars([*GOOD_NEES, nees])
+    return e.NEES, scalars([*GOOD_NEES, nees])
 
 
 def real_time(factor: float) -> Entity:
     """Return simulated over wall time."""
-    return e.REAL_TIME, rr.Scalars([0.0, 1.0, factor])
+    return e.REAL_TIME, scalars([0.0, 1.0, factor])

@@ -1,13 +1,13 @@
-"""The robot from its URDF: shapes once, and the poses of what turns by the joint states.
+"""The robot from its URDF: shapes once, and by the joint states where those are that turn.
 
-Leaves that hang on one parent and share one mesh, as the rollers of a wheel do, are drawn as
-instances of it: one entity for each wheel instead of one for each roller.
+Shapes that are alike, as the rollers are, become instances of one entity, since what a frame
+costs is the number of entities in it.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -16,9 +16,11 @@ from mecazen.messages import JointState
 
 from mecazen_viewer import entities as e
 from mecazen_viewer import rotation
+from mecazen_viewer.components import Components, instances
 from mecazen_viewer.entities import Entity
+from mecazen_viewer.rotation import Array
 from mecazen_viewer.stl import read_stl
-from mecazen_viewer.urdf import Joint, Urdf, Visual
+from mecazen_viewer.urdf import Joint, Origin, Urdf, Visual
 
 
 class RobotModel:
@@ -30,103 +32,127 @@ class RobotModel:
 
     def __init__(self, urdf: Urdf, meshes: Mapping[str, bytes]) -> None:
         """Take the URDF and the files of its meshes by the names that it gives them."""
-        self._urdf, self._meshes = urdf, meshes
+        root, joints = _tree(urdf)
+        links = [root, *(joint.child for joint in joints)]
+        number = {link: index for index, link in enumerate(links)}
+        self._parents = np.array([0, *(number[joint.parent] for joint in joints)])
+        # a link hangs on one of a lower level, so whole levels are placed at once
+        depth, turns = [0], [False]
+        for joint in joints:
+            parent = number[joint.parent]
+            depth.append(depth[parent] + 1)
+            turns.append(turns[parent] or joint.axis is not None)
+        self._levels = [np.flatnonzero(np.array(depth) == d) for d in range(1, max(depth) + 1)]
+        self._places = np.array([(0.0, 0.0, 0.0), *(joint.origin.xyz for joint in joints)])
+        self._turns = rotation.from_rpy([(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)])
+        axes = np.array([(0.0, 0.0, 0.0), *(joint.axis or (0.0, 0.0, 0.0) for joint in joints)])
+        # turned by an angle a, a link has cos(a/2) of its rotation and sin(a/2) of this
+        self._half_turned = rotation.multiply(
+            self._turns, rotation.about(axes, np.full(len(links), math.pi))
+        )
+        turning = [joint for joint in joints if joint.axis is not None]
+        self._turning = [number[joint.child] for joint in turning]
+        self._joints = tuple(joint.name for joint in turning)
+        self._names: tuple[str, ...] = ()
+        self._states: list[int] | None = None
+
+        alike = defaultdict(list)
+        for index, link in enumerate(links):
+            if link in urdf.visuals:
+                alike[urdf.visuals[link], turns[index]].append(index)
         self.shapes: list[Entity] = []
         """What never changes."""
-        self._turning: list[tuple[str, slice, bool]] = []
-        joints: list[Joint] = []
-        children = defaultdict(list)
-        for joint in urdf.joints:
-            children[joint.parent].append(joint)
-        roots = set(children) - {joint.child for joint in urdf.joints}
-        if len(roots) != 1:
-            raise ValueError(f"the links are no tree with one root: {sorted(roots)}")
-        self._add(roots.pop(), e.ROBOT, children, joints)
-        self._joints = tuple(joint.name for joint in joints)
-        self._translation = np.array([joint.origin.xyz for joint in joints], dtype=np.float32)
-        self._rotation = rotation.from_rpy([joint.origin.rpy for joint in joints])
-        self._axis = np.array([joint.axis for joint in joints])
-        self._names: tuple[str, ...] = ()
-        self._places: list[int] | None = None
+        self._moving: list[tuple[str, Visual, list[int]]] = []
+        places, rotations = self._frames(np.zeros(len(links)))
+        names = _names([[links[index] for index in which] for which in alike.values()])
+        for name, ((visual, moves), which) in zip(names, alike.items(), strict=True):
+            path = f"{e.ROBOT}/{name}"
+            self.shapes.append((path, _shape(visual, meshes)))
+            if moves:
+                self._moving.append((path, visual, which))
+            else:
+                self.shapes.append((path, _placed(visual, places[which], rotations[which])))
 
     def pose(self, states: JointState) -> Iterator[Entity]:
         """Return what turns; nothing where a joint of this robot is not among the states."""
         if states.name != self._names:
-            places = {name: place for place, name in enumerate(states.name)}
+            order = {name: place for place, name in enumerate(states.name)}
             self._names = states.name
-            known = places.keys() >= set(self._joints)
-            self._places = [places[name] for name in self._joints] if known else None
-        if self._places is None or len(states.position) != len(states.name):
+            known = order.keys() >= set(self._joints)
+            self._states = [order[name] for name in self._joints] if known else None
+        if self._states is None or len(states.position) != len(states.name):
             return
+        angles = np.zeros(len(self._places))
         # whole turns show nothing, and single precision has no digits for many of them
-        angles = np.remainder(np.array(states.position)[self._places], math.tau)
-        turned = rotation.multiply(self._rotation, rotation.about(self._axis, angles))
-        turned = turned.astype(np.float32)
-        for path, part, instanced in self._turning:
-            if instanced:
-                yield (
-                    path,
-                    rr.InstancePoses3D(
-                        translations=self._translation[part], quaternions=turned[part]
-                    ),
-                )
-            else:
-                first = part.start
-                yield path, e.transform(self._translation[first], turned[first])
+        angles[self._turning] = np.remainder(np.array(states.position)[self._states], math.tau)
+        places, rotations = self._frames(angles)
+        for path, visual, which in self._moving:
+            yield path, _placed(visual, places[which], rotations[which])
 
-    def _add(
-        self, link: str, path: str, children: Mapping[str, Sequence[Joint]], joints: list[Joint]
-    ) -> None:
-        """Add a link with all below it; append the joints that turn to `joints`."""
-        visuals = self._urdf.visuals
-        if link in visuals:
-            self.shapes.append((f"{path}/shape", self._shape(visuals[link])))
-        shared = defaultdict(list)
-        for joint in children.get(link, ()):
-            visual = visuals.get(joint.child)
-            if joint.axis is not None and visual and visual.mesh and joint.child not in children:
-                shared[visual].append(joint)
-                continue
-            below = f"{path}/{joint.child}"
-            if joint.axis is None:
-                turn = rotation.from_rpy(joint.origin.rpy)
-                self.shapes.append((below, e.transform(np.array(joint.origin.xyz), turn)))
-            else:
-                self._turning.append((below, slice(len(joints), len(joints) + 1), False))
-                joints.append(joint)
-            self._add(joint.child, below, children, joints)
-        for number, (visual, instances) in enumerate(shared.items()):
-            below = f"{path}/instances_{number}"
-            self.shapes.append((below, self._shape(visual)))
-            self._turning.append((below, slice(len(joints), len(joints) + len(instances)), True))
-            joints += instances
+    def _frames(self, angles: Array) -> tuple[Array, Array]:
+        """Return the places (N, 3) [m] and rotations (N, 4) of all links at angles (N,) [rad]."""
+        half = angles[:, np.newaxis] / 2.0
+        rotations = np.cos(half) * self._turns + np.sin(half) * self._half_turned
+        places = self._places.copy()
+        for level in self._levels[1:]:
+            parents = self._parents[level]
+            places[level] = places[parents] + rotation.rotate(rotations[parents], places[level])
+            rotations[level] = rotation.multiply(rotations[parents], rotations[level])
+        return places, rotations
 
-    def _shape(self, visual: Visual) -> rr.AsComponents:
-        if visual.kind == "mesh":
-            if visual.mesh not in self._meshes:
-                raise ValueError(f"no file for the mesh {visual.mesh!r}")
-            vertices, triangles, normals = read_stl(self._meshes[visual.mesh])
-            return rr.Mesh3D(
-                vertex_positions=vertices,
-                triangle_indices=triangles,
-                vertex_normals=normals,
-                albedo_factor=visual.rgba,
-            )
-        centres, turns = [visual.origin.xyz], [rotation.from_rpy(visual.origin.rpy)]
-        if visual.kind == "box":
-            return rr.Boxes3D(
-                sizes=[visual.size],
-                centers=centres,
-                quaternions=turns,
-                colors=[visual.rgba],
-                fill_mode="solid",
-            )
-        radius, length = visual.size
-        return rr.Cylinders3D(
-            radii=[radius],
-            lengths=[length],
-            centers=centres,
-            quaternions=turns,
-            colors=[visual.rgba],
-            fill_mode="solid",
+
+def _tree(urdf: Urdf) -> tuple[str, list[Joint]]:
+    """Return the root link, and the joints so that each comes after the one that it hangs on."""
+    children = defaultdict(list)
+    for joint in urdf.joints:
+        children[joint.parent].append(joint)
+    roots = set(children) - {joint.child for joint in urdf.joints} or set(urdf.visuals)
+    if len(roots) != 1:
+        raise ValueError(f"the links are no tree with one root: {sorted(roots)}")
+    root = roots.pop()
+    joints = list(children.pop(root, ()))
+    for joint in joints:
+        joints += children.pop(joint.child, ())
+    if children:
+        raise ValueError(f"the links are no tree with one root: {sorted(children)}")
+    return root, joints
+
+
+def _names(groups: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Return for each group of links the words that their names have in common, each once."""
+    taken: Counter[str] = Counter()
+    for links in groups:
+        words = [set(link.split("_")) for link in links]
+        common = [word for word in links[0].split("_") if all(word in other for other in words)]
+        name = "_".join(common) or links[0]
+        taken[name] += 1
+        yield name if taken[name] == 1 else f"{name}_{taken[name]}"
+
+
+def _placed(visual: Visual, places: Array, rotations: Array) -> Components:
+    """Return where a visual is on links at places (N, 3) [m] and rotations (N, 4)."""
+    if visual.origin != Origin():
+        places = places + rotation.rotate(
+            rotations, np.broadcast_to(visual.origin.xyz, places.shape)
         )
+        rotations = rotation.multiply(rotations, rotation.from_rpy(visual.origin.rpy))
+    return instances(visual.kind, places, rotations)
+
+
+def _shape(visual: Visual, meshes: Mapping[str, bytes]) -> rr.AsComponents:
+    if visual.kind == "mesh":
+        if visual.mesh not in meshes:
+            raise ValueError(f"no file for the mesh {visual.mesh!r}")
+        vertices, triangles, normals = read_stl(meshes[visual.mesh])
+        return rr.Mesh3D(
+            vertex_positions=vertices,
+            triangle_indices=triangles,
+            vertex_normals=normals,
+            albedo_factor=visual.rgba,
+        )
+    colours = [visual.rgba]
+    if visual.kind == "box":
+        half = [[length / 2.0 for length in visual.size]]
+        return rr.Boxes3D(half_sizes=half, colors=colours, fill_mode="solid")
+    radius, length = visual.size
+    return rr.Cylinders3D(radii=[radius], lengths=[length], colors=colours, fill_mode="solid")

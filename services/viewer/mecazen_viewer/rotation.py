@@ -7,6 +7,17 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+_LEFT = np.array(
+    [
+        [0, 0, 0, 1, 0, 0, -1, 0, 0, 1, 0, 0, -1, 0, 0, 0],
+        [0, 0, 1, 0, 0, 0, 0, 1, -1, 0, 0, 0, 0, -1, 0, 0],
+        [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0],
+        [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+    ],
+    dtype=float,
+)
+"""For each of x, y, z, w the 4 x 4 matrix by which it multiplies another from the left."""
+
 
 def about(axis: npt.ArrayLike, angle: npt.ArrayLike) -> Array:
     """Return rotations by angles [rad] (...) about unit axes (..., 3)."""
@@ -16,17 +27,18 @@ def about(axis: npt.ArrayLike, angle: npt.ArrayLike) -> Array:
 
 def multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product: rotations `b`, then `a` (..., 4)."""
-    ax, ay, az, aw = np.moveaxis(a, -1, 0)
-    bx, by, bz, bw = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        axis=-1,
-    )
+    matrices = (a @ _LEFT).reshape(*a.shape[:-1], 4, 4)
+    product: Array = (matrices @ b[..., np.newaxis])[..., 0]
+    return product
+
+
+def rotate(rotation: Array, vector: npt.ArrayLike) -> Array:
+    """Return vectors (..., 3) turned by rotations (..., 4)."""
+    vector = np.asarray(vector, dtype=float)
+    pure = np.concatenate([vector, np.zeros((*vector.shape[:-1], 1))], axis=-1)
+    conjugate = rotation * (-1.0, -1.0, -1.0, 1.0)
+    turned: Array = multiply(multiply(rotation, pure), conjugate)[..., :3]
+    return turned
 
 
 def from_rpy(rpy: npt.ArrayLike) -> Array:

@@ -46,6 +46,7 @@ class ViewerService(Service):
         self.send: Callable[[rr.RecordingStream], None] = lambda _: None
         """Takes the recording of each run before anything is logged in it."""
         self.recording: rr.RecordingStream | None = None
+        self.logged_ns = -1
         super().__init__(bus, scenario)
         self.show(keys.GROUND_TRUTH, Picture.on_ground_truth)
         self.show(keys.JOINT_STATES, Picture.on_joint_states)
@@ -105,7 +106,9 @@ class ViewerService(Service):
         """Log entities at a simulated time, in the recording of this run."""
         if self.recording is None:
             self.recording = self.begin()
-        self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
+        if time_ns != self.logged_ns:
+            self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
+            self.logged_ns = time_ns
         for path, archetype in entities:
             self.recording.log(path, archetype)
         for path, archetype in self.picture.ground():
@@ -129,7 +132,7 @@ class ViewerService(Service):
 
     def end(self) -> None:
         """End the recording of a run."""
-        self.recording = None
+        self.recording, self.logged_ns = None, -1
         # a recording that nobody holds any more keeps its threads until then
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import rerun as rr
 from mecazen.geometry import Pose2D
 
+from mecazen_viewer import components
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Colour, Entity
 
@@ -49,7 +50,7 @@ PERSON_ARROW_M = 0.6
 def frame(path: str, pose: Pose2D) -> Entity:
     """Return the frame of something that stands on the ground."""
     turn = (0.0, 0.0, math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0))
-    return path, e.transform(np.array([pose.x, pose.y, 0.0]), np.array(turn))
+    return path, components.transform(np.array([pose.x, pose.y, 0.0]), np.array(turn))
 
 
 def grid_centre(pose: Pose2D) -> tuple[int, int]:
@@ -162,20 +163,20 @@ def marks(length: float, width: float) -> Iterator[Entity]:
 
 def trail(name: str, points: Array) -> Entity:
     """Return the way that something has gone: points (N, 2) [m]."""
-    return f"{e.TRAILS}/{name}", rr.LineStrips3D.from_fields(strips=[_raised(points)])
+    return f"{e.TRAILS}/{name}", components.line(_raised(points))
 
 
 def points(places: Array) -> Entity:
     """Return what the sensor saw: points (N, 2) [m] in world."""
-    return e.OBSERVATION, rr.Points3D.from_fields(positions=_raised(places))
+    return e.OBSERVATION, components.points(_raised(places))
 
 
 def ellipse(path: str, x: float, y: float, axes: Array | None) -> Entity:
     """Return an ellipse as the unit circle stretched by `axes` (2, 2) [m]; a dot where None."""
-    stretch = np.diag([DOT_M, DOT_M, 1.0]).astype(np.float32)
+    stretch = np.diag([DOT_M, DOT_M, 1.0])
     if axes is not None:
         stretch[:2, :2] = axes
-    return path, rr.Transform3D(translation=np.array([x, y, 0.0]), mat3x3=stretch)
+    return path, components.stretched(np.array([x, y, 0.0]), stretch)
 
 
 def _arrow(length: float, colour: Colour) -> rr.Arrows3D:
