@@ -10,10 +10,12 @@ from typing import Any
 import msgspec
 import pytest
 from mecazen import keys
+from mecazen.description import RobotDescription, ask_description, serve_description
 from mecazen.messages import String, Twist
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.writer import RecordingWriter
 from recorder.conftest import Net, mecazen, stop
 from recorder.ticks import stamp_of, tick
 
@@ -155,6 +157,34 @@ def test_the_configuration_of_who_simulates_is_asked_for(net: Net, tmp_path: Pat
     recording = Recording(path)
     assert len(list(recording.samples())) == 2 * PER_TICK
     assert recording.scenarios == {7: "seed = 3"}
+
+
+ROBOT = RobotDescription("<robot/>", {"meshes/r.stl": b"solid"})
+
+
+def test_what_the_robot_looks_like_is_recorded(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "described.mcap"
+    serve_description(net.bus, ROBOT)
+    recorder = record(net, path)
+    net.publish(range(2))
+    net.wait(lambda: len(samples(path)) == 2 * PER_TICK)
+    finish(net, recorder)
+    assert Recording(path).description() == ROBOT
+
+
+def test_a_replay_tells_what_the_robot_looks_like(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "described.mcap"
+    writer = RecordingWriter(path, "cdr")
+    writer.write_description(ROBOT)
+    for number in range(2):
+        for key, message in tick(number).items():
+            writer.write(key, message, stamp_of(number), stamp_of(number).time_ns)
+    writer.close()
+    heard: list[Any] = []
+    net.bus.subscribe(keys.ODOM, lambda *sample: heard.append(sample))
+    net.start_quietly("replay", path, "--loop")
+    net.wait(lambda: bool(heard))
+    assert ask_description(net.bus, timeout_s=10.0) == ROBOT
 
 
 def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(

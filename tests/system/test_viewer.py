@@ -19,6 +19,8 @@ import pytest
 from mecazen import keys
 from mecazen.messages import ResetRequest
 from mecazen_viewer.headless import headless_viewer
+from mecazen_viewer.plots import LINES
+from mecazen_viewer.recorded import draw
 from mecazen_viewer.rerun_process import RerunError
 from PIL import Image
 from rerun.experimental import ViewerClient
@@ -272,6 +274,36 @@ def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
         assert page.status == 200
     view.send_signal(signal.SIGINT)
     assert view.communicate(timeout=60)[1] == ""
+
+
+def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerClient) -> None:
+    file = tmp_path / "run.mcap"
+    record = mecazen("simulate", "side", "--duration", "12", "--record", str(file))
+    record.communicate(timeout=60)
+    assert record.returncode == 0
+    (drawn,) = draw(file, tmp_path)
+    attach.open(str(drawn))
+    whole = until_shown(attach.take_screenshot, shows_the_scene)
+    assert whole.shape == (1080, 1920, 3)
+    (recording,) = attach.get_state().recordings
+    schema = attach.get_recording_schema(recording.store_id, paths_only=True)
+    paths = {entity.entity_path for entity in schema.entities}
+    assert {f"/{path}" for path in ("world/robot/roller", *LINES)} <= paths
+
+
+def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    file = tmp_path / "other.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+    view = mecazen("view", str(file))
+    read_until(view, "http")
+    view.send_signal(signal.SIGINT)
+    (line,) = view.communicate(timeout=60)[1].splitlines()
+    assert "not of `mecazen record`; shown without the scene" in line
 
 
 def test_a_recording_that_is_not_there_is_one_line() -> None:

@@ -26,6 +26,7 @@ from mecazen.messages import (
     diagonal_covariance,
     planar_odometry,
 )
+from mecazen.robot import WHEEL_JOINTS
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.layout import blueprint
@@ -127,6 +128,24 @@ def test_errors_are_true_and_as_the_follower_has_them() -> None:
     assert place(entities, e.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
 
 
+def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown() -> None:
+    shown = picture()
+    list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
+    entities = dict(shown.on_target_odom(odometry(Pose2D()), 0))
+    # the robot is to be 1 m behind the person, and is 1.2 m behind
+    *_, estimated, true = values(entities, e.DISTANCE, "Scalars:scalars")
+    assert math.isnan(estimated)
+    assert true == pytest.approx(0.2)
+    assert values(entities, e.ANGLE, "Scalars:scalars")[-1] == pytest.approx(math.degrees(0.1))
+    list(shown.on_follower_state(following(Pose2D(0.1), Pose2D(-0.9)), 100 * MS))
+    assert e.DISTANCE not in dict(shown.on_target_odom(odometry(Pose2D()), 200 * MS))
+
+
+def test_a_command_of_efforts_plots_no_speeds() -> None:
+    efforts = JointState(name=WHEEL_JOINTS, effort=(1.0,) * 4)
+    assert list(picture().on_joint_command(efforts, 0)) == []
+
+
 def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() -> None:
     shown = picture()
     robot, person, drifted = Pose2D(2.0, 1.0, 0.3), Pose2D(3.0, 1.0, 0.2), Pose2D(9.0, 9.0, 2.0)
@@ -153,6 +172,7 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
         *shown.on_odom(odometry(Pose2D()), 0),
         *shown.on_cmd_vel(Twist(), 0),
         *shown.on_joint_states(JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
+        *shown.on_joint_command(JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 4), 0),
         *shown.on_follower_state(following(Pose2D(1.0), Pose2D()), 0),
         *shown.on_diagnostics(physics_says("0.5"), 0),
     ]

@@ -10,6 +10,7 @@ import time
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario, whole_ticks
+from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import StepTimeoutError
 from mecazen.geometry import Twist2D
 from mecazen.loading import to_toml
@@ -90,9 +91,7 @@ class PhysicsService(Service):
         bus.serve(keys.SIM_STEP, self.on_step)
         bus.serve(keys.SIM_RESET, self.on_reset)
         bus.serve(keys.SIM_SPEED, self.on_speed)
-        urdf = build_urdf(scenario.robot)
-        bus.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(String(data=urdf)))
-        bus.serve_files(keys.ROBOT_DESCRIPTION.key, meshes(scenario.robot))
+        serve_description(bus, RobotDescription(build_urdf(scenario.robot), meshes(scenario.robot)))
 
     def reset(self, seed: int) -> None:
         """Put the robot back to the start, in a world made anew, and begin a run."""

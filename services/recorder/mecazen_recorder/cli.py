@@ -116,6 +116,8 @@ def replay(
     Examples: mecazen replay run.mcap --keys odom --keys 'target/*' --loop ·
     mecazen replay run.mcap --through follower
     """
+    from mecazen.description import serve_description
+
     from mecazen_recorder.reader import Recording
     from mecazen_recorder.replay import publish
 
@@ -129,7 +131,10 @@ def replay(
         return
     begin_ns = round(begin_s * NS_PER_S)
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
+    robot = recording.description()
     with tool_bus(connect, namespace) as bus:
+        if robot is not None:
+            serve_description(bus, robot)
         for turn in count() if loop else range(1):
             published = publish(
                 recording,

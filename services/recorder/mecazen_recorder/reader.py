@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 import struct
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, NamedTuple, TypeVar
 
 from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import Channel, Chunk, DataEnd, Header, McapRecord, Metadata
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, Metadata
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
+from mecazen.config import Scenario
+from mecazen.description import RobotDescription
 from mecazen.keys import topic_of
+from mecazen.loading import KNOWN_SERVICES, from_tables, installed_sections
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
 
 from mecazen_recorder import cdr
 from mecazen_recorder.sink import RecordingError
-from mecazen_recorder.writer import LIBRARY
+from mecazen_recorder.writer import LIBRARY, URDF
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -77,6 +81,7 @@ class Recording:
         self.path = path
         self.scenarios: dict[int, str] = {}
         """The configuration of each run in TOML, where it is known; filled in by `samples`."""
+        self._files: dict[str, bytes] = {}
         self.is_cut_off = False
         """Whether the end is missing; known when `samples` has come to its end."""
         with self._open() as file:
@@ -100,6 +105,8 @@ class Recording:
             for record in self._records(file):
                 if isinstance(record, Metadata):
                     self._note_run(record)
+                elif isinstance(record, Attachment):
+                    self._files[record.name] = record.data
                 elif isinstance(record, Channel):
                     channels[record.id] = record.topic, _run_of(record), _encoding_of(record)
                 elif isinstance(record, DataEnd):
@@ -113,6 +120,33 @@ class Recording:
                     stamp = None if run is None else run._replace(time_ns=record.log_time)
                     yield Sample(key, record.log_time, stamp, record.data, encoding)
         self.is_cut_off = True
+
+    def description(self) -> RobotDescription | None:
+        """Return what the robot looks like, where that was recorded."""
+        next((sample for sample in self.samples() if sample.stamp is not None), None)
+        meshes = {name: data for name, data in self._files.items() if name != URDF}
+        urdf = self._files.get(URDF)
+        return None if urdf is None else RobotDescription(urdf.decode(), meshes)
+
+    def scenario(self, run: int, *sections: str) -> Scenario:
+        """Return the configuration of a run with some sections of services.
+
+        What the others refer to, such as the file of a walk, need not be there any more.
+
+        Raises:
+            RecordingError: It is not in the recording.
+            ConfigError: It can't be used any more.
+        """
+        if run not in self.scenarios:
+            raise RecordingError(f"{self.path}: without the configuration of run {run}")
+        tables = tomllib.loads(self.scenarios[run])
+        optional = {*KNOWN_SERVICES, *installed_sections(), "bus"}
+        wanted = {
+            name: table
+            for name, table in tables.items()
+            if name not in optional or name in sections
+        }
+        return from_tables(wanted, self.path)
 
     def _open(self) -> IO[bytes]:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
@@ -12,10 +11,8 @@ import msgspec
 from mecazen import keys
 from mecazen.bus import LocalBus, Publisher
 from mecazen.bus.base import Handler
-from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.keys import Topic
-from mecazen.loading import KNOWN_SERVICES, from_tables, installed_sections
 from mecazen.messages import Message
 from mecazen.runtime import find_service
 from mecazen.service import NS_PER_S, Service
@@ -87,7 +84,7 @@ def recompute(recording: Recording, program: str) -> Comparison:
     """
     counts: Counter[str] = Counter()
     for run, samples in _whole_runs(recording).items():
-        service, bus = _make_service(recording, recording.scenarios[run], program)
+        service, bus = _make_service(recording, run, program)
         compared = _recompute_run(samples, bus)
         service.close()
         counts += compared.counts
@@ -147,26 +144,15 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     return whole
 
 
-def _make_service(recording: Recording, text: str, program: str) -> tuple[Service, _OneServiceBus]:
-    """Return the service with its recorded configuration, whatever other sections refer to."""
-    tables = tomllib.loads(text)
-    sections = {
-        name: tables.pop(name)
-        for name in {*KNOWN_SERVICES, *installed_sections(), "bus"}
-        if name in tables
-    }
-
-    def load(*names: str) -> Scenario:
-        own = {name: sections[name] for name in names if name in sections}
-        return from_tables({**tables, **own}, recording.path)
-
-    kind = find_service(program, load())
+def _make_service(recording: Recording, run: int, program: str) -> tuple[Service, _OneServiceBus]:
+    """Return the service with its recorded configuration."""
+    kind = find_service(program, recording.scenario(run))
     if kind.OWNS_TIME:
         raise ConfigError(f"{program}: makes the time itself; `mecazen simulate` runs it anew")
     if issubclass(kind, RecorderService):
         raise ConfigError(f"{program}: computes nothing")
     bus = _OneServiceBus()
-    return kind(bus, load(kind.NAME)), bus
+    return kind(bus, recording.scenario(run, kind.NAME)), bus
 
 
 def _recompute_run(samples: Sequence[Sample], bus: _OneServiceBus) -> Comparison:

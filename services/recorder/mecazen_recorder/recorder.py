@@ -11,6 +11,7 @@ from typing import Any
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.description import ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
 from mecazen.messages import Empty, Message
@@ -59,6 +60,7 @@ class Recorder:
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
+        self._is_described = False
         for key in config.keys:
             includes(key, key)  # wrong keys are told before there is a file
         self.writer = RecordingWriter(Path(config.file), config.encoding)
@@ -117,8 +119,19 @@ class Recorder:
             self._runs.add(stamp.run)
             self.writer.write_run(stamp, self._scenario())
             self.now = stamp
+            self._describe()
         elif stamp.run == self.now.run:
             self.now = max(self.now, stamp)
+
+    def _describe(self) -> None:
+        """Attach what the robot looks like, once, as soon as somebody says it."""
+        if self._is_described:
+            return
+        try:
+            self.writer.write_description(ask_description(self._bus, ANSWER_S))
+            self._is_described = True
+        except BusError:
+            pass  # nobody simulates, as in a replay of another recording
 
 
 def _own_stamp(attachment: bytes | None) -> Stamp | None:

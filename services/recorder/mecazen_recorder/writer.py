@@ -2,7 +2,8 @@
 
 A sample's log time is its simulated time. What else its stamp holds, the run and the seed,
 is the same for many samples and stands in the metadata of their channel: each key has a
-channel for each run. Metadata records named `run` hold the run's whole configuration.
+channel for each run. Metadata records named `run` hold the run's whole configuration, and
+attachments the robot's URDF with its meshes.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import IO, cast
 
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
+from mecazen.description import RobotDescription
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp
 
@@ -22,6 +24,7 @@ from mecazen_recorder.config import Encoding
 from mecazen_recorder.sink import RecordingError, Sink
 
 LIBRARY = "mecazen"
+URDF = "robot.urdf"
 SYNC_S = 0.5
 """Longest wall time that a sample is in memory alone."""
 
@@ -75,6 +78,12 @@ class RecordingWriter:
         """Write down that a run has begun, and its configuration in TOML where it is known."""
         run = {"run": str(stamp.run), "seed": str(stamp.seed)}
         self._mcap.add_metadata("run", run if scenario is None else {**run, "scenario": scenario})
+
+    def write_description(self, robot: RobotDescription) -> None:
+        """Attach what the robot looks like: its URDF last, when all that it names is there."""
+        for name, data in [*robot.meshes.items(), (URDF, robot.urdf.encode())]:
+            kind = "application/xml" if name == URDF else "application/octet-stream"
+            self._mcap.add_attachment(0, 0, name, kind, data)
 
     def sync_if_due(self) -> None:
         """Bring to the disk what was written, once in `SYNC_S`."""

@@ -19,7 +19,9 @@ def view(
 ) -> None:
     """Open a recording in Rerun, until Ctrl-C.
 
-    Example: mecazen view run.rrd
+    Of what `mecazen record` has written it draws the scene as of a live run.
+
+    Examples: mecazen view run.mcap · mecazen view run.rrd --native
     """
     if not file.is_file():
         raise ConfigError(f"{file}: no such file")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
 from mecazen.config import Scenario
+from mecazen.description import RobotDescription
 from mecazen.geometry import Pose2D
 from mecazen.messages import (
     DiagnosticArray,
@@ -16,10 +17,10 @@ from mecazen.messages import (
     JointState,
     Observation,
     Odometry,
-    String,
     Twist,
 )
-from mecazen.robot import WHEELS
+from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.simulate import wanted_view
 
 from mecazen_viewer import covariance, plots, things, urdf
 from mecazen_viewer import entities as e
@@ -35,6 +36,8 @@ OBSERVATIONS = 25
 """Points of the newest observations that are shown: 1 s of the usual sensor."""
 BELIEF_STEP_NS = 100_000_000
 """Between two pictures of what is measured, believed and wanted; what moves is shown always."""
+SILENCE_NS = 5 * BELIEF_STEP_NS
+"""A follower that says nothing for so long is taken for one that says nothing of its state."""
 PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
 """The person's body where physics says nothing of it."""
 
@@ -54,6 +57,7 @@ class Picture:
         self._grid: tuple[int, int] | None = None
         self._shown_ns: dict[str, int] = {}
         self._health = Health()
+        self._standoff = wanted_view(scenario)
 
     def shapes(self) -> Iterator[Entity]:
         """Return what never changes, but for the robot."""
@@ -71,9 +75,9 @@ class Picture:
             yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
         yield from plots.styles()
 
-    def robot_shapes(self, description: String, meshes: Mapping[str, bytes]) -> list[Entity]:
-        """Return the robot of a URDF whose meshes are `meshes`, by the names in it."""
-        self._model = RobotModel(urdf.read(description.data), meshes)
+    def robot_shapes(self, description: RobotDescription) -> list[Entity]:
+        """Return what never changes of the robot."""
+        self._model = RobotModel(urdf.read(description.urdf), description.meshes)
         return self._model.shapes
 
     def on_ground_truth(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
@@ -92,7 +96,13 @@ class Picture:
         if self._model is not None:
             yield from self._model.pose(joints)
         if len(joints.velocity) >= len(WHEELS) and self._is_due(e.WHEEL_SPEED, time_ns):
-            yield plots.wheel_speeds(joints.velocity[: len(WHEELS)])
+            yield plots.wheel_speeds("measured", joints.velocity[: len(WHEELS)])
+
+    def on_joint_command(self, joints: JointState, time_ns: int) -> Iterator[Entity]:
+        """Plot the wheel speeds that are wanted; efforts say nothing of them."""
+        speeds = dict(zip(joints.name, joints.velocity, strict=False))
+        if speeds.keys() >= set(WHEEL_JOINTS) and self._is_due("commanded wheels", time_ns):
+            yield plots.wheel_speeds("commanded", (speeds[name] for name in WHEEL_JOINTS))
 
     def on_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
         """Lay the odometry's frame where the robot in it is the true one."""
@@ -110,6 +120,10 @@ class Picture:
         yield things.frame(e.PERSON, pose)
         if self._person.add(time_ns, pose):
             yield things.trail("person", self._person.trail)
+        if self._believes(time_ns) or not self._is_due("true errors", time_ns):
+            return
+        if (robot := self._robot.at(time_ns)) is not None:
+            yield from plots.errors(self._standoff, pose.between(robot))
 
     def on_observation(self, frame: Observation, time_ns: int) -> Iterator[Entity]:
         """Show what the sensor saw where it saw it: from the robot as it was at the capture."""
@@ -140,7 +154,8 @@ class Picture:
         yield things.frame(e.GOAL, goal)
         robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
         seen = None if robot is None or truth is None else truth.between(robot)
-        standoff = person.between(goal)
+        wanted = person.between(goal)
+        standoff = math.hypot(wanted.x, wanted.y), wanted.yaw
         yield from plots.errors(standoff, seen, state.distance_error, state.heading_error)
         odom = self._odom.at(time_ns)
         if seen is not None and odom is not None and spread is not None:
@@ -167,6 +182,11 @@ class Picture:
         if pose is not None and self._grid != (centre := things.grid_centre(pose)):
             self._grid = centre
             yield things.ground(centre)
+
+    def _believes(self, time_ns: int) -> bool:
+        """Return whether a follower says where it takes the person to be; it plots its errors."""
+        shown_ns = self._shown_ns.get(e.ESTIMATE)
+        return shown_ns is not None and time_ns - shown_ns < SILENCE_NS
 
     def _is_due(self, what: str, time_ns: int) -> bool:
         """Return whether something that is shown ten times a second is shown at this time."""

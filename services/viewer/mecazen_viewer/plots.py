@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import rerun as rr
@@ -45,7 +45,10 @@ LINES: dict[str, tuple[Line, ...]] = {
     f"{e.VELOCITY}/measured": (Line("x", e.RED), Line("y", e.BLUE)),
     f"{e.YAW_RATE}/commanded": (Line("commanded", e.ORANGE, 3.0),),
     f"{e.YAW_RATE}/measured": (Line("measured", e.RED),),
-    e.WHEEL_SPEED: tuple(
+    f"{e.WHEEL_SPEED}/commanded": tuple(
+        Line(f"{wheel.replace('_', ' ')} commanded", e.GREY, 3.0) for wheel in WHEELS
+    ),
+    f"{e.WHEEL_SPEED}/measured": tuple(
         Line(wheel.replace("_", " "), colour)
         for wheel, colour in zip(WHEELS, (e.BLUE, e.ORANGE, e.GREEN, e.RED), strict=True)
     ),
@@ -81,20 +84,23 @@ def styles() -> Iterator[Entity]:
 
 
 def errors(
-    standoff: Pose2D, seen: Pose2D | None, distance_error: float, heading_error: float
+    standoff: tuple[float, float],
+    seen: Pose2D | None,
+    distance_error: float = math.nan,
+    heading_error: float = math.nan,
 ) -> Iterator[Entity]:
     """Return the errors of distance [m] and heading [deg].
 
     Args:
-        standoff: Where the robot should be, in the person's frame.
-        seen: Where it truly is in it, where that is known.
+        standoff: The distance [m] and the difference of headings [rad] that are to be kept.
+        seen: Where the robot truly is in the person's frame, where that is known.
         distance_error: What the follower makes of it [m].
         heading_error: The same of the heading [rad].
     """
     distance = angle = math.nan
     if seen is not None:
-        distance = math.hypot(seen.x, seen.y) - math.hypot(standoff.x, standoff.y)
-        angle = wrap(seen.yaw - standoff.yaw)
+        distance = math.hypot(seen.x, seen.y) - standoff[0]
+        angle = wrap(seen.yaw - standoff[1])
     yield e.DISTANCE, scalars([*DISTANCE_BAND_M, 0.0, distance_error, distance])
     estimated, true = math.degrees(heading_error), math.degrees(angle)
     yield e.ANGLE, scalars([*ANGLE_BAND_DEG, 0.0, estimated, true])
@@ -106,9 +112,9 @@ def velocity(kind: str, twist: Twist2D) -> Iterator[Entity]:
     yield f"{e.YAW_RATE}/{kind}", scalars([twist.yaw])
 
 
-def wheel_speeds(speeds: tuple[float, ...]) -> Entity:
-    """Return the speeds of the four wheels [rad/s], in the order of `WHEELS`."""
-    return e.WHEEL_SPEED, scalars(speeds)
+def wheel_speeds(kind: str, speeds: Iterable[float]) -> Entity:
+    """Return the speeds of the four wheels [rad/s], `commanded` or `measured`, as of `WHEELS`."""
+    return f"{e.WHEEL_SPEED}/{kind}", scalars(speeds)
 
 
 def consistency(nees: float) -> Entity:

@@ -13,9 +13,10 @@ import rerun_bindings
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
+from mecazen.description import ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic
-from mecazen.messages import Empty, Message
+from mecazen.messages import Message
 from mecazen.service import Service
 from mecazen.wire import Stamp
 
@@ -50,6 +51,7 @@ class ViewerService(Service):
         super().__init__(bus, scenario)
         self.show(keys.GROUND_TRUTH, Picture.on_ground_truth)
         self.show(keys.JOINT_STATES, Picture.on_joint_states)
+        self.show(keys.JOINT_COMMAND, Picture.on_joint_command)
         self.show(keys.ODOM, Picture.on_odom)
         self.show(keys.TARGET_ODOM, Picture.on_target_odom)
         self.show(keys.OBSERVATION, Picture.on_observation)
@@ -138,12 +140,9 @@ class ViewerService(Service):
 
     def robot(self) -> Iterable[Entity]:
         """Ask for the robot; return nothing where nobody describes it."""
-        call = keys.ROBOT_DESCRIPTION
         try:
-            description = self.bus.call(call, Empty(), DESCRIPTION_TIMEOUT_S)
-            files = self.bus.fetch_files(f"{call.key}/**", DESCRIPTION_TIMEOUT_S)
-            meshes = {key.removeprefix(f"{call.key}/"): data for key, data in files.items()}
-            return self.picture.robot_shapes(description, meshes)
+            description = ask_description(self.bus, DESCRIPTION_TIMEOUT_S)
+            return self.picture.robot_shapes(description)
         except (BusError, ValueError) as error:
             logger.warning("msg=%r", f"no picture of the robot: {error}")
             return []
