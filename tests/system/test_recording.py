@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tomllib
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 from mecazen import keys
+from mecazen.messages import Empty
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 
@@ -69,6 +73,32 @@ def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(
         assert set(compared.counts.values()) <= {400, 100}
     (text,) = recording.scenarios.values()
     assert tomllib.loads(text)["follower"]["view"] == "side_left"
+
+
+def test_at_ten_times_real_time_all_that_is_published_is_recorded(
+    stack: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MECAZEN_TEST_COUNTS", str(tmp_path))
+    parts = ("physics", "controller", "target", "follower")
+    path, counted = tmp_path / "run.mcap", Path(__file__).with_name("counted.py")
+    running = stack(
+        ROOT / "configs" / "scenarios" / "side.toml",
+        f"services={json.dumps([*parts, 'recorder'])}",
+        f"recorder.file={json.dumps(str(path))}",
+        "sim.speed=10",
+        *(f"programs.{part}={counted}:{part.title()}" for part in parts),
+    )
+    running.start()
+    running.wait(lambda: running.bus.call(keys.SIM_STATE, Empty()).tick > 3000)
+    # what is on its way at the very end is not meant
+    running.bus.call(keys.SIM_PAUSE, Empty())
+    running.supervisor.stop()
+    published: Counter[str] = Counter()
+    for part in parts:
+        published.update(msgspec.json.decode((tmp_path / part).read_bytes()))
+    recorded = counts(Recording(path))
+    assert {key: recorded[key] for key in published} == published
+    assert published["clock"] > 3000
 
 
 def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path: Path) -> None:
