@@ -33,18 +33,27 @@ def scenario_path(name: str) -> Path:
     Raises:
         ConfigError: There is no such file.
     """
+    return named_file(name, "scenario")
+
+
+def named_file(name: str, kind: str) -> Path:
+    """Return a TOML file given by its path or by its name in `configs/<kind>s`.
+
+    Raises:
+        ConfigError: There is no such file.
+    """
     path = Path(name)
     if path.is_file():
         return path
     here = Path.cwd()
-    for folder in (here, *here.parents):
-        scenarios = folder / "configs" / "scenarios"
-        if scenarios.is_dir():
-            if (scenarios / f"{name}.toml").is_file():
-                return scenarios / f"{name}.toml"
-            known = ", ".join(sorted(file.stem for file in scenarios.glob("*.toml")))
-            raise ConfigError(f"{name}: no such scenario; a path to a TOML file, or one of {known}")
-    raise ConfigError(f"{name}: no such file, and no configs/scenarios here or above")
+    for above in (here, *here.parents):
+        folder = above / "configs" / f"{kind}s"
+        if folder.is_dir():
+            if (folder / f"{name}.toml").is_file():
+                return folder / f"{name}.toml"
+            known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
+            raise ConfigError(f"{name}: no such {kind}; a path to a TOML file, or one of {known}")
+    raise ConfigError(f"{name}: no such file, and no configs/{kind}s here or above")
 
 
 def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import msgspec
 from mecazen.errors import ConfigError
+from mecazen.loading import named_file
 from mecazen.schema import Finite, Positive, Section
 
 from mecazen_experiments.scores import Score
@@ -124,20 +125,7 @@ def experiment_path(name: str) -> Path:
     Raises:
         ConfigError: There is no such file.
     """
-    path = Path(name)
-    if path.is_file():
-        return path
-    here = Path.cwd()
-    for folder in (here, *here.parents):
-        experiments = folder / "configs" / "experiments"
-        if experiments.is_dir():
-            if (experiments / f"{name}.toml").is_file():
-                return experiments / f"{name}.toml"
-            known = ", ".join(sorted(file.stem for file in experiments.glob("*.toml")))
-            raise ConfigError(
-                f"{name}: no such experiment; a path to a TOML file, or one of {known}"
-            )
-    raise ConfigError(f"{name}: no such file, and no configs/experiments here or above")
+    return named_file(name, "experiment")
 
 
 def parse_sweeps(options: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
