@@ -56,16 +56,25 @@ def up(
     no_viewer: Annotated[
         bool, typer.Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
     ] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Start a process again that fails or is killed.")
+    ] = False,
     settings: Settings = None,
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
 
     A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
-    all are ended and its error is shown; without the viewer the rest goes on.
+    all are ended and its error is shown, unless it is to --restart; without the viewer or
+    the recorder the rest goes on.
 
     Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
-    run_up(scenario_path(scenario), tuple(settings or ()), None if no_viewer else viewer)
+    run_up(
+        scenario_path(scenario),
+        tuple(settings or ()),
+        None if no_viewer else viewer,
+        restart=restart,
+    )
 
 
 @app.command()
