@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mecazen import keys, runtime
-from mecazen.cli import sim, talk
+from mecazen.cli import sim, status, talk
 from mecazen.cli.options import ScenarioArgument, Settings, load
 from mecazen.cli.up import run_up
 from mecazen.errors import MecazenError
@@ -34,7 +34,7 @@ app = typer.Typer(
 )
 app.add_typer(sim.app, name="sim")
 app.command()(talk.topics)
-app.command()(talk.services)
+app.command()(status.status)
 app.command()(talk.echo)
 app.command()(talk.pub)
 for entry in entry_points(group="mecazen.commands"):
