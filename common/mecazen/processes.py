@@ -23,8 +23,8 @@ from mecazen.errors import MecazenError
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
 
-STEADY_S = 5.0
-"""A process that ends sooner after it was started was no good: its restart waits ..."""
+STEADY_S = 1.0
+"""A process that has not worked for so long before it ends has failed: its restart waits ..."""
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """... so long at first, twice as long each time it is so again, and at most so long."""
 
@@ -51,11 +51,12 @@ class _Part:
 
     process: subprocess.Popen[str]
     needed: bool
-    begin_s: float
     has_run: bool = False
     """Whether it has ever got so far as to work."""
+    begin_s: float = math.inf
+    """Since when it works, now."""
     failures: int = 0
-    """How often in a row it ended before it had run steadily."""
+    """How often in a row it ended before it had worked for a while."""
     restart_s: float | None = None
     """When it is to be started again."""
 
@@ -91,7 +92,7 @@ class Supervisor:
 
     def start(self, name: str, *, needed: bool = True) -> None:
         """Start a service, or the `router`; where it is not `needed`, its end is no error."""
-        self._parts[name] = _Part(self._spawn(name), needed, time.monotonic())
+        self._parts[name] = _Part(self._spawn(name), needed)
 
     def _spawn(self, name: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "mecazen.runtime", name, *self._arguments]
@@ -139,7 +140,8 @@ class Supervisor:
             if isinstance(event, Ended):
                 return self._take_end(event)
             if "msg=started" in event.text:
-                self._parts[event.name].has_run = True
+                part = self._parts[event.name]
+                part.has_run, part.begin_s = True, time.monotonic()
             return event
 
     def _start_again(self) -> float:
@@ -147,7 +149,8 @@ class Supervisor:
         now = time.monotonic()
         for name, part in self._parts.items():
             if part.restart_s is not None and part.restart_s <= now:
-                part.process, part.begin_s, part.restart_s = self._spawn(name), now, None
+                part.process = self._spawn(name)
+                part.begin_s, part.restart_s = math.inf, None
         return min(
             (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf
         )
@@ -155,7 +158,9 @@ class Supervisor:
     def _take_end(self, event: Ended) -> Line:
         part = self._parts[event.name]
         how = _how(event)
-        if not self._restart or (event.code > 0 and not part.has_run):
+        # an onlooker that tells why it can't go on, as on a full disk, would tell it again
+        hopeless = not part.has_run or (not part.needed and event.error.startswith("error: "))
+        if not self._restart or (event.code > 0 and hopeless):
             if part.needed:
                 raise ProcessError(f"{event.name}: {how}")
             return Line(event.name, f"{event.name} has ended; the others go on")

@@ -73,7 +73,7 @@ def test_those_that_there_should_be_come_first_then_whoever_else_is_there():
 
 
 def test_what_is_no_number_is_none():
-    said = {"follower": {"refused_payloads": "?", "hz/odom": "?", "age_s/odom": "", "hz/x": "1"}}
+    said = {"follower": {"refused_payloads": "inf", "hz/odom": "?", "age_s/odom": "", "hz/x": "1"}}
     follower = status_of(None, (), {"follower"}, said).services["follower"]
     assert follower == ServiceStatus("alive", {"odom": Input(0.0, None), "x": Input(1.0, None)})
 

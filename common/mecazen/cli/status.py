@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import tomllib
 from collections.abc import Iterable
@@ -102,9 +103,10 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
 def _number(said: dict[str, str], name: str) -> float | None:
     """Return a value, or None where it is no number, as of an input that never came."""
     try:
-        return float(said[name])
+        number = float(said[name])
     except (KeyError, ValueError):
         return None
+    return number if math.isfinite(number) else None
 
 
 def _count(said: dict[str, str], name: str) -> int:
