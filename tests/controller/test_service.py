@@ -499,6 +499,15 @@ def test_who_takes_over_a_robot_that_moves_slows_it_down_within_the_limit(odomet
     assert speed == pytest.approx(1.0 - 2.5 * 0.01)
 
 
+def test_who_was_held_up_goes_on_from_how_the_robot_moves_by_then():
+    rig = Rig(services=LED)
+    rig.drive(range(100), Twist2D(x=0.5))
+    rig.tick(251)
+    (command,) = rig.command(Twist2D(x=0.5), 251)
+    (speed,) = forward([command.message.velocity])
+    assert speed == pytest.approx(2.5 * 0.01)
+
+
 def test_a_run_that_begins_begins_at_rest():
     rig = Rig()
     assert rig.tick(0, (20.0,) * 4)[-1].message.velocity == STANDING

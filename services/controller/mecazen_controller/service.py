@@ -166,8 +166,8 @@ class ControllerService(Service):
         last, self.tick = self.tick, self.tick_of(stamp)
         self.tick_stamp = stamp
         self.velocity = self.next_velocity
-        if last < 0 < self.tick:
-            # who takes over a robot that moves goes on from its speed, within the limits
+        if last < 0 < self.tick or self.tick - last > self.timeout_ticks:
+            # what was commanded is no more, or never was: go on from how the robot moves
             x, y, yaw = (LimiterState(velocity) for velocity in moving)
             self.velocity = x, y, yaw
         return 0 if last < 0 else self.tick - last
