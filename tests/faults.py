@@ -70,6 +70,9 @@ class Watch:
         self.fastest_m_s = self.hardest_m_s2 = 0.0
         self.following_since = None
 
+    def __repr__(self) -> str:
+        return f"{self.stamp}: {self.robot} {self.twist}, {self.person}, {self.tracking}"
+
     @property
     def follows(self) -> bool:
         """Whether the robot has been following for a while."""

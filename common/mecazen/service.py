@@ -129,6 +129,8 @@ class Service(ABC):
                 if passed_ns != period_ns:
                     period_ns = min(period_ns or passed_ns, passed_ns)
                     self.missed_ticks += passed_ns // period_ns - 1
+            else:
+                period_ns = 0
             last = stamp
             handler(message, stamp)
 

@@ -73,7 +73,7 @@ class Running:
         self.watch.following_since = None
         self.wait(lambda: self.watch.follows or seconds(begin, self.now()) > 2 * RESUME_S)
         since = self.watch.following_since
-        assert since is not None, "it does not follow again"
+        assert since is not None, f"it does not follow again: {self.watch}"
         assert seconds(begin, since) <= RESUME_S
         self.watch.assert_sane()
 
@@ -300,7 +300,7 @@ def forge(running: Running, shift_s: float, count: int = 20) -> None:
     def send(joints: JointState, stamp: Stamp) -> None:
         if abs(seconds(begin, stamp)) < abs(shift_s) / 2 and len(sent) < count:
             sent.add(stamp)
-            forged = max(0, begin.time_ns + round(shift_s * 1e9)) + len(sent)
+            forged = max(0, begin.time_ns + round(shift_s * 1e9)) + len(sent) * 10_000_000
             publisher.put(joints, stamp._replace(time_ns=forged))
 
     running.stack.bus.subscribe(keys.JOINT_STATES, send)
