@@ -478,6 +478,16 @@ def test_with_a_controller_that_is_back_the_person_is_looked_for_anew():
     assert found.estimate[0].pose.pose.to_planar() == pytest.approx(seen, abs=1e-6)
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_after_a_gap_in_which_the_person_would_be_lost_they_are_looked_for_anew(estimator):
+    rig = Rig(FollowerConfig(estimator=estimator))
+    for tick in range(9):
+        _, before = rig.tick(tick, ORIGIN, Pose2D(1.5))
+    rig.odom(2**31 * 100 - 3)  # the latest time there is: no estimator may go there step by step
+    _, after = answer_of(rig.see(2**31 * 100 - 3, None))
+    assert (before.tracking, after.tracking) == ("following", "waiting")
+
+
 def test_diagnostics_tell_late_frames_the_filters_consistency_and_what_was_refused():
     rig = Rig(FollowerConfig(estimator="kf_cv"))
     for tick in range(101):
