@@ -7,7 +7,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -77,23 +77,23 @@ def own_mb(pid: int) -> float:
 
 @contextmanager
 def running(*settings: str) -> Iterator[tuple[Scenario, Supervisor, ZenohBus, Ticks]]:
-    """Start the scenario as `mecazen simulate --distributed` does, with a witness."""
+    """Start the scenario with a witness; in lockstep as `mecazen simulate --distributed` does."""
     settings = (*settings, *private_meeting_point())
     parts = load_scenario(SCENARIO, settings).services
     settings = (*settings, f"services={json.dumps([*parts, WITNESS])}")
     scenario = load_scenario(SCENARIO, settings)
+    lockstep = scenario.sim.mode == "lockstep"
     supervisor = Supervisor(SCENARIO, settings)
     try:
-        with on_one_core():
-            supervisor.start_router()
-        with beside_that_core():
+        supervisor.start_router()
+        with beside_that_core() if lockstep else nullcontext():
             bus = ZenohBus(scenario.bus, lossless=True)
         with closing(bus):
             ticks = Ticks(bus, scenario.sim.tick_ns)
             bus.declare_alive(WITNESS)
             announce_readiness(bus, WITNESS, scenario)
             for part in parts:
-                with on_one_core():
+                with on_one_core() if lockstep else nullcontext():
                     supervisor.start(part)
             yield scenario, supervisor, bus, ticks
     finally:
