@@ -235,3 +235,22 @@ def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file: Pa
     up.read_until("t = ")
     up.process.send_signal(signal.SIGINT)
     assert up.end()[0] == 0
+
+
+def test_status_says_in_one_line_that_nobody_is_there() -> None:
+    meeting = private_meeting_point()
+    flags = [f"--set={setting}" for setting in meeting]
+    router = subprocess.Popen(
+        [sys.executable, "-m", "mecazen", "run", "router", "back", *flags],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    with router:
+        assert router.stderr is not None
+        assert "msg=started" in router.stderr.readline()
+        endpoint = tomllib.loads(f"x = {meeting[0].partition('=')[2]}")["x"][0]
+        assert_one_line(
+            mecazen("status", "--connect", endpoint), 1, "no service is alive", endpoint
+        )
+        router.terminate()
