@@ -2,6 +2,7 @@
 PYTHON ?= python3.11
 SERVICES := physics controller target follower viewer recorder
 SCENARIO ?= back
+HOURS ?= 2
 WORKSPACE := common $(SERVICES:%=services/%) experiments
 
 # uv where it is present, else pip: the same versions from constraints.txt
@@ -22,12 +23,14 @@ endef
 # what draws without a screen or a graphics card: tests that need it skip where it can't be had
 DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 
-.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system
+.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system test-chaos soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
 	@echo "make test         everything that is tested; make test-physics and its like: one part"
 	@echo "make lint         style, types and import rules"
+	@echo "make test-chaos   a hundred kills at random moments: following goes on"
+	@echo "make soak         hours of simulated time: memory, ticks, schedule (HOURS=0.5)"
 	@echo "make bench        speed and accuracy, beside MuJoCo"
 	@echo "make picture      docs/viewer.png, from a run in the viewer"
 	@echo "make install      only prepare .venv"
@@ -67,6 +70,12 @@ test-viewer test-system: drawing
 
 test-experiments test-bench test-system: test-%: .venv/ready
 	.venv/bin/python -m pytest tests/$*
+
+test-chaos: .venv/ready
+	.venv/bin/python -m pytest -s tests/chaos
+
+soak: .venv/ready
+	.venv/bin/python -m bench.soak --hours $(HOURS)
 
 lint: .venv/ready
 	.venv/bin/ruff check .

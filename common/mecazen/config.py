@@ -23,6 +23,9 @@ ROUTER = "tcp/127.0.0.1:7447"
 """Where processes and tools meet unless the scenario says otherwise."""
 
 
+ONLOOKERS = ("viewer", "recorder")
+"""Services that no tick waits for, and that nothing else needs."""
+
 RESERVED = ("sections", "others")
 """Fields of `Scenario` that are no keys of a file: they hold sections by name."""
 

@@ -51,6 +51,11 @@ class Follower(Service):
             stamp: The tick.
         """
 
+    def on_return(self, name: str) -> None:
+        """Begin anew with a controller that does: its odometry starts from another pose."""
+        if name == "controller":
+            self.reset(self.stamp.seed)
+
     def _on_odom(self, odom: Odometry, stamp: Stamp) -> None:
         position = odom.pose.pose.position
         if max(abs(position.x), abs(position.y)) > MAX_COORDINATE_M:

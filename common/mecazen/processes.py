@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import secrets
@@ -10,8 +11,10 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +22,11 @@ from mecazen.errors import MecazenError
 
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
+
+STEADY_S = 1.0
+"""A process that has not worked for so long before it ends has failed: its restart waits ..."""
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
+"""... so long at first, twice as long each time it is so again, and at most so long."""
 
 
 class Line(NamedTuple):
@@ -37,6 +45,22 @@ class Ended(NamedTuple):
     """Its last words; where it failed as it may, the one line that says why."""
 
 
+@dataclass
+class _Part:
+    """A process, and what it takes to start it again."""
+
+    process: subprocess.Popen[str]
+    needed: bool
+    has_run: bool = False
+    """Whether it has ever got so far as to work."""
+    begin_s: float = math.inf
+    """Since when it works, now."""
+    failures: int = 0
+    """How often in a row it ended before it had worked for a while."""
+    restart_s: float | None = None
+    """When it is to be started again."""
+
+
 class ProcessError(MecazenError):
     """A process of the simulation failed; the message is its own."""
 
@@ -46,23 +70,31 @@ class Supervisor:
 
     Each runs `python -m mecazen.runtime` in a session of its own, so that Ctrl-C reaches
     only this process, which then ends them; and ends by itself if this process dies.
+
+    Args:
+        scenario: The scenario's file.
+        settings: Overrides, as of `load_scenario`.
+        restart: Start a process again that has ended, at once, or after a pause that grows
+            while it keeps ending. What fails before it has ever run is an error still.
     """
 
-    def __init__(self, scenario: Path, settings: Sequence[str]) -> None:
+    def __init__(self, scenario: Path, settings: Sequence[str], *, restart: bool = False) -> None:
         self._arguments = [str(scenario), *(f"--set={setting}" for setting in settings)]
-        self._processes: dict[str, subprocess.Popen[str]] = {}
-        self._needed: set[str] = set()
+        self._restart = restart
+        self._parts: dict[str, _Part] = {}
         self._watchers: list[threading.Thread] = []
         self._events: queue.SimpleQueue[Line | Ended] = queue.SimpleQueue()
 
     @property
     def pids(self) -> dict[str, int]:
         """The process of each name that was started."""
-        return {name: process.pid for name, process in self._processes.items()}
+        return {name: part.process.pid for name, part in self._parts.items()}
 
     def start(self, name: str, *, needed: bool = True) -> None:
         """Start a service, or the `router`; where it is not `needed`, its end is no error."""
-        (self._needed.add if needed else self._needed.discard)(name)
+        self._parts[name] = _Part(self._spawn(name), needed)
+
+    def _spawn(self, name: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "mecazen.runtime", name, *self._arguments]
         process = subprocess.Popen(
             [*command, "--until-orphaned"],
@@ -71,10 +103,11 @@ class Supervisor:
             text=True,
             start_new_session=True,
         )
-        self._processes[name] = process
         watcher = threading.Thread(target=self._watch, args=(name, process), daemon=True)
         watcher.start()
+        self._watchers = [other for other in self._watchers if other.is_alive()]
         self._watchers.append(watcher)
+        return process
 
     def start_router(self, timeout_s: float = 10.0) -> None:
         """Start the router and wait until it listens.
@@ -92,28 +125,63 @@ class Supervisor:
         """Return the next line that a process wrote, or None when there is none in time.
 
         Raises:
-            ProcessError: A process that is needed has ended and was not told to.
+            ProcessError: A process that is needed has ended, and is not started again.
         """
-        try:
-            event = (
-                self._events.get(timeout=timeout_s) if timeout_s > 0 else self._events.get_nowait()
-            )
-        except queue.Empty:
-            return None
-        if isinstance(event, Line):
+        end = time.monotonic() + timeout_s
+        while True:
+            due_s = self._start_again()
+            try:
+                wait_s = min(end, due_s) - time.monotonic()
+                event = self._events.get(wait_s > 0, timeout=max(wait_s, 0.0))
+            except queue.Empty:
+                if time.monotonic() >= end:
+                    return None
+                continue
+            if isinstance(event, Ended):
+                return self._take_end(event)
+            if "msg=started" in event.text:
+                part = self._parts[event.name]
+                part.has_run, part.begin_s = True, time.monotonic()
             return event
-        error = event.error.removeprefix("error: ") or f"ended with code {event.code}"
-        if event.name not in self._needed:
+
+    def _start_again(self) -> float:
+        """Start again what is due; return when the next is [s], of the monotonic clock."""
+        now = time.monotonic()
+        for name, part in self._parts.items():
+            if part.restart_s is not None and part.restart_s <= now:
+                part.process = self._spawn(name)
+                part.begin_s, part.restart_s = math.inf, None
+        return min(
+            (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf
+        )
+
+    def _take_end(self, event: Ended) -> Line:
+        part = self._parts[event.name]
+        how = _how(event)
+        # an onlooker that tells why it can't go on, as on a full disk, would tell it again
+        hopeless = not part.has_run or (not part.needed and event.error.startswith("error: "))
+        if not self._restart or (event.code > 0 and hopeless):
+            if part.needed:
+                raise ProcessError(f"{event.name}: {how}")
             return Line(event.name, f"{event.name} has ended; the others go on")
-        raise ProcessError(f"{event.name}: {error}")
+        now = time.monotonic()
+        steady = now - part.begin_s >= STEADY_S
+        part.failures = 0 if steady else part.failures + 1
+        pause_s = 0.0
+        if part.failures > 1:
+            pause_s = min(FIRST_PAUSE_S * 2 ** (part.failures - 2), MAX_PAUSE_S)
+        part.restart_s = now + pause_s
+        when = f"in {pause_s:g} s" if pause_s else "at once"
+        return Line(event.name, f"{event.name}: {how}; it is started again {when}")
 
     def stop(self) -> list[str]:
         """End all processes; return the names of those that had to be killed."""
-        for process in self._processes.values():
+        processes = {name: part.process for name, part in self._parts.items()}
+        for process in processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
         killed = []
-        for name, process in self._processes.items():
+        for name, process in processes.items():
             try:
                 process.wait(STOP_TIMEOUT_S)
             except subprocess.TimeoutExpired:
@@ -135,6 +203,13 @@ class Supervisor:
         if process.stdin is not None:
             process.stdin.close()
         self._events.put(Ended(name, code, last))
+
+
+def _how(event: Ended) -> str:
+    """Return in one line how a process has ended."""
+    if event.code < 0:
+        return f"was killed by {signal.Signals(-event.code).name}"
+    return event.error.removeprefix("error: ") or f"ended with code {event.code}"
 
 
 def private_meeting_point() -> tuple[str, ...]:

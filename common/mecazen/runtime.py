@@ -19,7 +19,7 @@ from types import ModuleType
 from mecazen import log
 from mecazen.bus.base import StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import BusConfig, Scenario
+from mecazen.config import ONLOOKERS, BusConfig, Scenario
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.service import NS_PER_S, Service
@@ -161,10 +161,14 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
 def announce_readiness(bus: ZenohBus, name: str, scenario: Scenario) -> None:
     """Declare `<name>/ready` once every other service of the scenario is seen alive.
 
+    In real time onlookers are not waited for: they are never needed.
+
     A service that sees another's token has a link to it, and the other's subscriptions are
     known on it. When all are ready, all links of the loop stand, so no first sample is lost.
     """
     others = set(scenario.services) - {name}
+    if scenario.sim.mode == "real_time":
+        others -= set(ONLOOKERS)
 
     def check() -> None:
         if others <= bus.presence.names:

@@ -26,6 +26,18 @@ MessageT = TypeVar("MessageT", bound=Message)
 NS_PER_S = 10**9
 
 
+class _Input:
+    """What has come on one key."""
+
+    __slots__ = ("count", "newest_ns")
+
+    def __init__(self) -> None:
+        self.count = 0
+        """Samples since the last report."""
+        self.newest_ns: int | None = None
+        """Simulated time of the newest sample of this run [ns]."""
+
+
 class Service(ABC):
     """A part of the simulation on a bus.
 
@@ -46,7 +58,12 @@ class Service(ABC):
         self.tick_ns = scenario.sim.tick_ns
         self.stamp = Stamp(0, 0, scenario.seed)
         """The newest tick that this service has heard of."""
+        self.missed_ticks = 0
+        """Ticks that others were given and this service never heard of, or not in time."""
         self._ended_runs: deque[int] = deque(maxlen=16)
+        self._inputs: dict[str, _Input] = {}
+        self._reported = self.stamp
+        bus.presence.on_return.append(self.on_return)
         self._diagnostics = bus.publisher(keys.diagnostics(self.NAME))
         self.reset(scenario.seed)
 
@@ -66,6 +83,9 @@ class Service(ABC):
         """Return what the service says of its health, by name."""
         return {}
 
+    def on_return(self, name: str) -> None:  # noqa: B027  # most have nothing to do
+        """Take note that another service is back after it had gone."""
+
     def subscribe(
         self,
         topic: Topic[MessageT],
@@ -79,11 +99,14 @@ class Service(ABC):
         Where `tells_time` is false, as on a key that anyone writes, samples of another run
         are dropped: they can't end this one.
         """
+        heard = self._inputs.setdefault(topic.key, _Input())
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is None or (
                 self._is_current(stamp) if tells_time else stamp.run == self.stamp.run
             ):
+                heard.count += 1
+                heard.newest_ns = (stamp or self.stamp).time_ns
                 handler(message, stamp)
 
         self.bus.subscribe(topic, deliver, every=every)
@@ -93,11 +116,21 @@ class Service(ABC):
     ) -> None:
         """Deliver only stamped samples, each tick once: what makes a part of the loop."""
         last = Stamp(-1, 0, 0)
+        period_ns = 0  # not every key has a sample in every tick
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
-            nonlocal last
-            if stamp is None or (stamp.run == last.run and stamp.time_ns <= last.time_ns):
+            nonlocal last, period_ns
+            if stamp is None:
                 return
+            if stamp.run == last.run:
+                passed_ns = stamp.time_ns - last.time_ns
+                if passed_ns <= 0:
+                    return
+                if passed_ns != period_ns:
+                    period_ns = min(period_ns or passed_ns, passed_ns)
+                    self.missed_ticks += passed_ns // period_ns - 1
+            else:
+                period_ns = 0
             last = stamp
             handler(message, stamp)
 
@@ -126,7 +159,12 @@ class Service(ABC):
     def publish_diagnostics(self) -> None:
         """Publish the service's health; done once each simulated second."""
         refused = self.bus.refused.total()
-        values = {**self.diagnostics(), "refused_payloads": refused}
+        values = {**self.diagnostics(), **self._inputs_health(), "refused_payloads": refused}
+        for key, count in self.bus.refused.items():
+            values[f"refused/{key}"] = count
+        for name in self.scenario.services:
+            if name in self.bus.presence.returns:
+                values[f"restarts/{name}"] = self.bus.presence.returns[name]
         status = DiagnosticStatus(
             level=1 if refused else 0,
             name=self.NAME,
@@ -135,3 +173,21 @@ class Service(ABC):
         )
         header = Header(stamp=self.stamp.time)
         self._diagnostics.put(DiagnosticArray(header=header, status=(status,)), self.stamp)
+
+    def _inputs_health(self) -> dict[str, object]:
+        """Return each key's rate since the last report, and the age of its newest sample."""
+        now, last = self.stamp, self._reported
+        self._reported = now
+        values: dict[str, object] = {} if self.OWNS_TIME else {"missed_ticks": self.missed_ticks}
+        elapsed_ns = now.time_ns - last.time_ns if now.run == last.run else 0
+        for key, heard in self._inputs.items():
+            if elapsed_ns > 0:
+                values[f"hz/{key}"] = round(heard.count * NS_PER_S / elapsed_ns, 1)
+                newest_ns = heard.newest_ns
+                values[f"age_s/{key}"] = (
+                    "never" if newest_ns is None else (now.time_ns - newest_ns) / NS_PER_S
+                )
+            else:  # a run has begun
+                heard.newest_ns = None
+            heard.count = 0
+        return values

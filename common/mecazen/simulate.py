@@ -14,7 +14,7 @@ import msgspec
 
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario
+from mecazen.config import ONLOOKERS, Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
 from mecazen.processes import (
@@ -33,9 +33,6 @@ Progress = Callable[[int], None]
 PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
 """How long to wait for a sample before asking whether all processes still live."""
-
-ONLOOKERS = ("viewer", "recorder")
-"""Parts that no tick waits for: they keep off the core of those that it does."""
 
 COLLECTOR = "collector"
 """The part that writes down a distributed run; physics waits for it as for the others."""
@@ -177,6 +174,7 @@ def simulate_distributed(
             bus.declare_alive(COLLECTOR)
             announce_readiness(bus, COLLECTOR, scenario)
             for part in parts:
+                # who no tick waits for keeps off the core of those that it does
                 with beside_that_core() if part in ONLOOKERS else on_one_core():
                     supervisor.start(part)
             with beside_that_core():

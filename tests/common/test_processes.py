@@ -2,6 +2,7 @@
 
 import os
 import secrets
+import signal
 import socket
 import time
 
@@ -14,6 +15,7 @@ GUARD_S = 60.0
 
 TOY = """
 import signal, sys
+from pathlib import Path
 
 from mecazen.errors import BusError
 from mecazen.service import Service
@@ -40,6 +42,16 @@ class Crashes(Toy):
         raise ZeroDivisionError("twice")
 
 
+class Works_First(Toy):
+    NAME = "works_first"
+
+    def reset(self, seed):
+        mark = Path(__file__).with_suffix(".mark")
+        if mark.exists():
+            raise BusError("no second time")
+        mark.touch()
+
+
 class Quits(Toy):
     NAME = "quits"
 
@@ -60,19 +72,36 @@ class Deaf(Toy):
 
 
 @pytest.fixture
-def supervisor(write_scenario, tmp_path, router):
+def make_supervisor(write_scenario, tmp_path, router):
     (tmp_path / "toy.py").write_text(TOY)
     path = write_scenario(
         "services = []\n[programs]\n"
         + "".join(
             f"{name} = '../toy.py:{name.title()}'\n"
-            for name in ("toy", "fails", "crashes", "quits", "deaf")
+            for name in ("toy", "fails", "crashes", "quits", "deaf", "works_first")
         )
     )
     namespace = f"test{secrets.token_hex(6)}"
-    supervisor = Supervisor(path, [f'bus.connect=["{router}"]', f"bus.namespace={namespace}"])
-    yield supervisor
-    supervisor.stop()
+    made = []
+
+    def make(**options):
+        settings = [f'bus.connect=["{router}"]', f"bus.namespace={namespace}"]
+        made.append(Supervisor(path, settings, **options))
+        return made[-1]
+
+    yield make
+    for supervisor in made:
+        supervisor.stop()
+
+
+@pytest.fixture
+def supervisor(make_supervisor):
+    return make_supervisor()
+
+
+@pytest.fixture
+def restarting(make_supervisor):
+    return make_supervisor(restart=True)
 
 
 def await_line(supervisor, name, text):
@@ -124,6 +153,85 @@ def test_the_end_of_a_process_that_is_not_needed_is_told_and_is_no_error(supervi
     assert await_line(supervisor, "fails", "error: the wheel came off")
     assert await_line(supervisor, "fails", "fails has ended; the others go on")
     assert supervisor.poll(0.0) is None
+
+
+def kill(supervisor, name):
+    await_line(supervisor, name, "msg=started")
+    pid = supervisor.pids[name]
+    os.kill(pid, signal.SIGKILL)
+    return pid
+
+
+def test_when_a_process_is_killed_expect_that_said(supervisor):
+    supervisor.start("toy")
+    kill(supervisor, "toy")
+    with pytest.raises(ProcessError, match=r"^toy: was killed by SIGKILL$"):
+        await_failure(supervisor)
+
+
+@pytest.mark.parametrize("needed", [True, False])
+def test_who_restarts_starts_a_killed_process_at_once_and_says_so_in_one_line(restarting, needed):
+    restarting.start("toy", needed=needed)
+    pid = kill(restarting, "toy")
+    line = await_line(restarting, "toy", "SIGKILL")
+    assert line.text == "toy: was killed by SIGKILL; it is started again at once"
+    assert "msg=started" in restarting.poll(GUARD_S).text
+    assert restarting.pids["toy"] != pid
+
+
+def test_a_process_that_keeps_ending_is_started_again_after_a_growing_pause(
+    restarting, monkeypatch
+):
+    monkeypatch.setattr(processes, "FIRST_PAUSE_S", 0.25)
+    monkeypatch.setattr(processes, "MAX_PAUSE_S", 0.5)
+    restarting.start("works_first")
+    kill(restarting, "works_first")
+    said = [
+        await_line(restarting, "works_first", "started again").text.rpartition("; it is ")
+        for _ in range(4)
+    ]
+    assert {how for how, _, _ in said[1:]} == {"works_first: no second time"}
+    assert [when.removeprefix("started again ") for _, _, when in said] == [
+        "at once",
+        "in 0.25 s",
+        "in 0.5 s",
+        "in 0.5 s",
+    ]
+
+
+def test_a_process_that_ran_steadily_is_started_again_at_once(restarting, monkeypatch):
+    monkeypatch.setattr(processes, "STEADY_S", 0.0)
+    restarting.start("toy")
+    for _ in range(3):
+        kill(restarting, "toy")
+        assert "at once" in await_line(restarting, "toy", "SIGKILL").text
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [("fails", "fails: the wheel came off"), ("crashes", "crashes: ZeroDivisionError: twice")],
+)
+def test_who_fails_before_it_ever_ran_is_not_started_again(restarting, name, error):
+    restarting.start(name)
+    with pytest.raises(ProcessError, match=rf"^{error}$"):
+        await_failure(restarting)
+
+
+def test_who_is_not_needed_and_fails_before_it_ever_ran_is_left_alone(restarting):
+    restarting.start("fails", needed=False)
+    assert await_line(restarting, "fails", "fails has ended; the others go on")
+    assert restarting.poll(0.0) is None
+
+
+def test_while_a_process_waits_to_be_started_again_others_are_heard(restarting, monkeypatch):
+    monkeypatch.setattr(processes, "FIRST_PAUSE_S", 1000.0)
+    restarting.start("works_first")
+    kill(restarting, "works_first")
+    await_line(restarting, "works_first", "in 8 s")
+    restarting.start("toy")
+    assert await_line(restarting, "toy", "msg=started")
+    assert restarting.poll(0.01) is None
+    assert restarting.stop() == []
 
 
 def test_stop_ends_all_and_none_has_to_be_killed(supervisor):

@@ -267,3 +267,20 @@ def test_who_waits_for_others_is_ready_when_all_are_alive(
         assert "toy/ready" not in bus.presence.names
         bus.declare_alive("other")
         wait_until(bus, lambda: "toy/ready" in bus.presence.names)
+
+
+@pytest.mark.parametrize(("mode", "waits"), [("real_time", False), ("lockstep", True)])
+def test_onlookers_are_waited_for_in_lockstep_alone(
+    start, toy_file, settings, open_bus, wait_until, mode, waits
+):
+    bus = open_bus(namespace=settings[1].partition("=")[2])
+    bus.declare_alive("tester")
+    services = ['services=["toy","recorder","viewer"]', f"sim.mode={mode}"]
+    with start(f"{toy_file}:Toy", [*settings, *services]) as process:
+        await_start(process)
+        wait_until(bus, lambda: "toy" in bus.presence.names)
+        if waits:
+            assert "toy/ready" not in bus.presence.names
+            bus.declare_alive("recorder")
+            bus.declare_alive("viewer")
+        wait_until(bus, lambda: "toy/ready" in bus.presence.names)

@@ -182,7 +182,99 @@ def test_when_all_is_well_expect_level_ok(put, reports):
     assert isinstance(array, DiagnosticArray)
     (status,) = array.status
     assert (status.level, status.name, status.message) == (0, "toy", "ok")
-    assert status.values == (KeyValue("events", "1"), KeyValue("refused_payloads", "0"))
+    assert status.values == (
+        KeyValue("events", "1"),
+        KeyValue("missed_ticks", "0"),
+        KeyValue("refused_payloads", "0"),
+    )
+
+
+def values(report):
+    return {pair.key: pair.value for pair in report[0].status[0].values}
+
+
+@pytest.mark.usefixtures("toy")
+def test_the_rate_of_each_input_is_told_in_simulated_time(put, reports):
+    for tick in range(0, 301):
+        put(keys.CLOCK, Clock(), at(tick))
+        if 100 <= tick < 200 and tick % 4 == 0:
+            put(keys.CMD_VEL, forward(0.1), at(tick))
+    assert [values(report).get("hz/clock") for report in reports] == [
+        None,
+        "100.0",
+        "100.0",
+        "100.0",
+    ]
+    assert [values(report).get("hz/cmd_vel") for report in reports] == [None, "0.0", "25.0", "0.0"]
+
+
+@pytest.mark.usefixtures("toy")
+def test_the_age_of_each_input_is_counted_from_the_newest_tick(bus, put, reports):
+    for tick in range(301):
+        put(keys.CLOCK, Clock(), at(tick))
+        if tick == 120:
+            put(keys.CMD_VEL, forward(0.1), at(tick))
+        if tick == 250:
+            bus.put_bytes("cmd_vel", b"{}")
+    ages = [values(report).get("age_s/cmd_vel") for report in reports]
+    assert ages == [None, "never", "0.8", "0.5"]
+    assert values(reports[-1])["age_s/joint_states"] == "never"
+
+
+@pytest.mark.usefixtures("toy")
+def test_a_new_run_begins_with_inputs_that_never_came(put, reports):
+    for run in (1, 2):
+        for tick in range(101):
+            put(keys.CLOCK, Clock(), at(tick, run=run))
+            if run == 1:
+                put(keys.CMD_VEL, forward(0.1), at(tick, run=run))
+    assert [values(report).get("age_s/cmd_vel") for report in reports] == [
+        None,
+        "0.01",
+        None,
+        "never",
+    ]
+    assert [values(report).get("hz/cmd_vel") for report in reports] == [None, "100.0", None, "0.0"]
+
+
+@pytest.mark.parametrize(
+    ("ticks", "missed"),
+    [((0, 1, 2, 3, 4), 0), ((0, 1, 3, 4, 7), 3), ((0, 2, 4, 6), 0), ((5, 7, 9, 15), 2), ((), 0)],
+)
+def test_ticks_that_were_never_heard_of_are_counted(toy, put, ticks, missed):
+    for tick in ticks:
+        put(keys.JOINT_STATES, JointState(), at(tick))
+    assert toy.missed_ticks == missed
+
+
+def test_between_two_runs_no_tick_is_missed(toy, put):
+    for run, tick in ((1, 0), (1, 1), (2, 0), (2, 1), (3, 70), (3, 71)):
+        put(keys.JOINT_STATES, JointState(), at(tick, run=run))
+    assert toy.missed_ticks == 0
+
+
+@pytest.mark.usefixtures("toy")
+def test_who_has_gone_and_come_back_is_counted_and_told(bus, put, reports):
+    back = []
+    bus.presence.on_return.append(back.append)
+    for alive in (True, False, True, True, False, True):
+        bus.presence.update("controller", alive=alive)
+    bus.presence.update("tool", alive=True)
+    bus.presence.update("tool", alive=False)
+    bus.presence.update("tool", alive=True)
+    put(keys.CLOCK, Clock(), at(0))
+    assert back == ["controller", "controller", "tool"]
+    said = {key: value for key, value in values(reports[0]).items() if "restarts" in key}
+    assert said == {"restarts/controller": "2"}
+
+
+@pytest.mark.usefixtures("toy")
+def test_payloads_that_were_refused_are_counted_by_key(bus, put, reports):
+    for key in ("cmd_vel", "cmd_vel", "joint_states"):
+        bus.put_bytes(key, b"x")
+    put(keys.CLOCK, Clock(), at(0))
+    said = {key: value for key, value in values(reports[0]).items() if "refused/" in key}
+    assert said == {"refused/cmd_vel": "2", "refused/joint_states": "1"}
 
 
 @pytest.mark.usefixtures("toy")

@@ -473,8 +473,44 @@ def test_diagnostics_come_once_a_second_with_the_references_age_and_what_was_ref
     health = [sample.message.status[0] for sample in rig.health.take()]
     values = [{value.key: value.value for value in status.values} for status in health]
     assert [status.level for status in health] == [0, 1, 1]
-    assert values[0] == {"reference": "none yet", "refused_payloads": "0"}
-    assert values[2] == {"reference_age_s": "1.49", "refused_payloads": "1"}
+    assert values[0] == {"reference": "none yet", "missed_ticks": "0", "refused_payloads": "0"}
+    assert values[2] == {
+        "reference_age_s": "1.49",
+        "missed_ticks": "0",
+        "hz/joint_states": "100.0",
+        "age_s/joint_states": "0.01",
+        "hz/cmd_vel": "0.0",
+        "age_s/cmd_vel": "1.5",
+        "refused_payloads": "1",
+        "refused/cmd_vel": "1",
+    }
+
+
+@pytest.mark.parametrize("odometry", ["wheel", "ground_truth"])
+def test_who_takes_over_a_robot_that_moves_slows_it_down_within_the_limit(odometry):
+    rig = Rig(ControllerConfig(odometry=odometry))
+    if odometry == "wheel":
+        heard = rig.tick(500, (20.0,) * 4)  # 1 m/s
+    else:
+        truth = planar_odometry(Time(5), "world", "base_link", Pose2D(3.0), Twist2D(x=1.0))
+        rig.ground_truth.put(truth, rig.stamp(500))
+        heard = rig.listen()
+    (speed,) = forward([heard[-1].message.velocity])
+    assert speed == pytest.approx(1.0 - 2.5 * 0.01)
+
+
+def test_who_was_held_up_goes_on_from_how_the_robot_moves_by_then():
+    rig = Rig(services=LED)
+    rig.drive(range(100), Twist2D(x=0.5))
+    rig.tick(251)
+    (command,) = rig.command(Twist2D(x=0.5), 251)
+    (speed,) = forward([command.message.velocity])
+    assert speed == pytest.approx(2.5 * 0.01)
+
+
+def test_a_run_that_begins_begins_at_rest():
+    rig = Rig()
+    assert rig.tick(0, (20.0,) * 4)[-1].message.velocity == STANDING
 
 
 GOOD = {

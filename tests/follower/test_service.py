@@ -461,6 +461,33 @@ def test_the_truth_is_never_read():
     assert set(heard) - {"clock"} == {"odom", "target/observation"}
 
 
+def test_with_a_controller_that_is_back_the_person_is_looked_for_anew():
+    rig = Rig(FollowerConfig(estimator="kf_cv"))
+    for tick in range(9):
+        _, before = rig.tick(tick, ORIGIN, Pose2D(1.5))
+    rig.bus.presence.update("controller", alive=True)
+    rig.bus.presence.update("controller", alive=False)
+    rig.bus.presence.update("controller", alive=True)
+    # within what a robot may do in this time, so no jump that shows
+    elsewhere = Pose2D(0.4, 0.3, 0.2)
+    rig.odom(29, elsewhere)
+    _, lost = answer_of(rig.see(29, None))
+    _, found = rig.tick(32, elsewhere, Pose2D(1.5))
+    assert (before.tracking, lost.tracking, found.tracking) == ("following", "waiting", "following")
+    seen = elsewhere.compose(Pose2D(1.5))
+    assert found.estimate[0].pose.pose.to_planar() == pytest.approx(seen, abs=1e-6)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_after_a_gap_in_which_the_person_would_be_lost_they_are_looked_for_anew(estimator):
+    rig = Rig(FollowerConfig(estimator=estimator))
+    for tick in range(9):
+        _, before = rig.tick(tick, ORIGIN, Pose2D(1.5))
+    rig.odom(2**31 * 100 - 3)  # the latest time there is: no estimator may go there step by step
+    _, after = answer_of(rig.see(2**31 * 100 - 3, None))
+    assert (before.tracking, after.tracking) == ("following", "waiting")
+
+
 def test_diagnostics_tell_late_frames_the_filters_consistency_and_what_was_refused():
     rig = Rig(FollowerConfig(estimator="kf_cv"))
     for tick in range(101):
@@ -468,7 +495,13 @@ def test_diagnostics_tell_late_frames_the_filters_consistency_and_what_was_refus
         rig.bus.put_bytes("odom", b"[")
     health = [sample.message.status[0] for sample in rig.health.take()]
     first, last = ({value.key: value.value for value in status.values} for status in health)
-    assert first == {"late_frames": "0", "nis": "None", "refused_payloads": "0"}
+    assert first == {
+        "late_frames": "0",
+        "nis": "None",
+        "missed_ticks": "0",
+        "refused_payloads": "0",
+    }
+    assert (last["hz/odom"], last["hz/target/observation"]) == ("100.0", "25.0")
     assert (last["late_frames"], last["refused_payloads"]) == ("0", "100")
     assert float(last["nis"]) < 1.0
 

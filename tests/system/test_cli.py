@@ -72,7 +72,14 @@ def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(
 
 
 @pytest.mark.parametrize(
-    "arguments", [("sim", "state"), ("services",), ("echo", "odom"), ("pub", "cmd_vel", "{}")]
+    "arguments",
+    [
+        ("sim", "state"),
+        ("status",),
+        ("status", "--json"),
+        ("echo", "odom"),
+        ("pub", "cmd_vel", "{}"),
+    ],
 )
 def test_without_a_router_tools_say_so_in_one_line(arguments: tuple[str, ...]) -> None:
     meeting = private_meeting_point()[0].partition("=")[2]
@@ -103,7 +110,7 @@ def test_the_printed_configuration_is_whole_and_loads_again(scenario: str, tmp_p
 
 
 def test_every_command_has_help_that_says_what_it_does() -> None:
-    names = ["up", "run", "simulate", "topics", "services", "echo", "pub", "config", "sim", "view"]
+    names = ["up", "run", "simulate", "topics", "status", "echo", "pub", "config", "sim", "view"]
     for name in names:
         done = mecazen(name, "--help")
         assert done.returncode == 0
@@ -165,8 +172,9 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
     up.read_until("following")
     pids = up.pids()
     assert set(pids) == {"router", "physics", "controller", "target", "follower", "viewer"}
-    alive = mecazen("services", *up.tools).stdout
-    assert all(name in alive for name in ("physics", "controller", "target", "follower"))
+    services = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)["services"]
+    assert list(services)[:4] == ["physics", "controller", "target", "follower"]
+    assert all(service["state"] == "ready" for service in services.values())
     odom = msgspec.json.decode(mecazen("echo", "odom", "--count", 1, *up.tools).stdout)
     assert odom["header"]["frame_id"] == "odom"
     live = mecazen("topics", "--live", *up.tools).stdout
@@ -227,3 +235,22 @@ def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file: Pa
     up.read_until("t = ")
     up.process.send_signal(signal.SIGINT)
     assert up.end()[0] == 0
+
+
+def test_status_says_in_one_line_that_nobody_is_there() -> None:
+    meeting = private_meeting_point()
+    flags = [f"--set={setting}" for setting in meeting]
+    router = subprocess.Popen(
+        [sys.executable, "-m", "mecazen", "run", "router", "back", *flags],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    with router:
+        assert router.stderr is not None
+        assert "msg=started" in router.stderr.readline()
+        endpoint = tomllib.loads(f"x = {meeting[0].partition('=')[2]}")["x"][0]
+        assert_one_line(
+            mecazen("status", "--connect", endpoint), 1, "no service is alive", endpoint
+        )
+        router.terminate()

@@ -50,11 +50,25 @@ class Presence:
 
     def __init__(self) -> None:
         self.names: set[str] = set()
+        self.returns: Counter[str] = Counter()
+        """How often each name has come back after it had gone."""
         self.on_change: Callable[[], None] = lambda: None
+        self.on_return: list[Callable[[str], None]] = []
+        """Are told the name of who has come back."""
+        self._gone: set[str] = set()
 
     def update(self, name: str, *, alive: bool) -> None:
         """Note that `name` has come or gone."""
-        (self.names.add if alive else self.names.discard)(name)
+        if not alive and name in self.names:
+            self.names.remove(name)
+            self._gone.add(name)
+        elif alive:
+            self.names.add(name)
+            if name in self._gone:
+                self._gone.remove(name)
+                self.returns[name] += 1
+                for tell in self.on_return:
+                    tell(name)
         self.on_change()
 
 

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mecazen import keys, runtime
-from mecazen.cli import sim, talk
+from mecazen.cli import sim, status, talk
 from mecazen.cli.options import ScenarioArgument, Settings, load
 from mecazen.cli.up import run_up
 from mecazen.errors import MecazenError
@@ -34,7 +34,7 @@ app = typer.Typer(
 )
 app.add_typer(sim.app, name="sim")
 app.command()(talk.topics)
-app.command()(talk.services)
+app.command()(status.status)
 app.command()(talk.echo)
 app.command()(talk.pub)
 for entry in entry_points(group="mecazen.commands"):
@@ -56,16 +56,25 @@ def up(
     no_viewer: Annotated[
         bool, typer.Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
     ] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Start a process again that fails or is killed.")
+    ] = False,
     settings: Settings = None,
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
 
     A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
-    all are ended and its error is shown; without the viewer the rest goes on.
+    all are ended and its error is shown, unless it is to --restart; without the viewer or
+    the recorder the rest goes on.
 
     Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
-    run_up(scenario_path(scenario), tuple(settings or ()), None if no_viewer else viewer)
+    run_up(
+        scenario_path(scenario),
+        tuple(settings or ()),
+        None if no_viewer else viewer,
+        restart=restart,
+    )
 
 
 @app.command()

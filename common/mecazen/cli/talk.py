@@ -54,20 +54,6 @@ def _entry(key: str) -> str:
     return key if topic is None else topic.key
 
 
-def services(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
-    """Show which services are alive."""
-    with tool_bus(connect, namespace) as bus:
-        alive = bus.alive()
-    names = sorted(name for name in alive if "/" not in name)
-    if not names:
-        typer.echo("no service is alive")
-        return
-    table = Table("service", "state")
-    for name in names:
-        table.add_row(name, "ready" if f"{name}/ready" in alive else "waiting for others")
-    Console().print(table)
-
-
 def echo(
     key: Annotated[str, typer.Argument(help="A key, or an expression such as 'target/**'.")],
     count: Annotated[

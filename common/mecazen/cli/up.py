@@ -17,7 +17,7 @@ from rich.table import Table
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ROUTER, Scenario
+from mecazen.config import ONLOOKERS, ROUTER, Scenario
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, FollowerState, Odometry
@@ -45,10 +45,13 @@ WORK = {
 Viewer = Literal["web", "native"]
 
 
-def run_up(path: Path, settings: tuple[str, ...], viewer: Viewer | None) -> None:
+def run_up(
+    path: Path, settings: tuple[str, ...], viewer: Viewer | None, *, restart: bool = False
+) -> None:
     """Run a scenario until Ctrl-C or until one of its processes fails.
 
-    The viewer, where it is installed, is started beside them; it may fail.
+    With `restart` a process that fails is started again instead. The viewer, where it is
+    installed, is started beside them; onlookers may fail in any case.
 
     Raises:
         MecazenError: What is wrong with the scenario, or the error of the process that failed.
@@ -62,7 +65,7 @@ def run_up(path: Path, settings: tuple[str, ...], viewer: Viewer | None) -> None
     for part in scenario.services:
         find_service(part, scenario)
     console = Console()
-    supervisor = Supervisor(path, settings)
+    supervisor = Supervisor(path, settings, restart=restart)
     signal.signal(signal.SIGTERM, _interrupt)
     signal.signal(signal.SIGHUP, _interrupt)
     try:
@@ -71,7 +74,7 @@ def run_up(path: Path, settings: tuple[str, ...], viewer: Viewer | None) -> None
         with closing(ZenohBus(scenario.bus, "client")) as bus:
             status = Status(bus, scenario)
             for part in scenario.services:
-                supervisor.start(part)
+                supervisor.start(part, needed=part not in ONLOOKERS)
             if shown:
                 supervisor.start(VIEWER, needed=False)
             _introduce(console, scenario, supervisor, path)

@@ -100,8 +100,9 @@ class ControllerService(Service):
         if not _plausible(measured):
             self.bus.refuse(keys.JOINT_STATES.key, f"speeds out of range: {tuple(measured)}")
             return
-        elapsed = self._begin_tick(stamp)
-        self.dead_reckoning.update(self.kinematics.forward(measured), elapsed * self.dt)
+        moving = self.kinematics.forward(measured)
+        elapsed = self._begin_tick(stamp, moving)
+        self.dead_reckoning.update(moving, elapsed * self.dt)
         self._answer(
             planar_odometry(
                 stamp.time,
@@ -116,7 +117,7 @@ class ControllerService(Service):
 
     def on_ground_truth(self, truth: Odometry, stamp: Stamp) -> None:
         """Publish the truth as the odometry of a tick."""
-        self._begin_tick(stamp)
+        self._begin_tick(stamp, truth.twist.twist.to_planar())
         self._answer(
             Odometry(
                 header=Header(stamp=stamp.time, frame_id=self.config.odom_frame_id),
@@ -157,7 +158,7 @@ class ControllerService(Service):
             )
         )
 
-    def _begin_tick(self, stamp: Stamp) -> int:
+    def _begin_tick(self, stamp: Stamp, moving: Twist2D) -> int:
         """Close the last tick, and return how many ticks have passed since."""
         if self.awaiting_reference:
             # the follower is late or gone: the tick ends with the reference there is
@@ -165,6 +166,10 @@ class ControllerService(Service):
         last, self.tick = self.tick, self.tick_of(stamp)
         self.tick_stamp = stamp
         self.velocity = self.next_velocity
+        if last < 0 < self.tick or self.tick - last > self.timeout_ticks:
+            # what was commanded is no more, or never was: go on from how the robot moves
+            x, y, yaw = (LimiterState(velocity) for velocity in moving)
+            self.velocity = x, y, yaw
         return 0 if last < 0 else self.tick - last
 
     def _answer(self, odometry: Odometry) -> None:

@@ -39,6 +39,7 @@ class FollowerService(Follower):
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.section(FollowerConfig, "follower")
         self.history_ticks = HISTORY_TICKS + round(scenario.sensor.latency_s / scenario.sim.tick_s)
+        self.lost_after_ns = round(self.config.lost_after_s * NS_PER_S)
         self.state = bus.publisher(keys.FOLLOWER_STATE)
         super().__init__(bus, scenario)
 
@@ -51,6 +52,8 @@ class FollowerService(Follower):
 
     def follow(self, odom: Odometry, frame: Observation | None, stamp: Stamp) -> Twist2D:
         """Publish the state of a tick, and return its command."""
+        if self.last_ns is not None and stamp.time_ns - self.last_ns > self.lost_after_ns:
+            self.reset(stamp.seed)  # what was known so long ago is worth no prediction
         robot = odom.pose.pose.to_planar()
         self.robot[stamp.time_ns] = robot
         if len(self.robot) > self.history_ticks:

@@ -9,7 +9,7 @@ import time
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
-from mecazen.config import Scenario, whole_ticks
+from mecazen.config import ONLOOKERS, Scenario, whole_ticks
 from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import StepTimeoutError
 from mecazen.geometry import Twist2D
@@ -44,6 +44,8 @@ from mecazen_physics.world import World
 
 logger = logging.getLogger(__name__)
 
+ONLOOKERS_S = 1.0
+"""In real time, how long onlookers may come after all others are ready and miss nothing."""
 PRESENCE_POLL_S = 0.25
 """How long a missing answer may take before it is asked whether its service still lives."""
 
@@ -259,18 +261,23 @@ class PhysicsService(Service):
         }
 
     def _await_services(self) -> None:
-        needed = {f"{name}/ready" for name in self.scenario.services if name != self.NAME}
-        deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
-        while not needed <= self.bus.presence.names:
-            if self.bus.spin_once(PRESENCE_POLL_S) or time.monotonic() < deadline:
-                continue
-            missing = ", ".join(
-                sorted(n.partition("/")[0] for n in needed - self.bus.presence.names)
-            )
-            if self.lockstep:
-                raise StepTimeoutError(f"not there to start with: {missing}")
-            logger.warning("msg=%r", f"going on without {missing}")
-            return
+        others = set(self.scenario.services) - {self.NAME}
+        onlookers = set() if self.lockstep else others & set(ONLOOKERS)
+        missing = self._await_ready(others - onlookers, self.scenario.sim.answer_timeout_s)
+        missing += self._await_ready(onlookers, ONLOOKERS_S)
+        if missing and self.lockstep:
+            raise StepTimeoutError(f"not there to start with: {', '.join(missing)}")
+        if missing:
+            logger.warning("msg=%r", f"going on without {', '.join(missing)}")
+
+    def _await_ready(self, names: set[str], timeout_s: float) -> list[str]:
+        """Wait until services are ready, and return those that are not in time."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            missing = [n for n in sorted(names) if f"{n}/ready" not in self.bus.presence.names]
+            if not missing or (left_s := deadline - time.monotonic()) <= 0.0:
+                return missing
+            self.bus.spin_once(left_s)
 
     def _await_all(self) -> None:
         deadline = time.monotonic() + self.scenario.sim.answer_timeout_s

@@ -1,0 +1,219 @@
+"""`mecazen status`: how all services are, in one screen."""
+
+from __future__ import annotations
+
+import math
+import time
+import tomllib
+from collections.abc import Iterable
+from typing import Annotated
+
+import msgspec
+import typer
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.cli.options import Connect, Namespace, tool_bus
+from mecazen.config import ROUTER
+from mecazen.errors import BusError
+from mecazen.messages import DiagnosticArray, Empty, SimState
+from mecazen.wire import RefusedError, decode
+
+REFRESH_S = 0.5
+ANSWER_S = 0.5
+"""How long simulated time may take to say how it is; a physics that is gone says nothing."""
+PATIENCE_S = 3.0
+"""How long `--json` waits for every service's report; one comes each simulated second."""
+
+ALL_DIAGNOSTICS = keys.diagnostics("*").key
+
+
+class Input(msgspec.Struct, frozen=True):
+    """What a service hears on one key."""
+
+    hz: float
+    """Samples per simulated second."""
+    age_s: float | None
+    """Simulated time since the newest; None where none has come in this run."""
+
+
+class ServiceStatus(msgspec.Struct, frozen=True):
+    """How one service is."""
+
+    state: str
+    """`gone`, `alive` while it waits for the others, or `ready`."""
+    inputs: dict[str, Input] = {}
+    refused: int = 0
+    """Payloads that were not what their key carries."""
+    missed: int = 0
+    """Deadlines that were missed, by physics; by others, ticks that they never heard of."""
+    restarts: int = 0
+    """How often it has gone and come back, as the others have seen."""
+
+
+class Status(msgspec.Struct, frozen=True):
+    """What `mecazen status --json` prints."""
+
+    sim: SimState | None
+    """None where nobody simulates."""
+    services: dict[str, ServiceStatus]
+
+
+Reports = dict[str, dict[str, str]]
+"""What each service has said of itself last, by name."""
+
+
+def status_of(
+    sim: SimState | None, parts: Iterable[str], alive: set[str], reports: Reports
+) -> Status:
+    """Return how everybody is.
+
+    Args:
+        sim: What simulated time does.
+        parts: The services that there should be.
+        alive: Who holds a liveliness token; `<name>/ready` is a mark of readiness.
+        reports: The values of each one's newest diagnostics.
+    """
+    names = [*parts, *sorted({name for name in alive if "/" not in name} | reports.keys())]
+    return Status(sim, {name: _service(name, alive, reports) for name in dict.fromkeys(names)})
+
+
+def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
+    said = reports.get(name, {})
+    ready = "ready" if f"{name}/ready" in alive else "alive"
+    return ServiceStatus(
+        state=ready if name in alive else "gone",
+        inputs={
+            name.removeprefix("hz/"): Input(
+                _number(said, name) or 0.0, _number(said, name.replace("hz/", "age_s/", 1))
+            )
+            for name in said
+            if name.startswith("hz/")
+        },
+        refused=_count(said, "refused_payloads"),
+        missed=_count(said, "missed_deadlines") + _count(said, "missed_ticks"),
+        restarts=max((_count(of, f"restarts/{name}") for of in reports.values()), default=0),
+    )
+
+
+def _number(said: dict[str, str], name: str) -> float | None:
+    """Return a value, or None where it is no number, as of an input that never came."""
+    try:
+        number = float(said[name])
+    except (KeyError, ValueError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _count(said: dict[str, str], name: str) -> int:
+    return int(_number(said, name) or 0)
+
+
+def screen(status: Status) -> Group:
+    """Return a status as one sees it."""
+    table = Table("service", "state", "hears [Hz]", "oldest [s]", "refused", "missed", "restarts")
+    for name, service in status.services.items():
+        hears = "  ".join(f"{key} {heard.hz:g}" for key, heard in service.inputs.items())
+        numbers = (service.refused, service.missed, service.restarts)
+        colour = {"ready": "green", "alive": "yellow", "gone": "red"}[service.state]
+        table.add_row(
+            name,
+            Text(service.state, colour),
+            hears,
+            _oldest(service),
+            *(Text(str(number), "yellow" if number else "") for number in numbers),
+        )
+    return Group(Text(_headline(status.sim), "bold"), table)
+
+
+def _oldest(service: ServiceStatus) -> str:
+    heard = [of.age_s for of in service.inputs.values() if of.age_s is not None]
+    return f"{max(heard):.2f}" if heard else ""
+
+
+def _headline(sim: SimState | None) -> str:
+    if sim is None:
+        return "nobody simulates"
+    pace = "paused" if sim.paused else f"{sim.rtf:.2f} × real time"
+    if sim.mode == "real_time":
+        pace += f" (speed {sim.speed:g})"
+    mode = sim.mode.replace("_", " ")
+    return f"t = {sim.clock.ns / 1e9:.1f} s  ·  {pace}  ·  {mode}  ·  seed {sim.seed}"
+
+
+class _Listener:
+    """Asks and hears how everybody is."""
+
+    def __init__(self, bus: ZenohBus) -> None:
+        self._bus = bus
+        self._parts: tuple[str, ...] = ()
+        self._alive: set[str] = set()
+        self.reports: Reports = {}
+        bus.subscribe_bytes(ALL_DIAGNOSTICS, self._take)
+
+    def listen(self, duration_s: float) -> None:
+        """Take reports for a while."""
+        end = time.monotonic() + duration_s
+        while (left_s := end - time.monotonic()) > 0:
+            self._bus.spin_once(left_s)
+
+    @property
+    def awaited(self) -> set[str]:
+        """Who is alive, takes part, and has not said yet how it is."""
+        return (set(self._parts) & self._alive) - self.reports.keys()
+
+    def status(self) -> Status:
+        """Return how everybody is now."""
+        self._alive = self._bus.alive()
+        sim = None
+        if "physics" in self._alive:
+            try:
+                sim = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S)
+                if not self._parts:
+                    toml = self._bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data
+                    self._parts = tuple(tomllib.loads(toml)["services"])
+            except BusError:
+                pass  # it is just starting, or just gone, or frozen
+        return status_of(sim, self._parts, self._alive, self.reports)
+
+    def _take(self, key: str, payload: bytes, encoding: str, attachment: bytes | None) -> None:
+        del attachment
+        try:
+            report = decode(payload, DiagnosticArray, encoding)
+        except RefusedError as refusal:
+            self._bus.refuse(key, str(refusal))
+            return
+        for status in report.status:
+            self.reports[status.name] = {pair.key: pair.value for pair in status.values}
+
+
+def status(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, and end.")
+    ] = False,
+    connect: Connect = ROUTER,
+    namespace: Namespace = None,
+) -> None:
+    """Show how all services are, until Ctrl-C: who is alive, what each hears, what went wrong.
+
+    Rates and ages are in simulated time. Examples: mecazen status · mecazen status --json
+    """
+    with tool_bus(connect, namespace) as bus:
+        listener = _Listener(bus)
+        now = listener.status()
+        if not now.services:
+            raise BusError(f"no service is alive at {connect}: is `mecazen up` running?")
+        if as_json:
+            end = time.monotonic() + PATIENCE_S
+            while listener.awaited and time.monotonic() < end:
+                bus.spin_once(PATIENCE_S / 10)
+            typer.echo(msgspec.json.encode(listener.status()).decode())
+            return
+        with Live(screen(now), console=Console(), auto_refresh=False) as live:
+            while True:
+                listener.listen(REFRESH_S)
+                live.update(screen(listener.status()), refresh=True)

@@ -1,0 +1,97 @@
+"""What `mecazen status` shows of what services say of themselves."""
+
+import pytest
+from mecazen.cli.status import Input, ServiceStatus, screen, status_of
+from mecazen.messages import SimState, Time
+from rich.console import Console
+
+PARTS = ("physics", "controller", "follower")
+READY = {*PARTS, *(f"{name}/ready" for name in PARTS)}
+SIM = SimState(clock=Time(12, 500_000_000), mode="real_time", speed=2.0, rtf=1.994, seed=7)
+REPORTS = {
+    "physics": {
+        "missed_deadlines": "3",
+        "hz/joint_command": "99.5",
+        "age_s/joint_command": "0.01",
+        "hz/target/odom": "0.0",
+        "age_s/target/odom": "never",
+        "refused_payloads": "0",
+        "restarts/follower": "1",
+    },
+    "follower": {
+        "late_frames": "9",
+        "missed_ticks": "4",
+        "hz/odom": "100.0",
+        "age_s/odom": "0.01",
+        "hz/target/observation": "25.0",
+        "age_s/target/observation": "0.75",
+        "refused_payloads": "2",
+        "refused/odom": "2",
+    },
+    "controller": {"restarts/follower": "2"},
+}
+
+
+def text_of(status):
+    console = Console(width=160, color_system=None)
+    with console.capture() as capture:
+        console.print(screen(status))
+    return capture.get().splitlines()
+
+
+def test_a_service_is_what_it_says_and_what_the_others_have_seen():
+    services = status_of(SIM, PARTS, READY, REPORTS).services
+    assert services["follower"] == ServiceStatus(
+        state="ready",
+        inputs={"odom": Input(100.0, 0.01), "target/observation": Input(25.0, 0.75)},
+        refused=2,
+        missed=4,
+        restarts=2,
+    )
+    assert services["physics"] == ServiceStatus(
+        state="ready",
+        inputs={"joint_command": Input(99.5, 0.01), "target/odom": Input(0.0, None)},
+        missed=3,
+    )
+    assert services["controller"] == ServiceStatus(state="ready")
+
+
+@pytest.mark.parametrize(
+    ("alive", "state"),
+    [(set(), "gone"), ({"follower"}, "alive"), ({"follower", "follower/ready"}, "ready")],
+)
+def test_who_is_alive_is_told_by_the_tokens_alone(alive, state):
+    assert status_of(SIM, PARTS, alive, REPORTS).services["follower"].state == state
+
+
+def test_those_that_there_should_be_come_first_then_whoever_else_is_there():
+    status = status_of(None, PARTS, {"test", "physics", "physics/ready"}, {"record": {}})
+    assert list(status.services) == ["physics", "controller", "follower", "record", "test"]
+    assert [service.state for service in status.services.values()] == [
+        *("ready", "gone", "gone", "gone", "alive"),
+    ]
+
+
+def test_what_is_no_number_is_none():
+    said = {"follower": {"refused_payloads": "inf", "hz/odom": "?", "age_s/odom": "", "hz/x": "1"}}
+    follower = status_of(None, (), {"follower"}, said).services["follower"]
+    assert follower == ServiceStatus("alive", {"odom": Input(0.0, None), "x": Input(1.0, None)})
+
+
+def test_the_screen_shows_a_line_for_each_and_simulated_time_above():
+    head, *table = text_of(status_of(SIM, PARTS, READY - {"controller"}, REPORTS))
+    assert head == "t = 12.5 s  ·  1.99 × real time (speed 2)  ·  real time  ·  seed 7"
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in table if "│" in line]
+    assert rows == [
+        ["physics", "ready", "joint_command 99.5  target/odom 0", "0.01", "0", "3", "0"],
+        ["controller", "gone", "", "", "0", "0", "0"],
+        ["follower", "ready", "odom 100  target/observation 25", "0.75", "2", "4", "2"],
+    ]
+
+
+def test_the_screen_says_when_time_is_held_and_when_nobody_simulates():
+    held = SimState(mode="lockstep", paused=True, seed=1)
+    assert (
+        text_of(status_of(held, (), set(), {}))[0] == "t = 0.0 s  ·  paused  ·  lockstep  ·  seed 1"
+    )
+    assert text_of(status_of(None, (), set(), {}))[0] == "nobody simulates"

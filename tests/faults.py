@@ -1,0 +1,239 @@
+"""What tests of faults share: a scenario under `mecazen up`, watched tick by tick, and kills."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from itertools import combinations
+from pathlib import Path
+from typing import NamedTuple
+
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.loading import load_scenario, scenario_path
+from mecazen.messages import FollowerState, Odometry
+from mecazen.processes import private_meeting_point
+from mecazen.wire import Stamp
+
+ROOT = Path(__file__).parents[1]
+GUARD_S = 60.0
+"""Far beyond what anything here takes: only a hang gets there."""
+
+SERVICES = ("physics", "controller", "target", "follower")
+PARTS = (*SERVICES, "router")
+WALK = ("robot=../robots/nexus.toml", "target.path.speed_m_s=0.5")
+"""Of the scenario `circle`, whose person walks without end; here as fast as people stroll."""
+
+STANDOFF_M = 1.0
+NEAR_M = 0.3
+"""Who follows is at most so far from where it is to be."""
+STEADY_S = 0.3
+"""... and has been so for so long, so that nobody passes by chance."""
+RESUME_S = 3.0
+"""Within this simulated time after a part is back, the robot is to follow again."""
+MAX_SPEED_M_S = 2.1
+"""The limit of the commands, 2 m/s, and what rollers that bump along add to it."""
+WINDOW_S = 0.2
+"""Over this time decelerations are measured: rollers shake the body in every single tick."""
+MAX_CHANGE_M_S2 = 3.5
+"""The limit of each axis, 2.5 m/s², and what the rollers and the drive's slip add."""
+
+
+class Watch:
+    """Sees every tick of the robot, and remembers the worst."""
+
+    def __init__(self, bus: ZenohBus) -> None:
+        self.bus = bus
+        self.stamp: Stamp | None = None
+        self.robot = self.person = Pose2D()
+        self.twist = Twist2D()
+        """Of the robot, in base_link."""
+        self.tracking = ""
+        self.fastest_m_s = self.hardest_m_s2 = 0.0
+        self._tracked_run: int | None = None
+        self._recent: deque[tuple[Stamp, Twist2D]] = deque()
+        self.following_since: Stamp | None = None
+        bus.subscribe(keys.GROUND_TRUTH, self._on_robot, every=True)
+        bus.subscribe(keys.TARGET_ODOM, self._on_person)
+        bus.subscribe(keys.FOLLOWER_STATE, self._on_state)
+
+    def begin_anew(self) -> None:
+        """Forget the worst, and count as following only what comes now."""
+        self.fastest_m_s = self.hardest_m_s2 = 0.0
+        self.following_since = None
+
+    def __repr__(self) -> str:
+        return f"{self.stamp}: {self.robot} {self.twist}, {self.person}, {self.tracking}"
+
+    @property
+    def follows(self) -> bool:
+        """Whether the robot has been following for a while."""
+        begin, now = self.following_since, self.stamp
+        return begin is not None and now is not None and seconds(begin, now) >= STEADY_S
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast the robot is."""
+        return math.hypot(self.twist.x, self.twist.y)
+
+    def assert_sane(self) -> None:
+        """The robot kept its limits, and nobody published what is no number."""
+        assert self.fastest_m_s <= MAX_SPEED_M_S
+        assert self.hardest_m_s2 <= MAX_CHANGE_M_S2
+        assert not self.bus.refused, "what is not finite is refused"
+
+    def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:
+        assert stamp is not None
+        if self.stamp is not None and stamp.run != self.stamp.run:
+            self._recent.clear()
+        self.stamp = stamp
+        self.robot, self.twist = odom.pose.pose.to_planar(), odom.twist.twist.to_planar()
+        self.fastest_m_s = max(self.fastest_m_s, self.speed_m_s)
+        self._recent.append((stamp, self.twist))
+        while seconds(self._recent[0][0], stamp) > WINDOW_S + 1e-6:
+            self._recent.popleft()
+        begin, before = self._recent[0]
+        passed_s = seconds(begin, stamp)
+        if passed_s > WINDOW_S / 2:
+            change = max(abs(self.twist.x - before.x), abs(self.twist.y - before.y))
+            self.hardest_m_s2 = max(self.hardest_m_s2, change / passed_s)
+        near = abs(self.robot.distance(self.person) - STANDOFF_M) < NEAR_M
+        if not (self._tracked_run == stamp.run and self.tracking == "following" and near):
+            self.following_since = None
+        elif self.following_since is None:
+            self.following_since = stamp
+
+    def _on_person(self, odom: Odometry, stamp: Stamp | None) -> None:
+        del stamp
+        self.person = odom.pose.pose.to_planar()
+
+    def _on_state(self, state: FollowerState, stamp: Stamp | None) -> None:
+        assert stamp is not None
+        self.tracking, self._tracked_run = state.tracking, stamp.run
+
+
+def seconds(begin: Stamp, end: Stamp) -> float:
+    """Return the simulated time between two ticks of a run."""
+    return (end.time_ns - begin.time_ns) / 1e9
+
+
+class Up:
+    """`mecazen up`, and a bus beside it."""
+
+    def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
+        self.settings = (*settings, *private_meeting_point())
+        self.scenario = load_scenario(scenario_path(scenario), self.settings)
+        options = [*(["--restart"] if restart else []), "--no-viewer"]
+        flags = [f"--set={setting}" for setting in self.settings]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "mecazen", "up", scenario, *options, *flags],
+            stdout=subprocess.DEVNULL,
+            cwd=ROOT,
+        )
+        self.bus = ZenohBus(self.scenario.bus, lossless=True)
+        self.bus.declare_alive("test")
+        self.watch = Watch(self.bus)
+
+    def pid(self, name: str) -> int | None:
+        """The process that plays a part now, or None while there is none."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
+        for pid in map(int, children.read_text().split()):
+            try:
+                command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            except OSError:
+                continue  # it has just ended
+            if command[1:4] == [b"-m", b"mecazen.runtime", name.encode()]:
+                return pid
+        return None
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        """Deliver samples until a condition holds."""
+        end = time.monotonic() + GUARD_S
+        while not condition():
+            assert time.monotonic() < end, "what was waited for did not come"
+            assert self.process.poll() is None, "`up` has ended"
+            self.bus.spin_once(0.05)
+
+    def wait_until_it_follows(self) -> None:
+        """Deliver samples until all are ready, and the robot follows."""
+        self.wait(lambda: self.ready(SERVICES) and self.watch.follows)
+
+    def ready(self, names: Iterable[str]) -> bool:
+        """Whether services are ready."""
+        return {f"{name}/ready" for name in names} <= self.bus.presence.names
+
+    def close(self) -> None:
+        """End everything."""
+        self.bus.close()
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(GUARD_S)
+
+    def __enter__(self) -> Up:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+class Strike(NamedTuple):
+    """What a kill of some parts at once did."""
+
+    names: tuple[str, ...]
+    back_s: float
+    """Wall time until all were ready again."""
+    resumed_s: float
+    """Simulated time from then on until the robot followed again."""
+    fastest_m_s: float
+    hardest_m_s2: float
+
+
+def strike(up: Up, names: tuple[str, ...]) -> Strike:
+    """Kill parts at once, see that the robot stays sane, and wait until it follows again."""
+    watch = up.watch
+    services = [name for name in names if name != "router"]
+    watch.begin_anew()
+    before = watch.stamp
+    assert before is not None
+    pids = {name: up.pid(name) for name in names}
+    begin = time.monotonic()
+    for pid in pids.values():
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+    up.wait(lambda: not any(name in up.bus.presence.names for name in services))
+    up.wait(lambda: up.ready(services) and all(up.pid(n) not in (None, pids[n]) for n in names))
+    back_s = time.monotonic() - begin
+    back = watch.stamp
+    assert back is not None
+    if services:
+        watch.following_since = None
+    if "physics" in names:
+        # what had been sent in the run before may come as late as that
+        up.wait(lambda: watch.stamp is not None and watch.stamp.run != before.run)
+        back = back._replace(time_ns=0)
+    up.wait(lambda: watch.follows or seconds(back, watch.stamp or back) > 2 * RESUME_S)
+    since = watch.following_since
+    assert since is not None, f"{names}: does not follow again"
+    watch.assert_sane()
+    resumed_s = max(0.0, seconds(back, since))
+    return Strike(names, back_s, resumed_s, watch.fastest_m_s, watch.hardest_m_s2)
+
+
+def strikes(up: Up, count: int, seed: int) -> Iterable[Strike]:
+    """Kill parts at random moments, alone or two at once; a third of the times two."""
+    chance = random.Random(seed)
+    pairs = list(combinations(PARTS, 2))
+    for _ in range(count):
+        names = chance.choice(pairs) if chance.random() < 1 / 3 else (chance.choice(PARTS),)
+        pause_s = chance.uniform(0.0, 1.0)
+        begin = up.watch.stamp
+        assert begin is not None
+        up.wait(lambda begin=begin, s=pause_s: seconds(begin, up.watch.stamp or begin) >= s)
+        yield strike(up, names)

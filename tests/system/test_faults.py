@@ -1,0 +1,343 @@
+"""Parts that are killed, frozen, slow or out of space: the rest goes on, and following resumes."""
+
+from __future__ import annotations
+
+import ast
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+from faults import (
+    GUARD_S,
+    RESUME_S,
+    ROOT,
+    SERVICES,
+    WALK,
+    Up,
+    Watch,
+    seconds,
+    strike,
+    strikes,
+)
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.messages import Empty, JointState, ResetRequest
+from mecazen.processes import ProcessError
+from mecazen.wire import Stamp
+from mecazen_recorder.reader import Recording
+from mecazen_target.config import TargetConfig
+from mecazen_target.walker import Walker
+
+CIRCLE = ROOT / "configs" / "scenarios" / "circle.toml"
+AT_REST_M_S = 0.02
+"""Rollers that settle still move the body by less."""
+STROLL_M_S = 0.3
+"""Who is faster is on the way: the person walks at 0.5 m/s."""
+REST_S = 5.0
+"""A robot that looks for the person waits 2 s, and needs 1 s to stand; twice that is too much."""
+
+
+class Running:
+    """Services without a supervisor that restarts them, all of them following."""
+
+    def __init__(self, stack: Callable[..., object], *settings: str) -> None:
+        self.stack = stack(CIRCLE, *WALK, *settings)
+        self.watch = Watch(self.stack.bus)
+        self.stack.start()
+        self.wait(lambda: self.watch.follows and self.watch.speed_m_s > STROLL_M_S)
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        self.stack.wait_unwatched(condition)
+
+    def signal(self, name: str, number: int) -> None:
+        os.kill(self.stack.supervisor.pids[name], number)
+
+    def now(self) -> Stamp:
+        assert self.watch.stamp is not None
+        return self.watch.stamp
+
+    def wait_for_rest(self) -> None:
+        begin = self.now()
+        self.wait(lambda: self.watch.speed_m_s < AT_REST_M_S or seconds(begin, self.now()) > REST_S)
+        assert self.watch.speed_m_s < AT_REST_M_S
+
+    def wait_until_it_follows_again(self) -> None:
+        begin = self.now()
+        self.watch.following_since = None
+        self.wait(lambda: self.watch.follows or seconds(begin, self.now()) > 2 * RESUME_S)
+        since = self.watch.following_since
+        assert since is not None, f"it does not follow again: {self.watch}"
+        assert seconds(begin, since) <= RESUME_S
+        self.watch.assert_sane()
+
+
+@pytest.fixture
+def running(stack: Callable[..., object]) -> Running:
+    return Running(stack)
+
+
+@pytest.mark.parametrize("name", ["controller", "target", "follower"])
+def test_without_a_service_the_robot_comes_to_rest_and_with_it_it_follows_again(
+    running: Running, name: str
+) -> None:
+    running.signal(name, signal.SIGKILL)
+    running.wait_for_rest()
+    running.stack.supervisor.start(name)
+    ready = f"{name}/ready"
+    running.wait(lambda: ready in running.stack.bus.presence.names)
+    running.wait_until_it_follows_again()
+    assert running.stack.bus.presence.returns == {name: 1, ready: 1}
+
+
+def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running: Running) -> None:
+    before = running.now()
+    running.stack.bus.call(keys.SIM_PAUSE, Empty())
+    running.signal("physics", signal.SIGKILL)
+    running.wait(lambda: "physics" not in running.stack.bus.presence.names)
+    running.stack.supervisor.start("physics")
+    running.wait(lambda: running.now().run != before.run)
+    assert running.now().time_ns < 10**9
+    assert running.now().seed == before.seed
+    running.wait_until_it_follows_again()
+    assert not running.stack.bus.call(keys.SIM_STATE, Empty()).paused
+
+
+def test_a_target_that_is_back_goes_on_where_the_person_would_be(running: Running) -> None:
+    person = Walker(running.stack.scenario.section(TargetConfig, "target"), 0.01)
+    seen: list[tuple[int, object]] = []
+    running.signal("target", signal.SIGKILL)
+    running.wait(lambda: "target" not in running.stack.bus.presence.names)
+    running.stack.bus.subscribe(
+        keys.TARGET_ODOM,
+        lambda odom, stamp: seen.append((stamp.time_ns, odom.pose.pose.to_planar())),
+    )
+    running.stack.supervisor.start("target")
+    running.wait(lambda: len(seen) > 100)
+    for time_ns, pose in seen:
+        # the yaw goes through a quaternion, which costs its last bits
+        assert pose == pytest.approx(person.at(time_ns // 10_000_000).pose, abs=1e-12)
+
+
+def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_come_back(
+    running: Running,
+) -> None:
+    running.watch.begin_anew()
+    begin = running.now()
+    running.signal("router", signal.SIGKILL)
+    running.wait(lambda: seconds(begin, running.now()) > 1.0)
+    assert running.watch.follows
+    with pytest.raises(ProcessError, match="router: was killed by SIGKILL"):
+        running.stack.wait(lambda: False)
+    running.stack.supervisor.start_router()
+    tool = ZenohBus(running.stack.scenario.bus, "client")
+    running.wait(lambda: set(SERVICES) <= tool.alive())
+    assert tool.call(keys.SIM_STATE, Empty()).tick > 0
+    tool.close()
+    assert not running.stack.bus.presence.returns  # nobody had gone
+    running.signal("follower", signal.SIGKILL)
+    running.wait(lambda: "follower" not in running.stack.bus.presence.names)
+    running.stack.supervisor.start("follower")
+    running.wait(lambda: "follower/ready" in running.stack.bus.presence.names)
+    running.wait_until_it_follows_again()
+
+
+def test_up_restarts_what_is_killed_alone_or_two_at_once() -> None:
+    with Up("circle", *WALK) as up:
+        up.wait_until_it_follows()
+        for struck in (
+            strike(up, ("physics", "router")),
+            strike(up, ("controller", "follower")),
+            *strikes(up, 5, seed=3),
+        ):
+            assert struck.resumed_s <= RESUME_S, struck
+        status = mecazen("status", "--json", *tools(up))
+        services = msgspec.json.decode(status.stdout)["services"]
+        assert {name: service["state"] for name, service in services.items()} == {
+            **dict.fromkeys(SERVICES, "ready"),
+            "test": "alive",
+        }
+        returns = up.bus.presence.returns
+        assert returns["controller"] >= 1
+        # who was killed last counts anew; a survivor has seen the others
+        assert services["controller"]["restarts"] <= returns["controller"]
+
+
+def tools(up: Up) -> tuple[str, ...]:
+    bus = up.scenario.bus
+    assert bus.connect is not None
+    assert bus.namespace is not None
+    return ("--connect", bus.connect[0], "--namespace", bus.namespace)
+
+
+def mecazen(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "mecazen", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=GUARD_S,
+        cwd=ROOT,
+        check=False,
+        **options,
+    )
+
+
+@contextmanager
+def frozen(running: Running, name: str) -> Iterator[None]:
+    running.signal(name, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        running.signal(name, signal.SIGCONT)
+
+
+@pytest.mark.parametrize("name", ["controller", "target", "follower"])
+def test_while_a_service_is_frozen_the_robot_comes_to_rest_and_then_it_follows_again(
+    running: Running, name: str
+) -> None:
+    with frozen(running, name):
+        running.wait_for_rest()
+    running.wait_until_it_follows_again()
+
+
+def test_while_physics_is_frozen_time_stands_still_and_then_it_goes_on(running: Running) -> None:
+    with frozen(running, "physics"):
+        while running.stack.bus.spin_once(1.0):
+            pass
+        held = running.now()
+    running.wait_until_it_follows_again()
+    assert running.now().run == held.run
+
+
+def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(
+    running: Running,
+) -> None:
+    tokens = {"controller", "controller/ready"}
+    with frozen(running, "controller"):
+        running.wait(lambda: not tokens & running.stack.bus.presence.names)
+    running.wait(lambda: tokens <= running.stack.bus.presence.names)
+    running.wait_until_it_follows_again()
+    assert running.stack.bus.presence.returns["controller"] == 1
+
+
+SLOW = """
+import time
+
+from mecazen_follower.service import FollowerService
+
+
+class Slow(FollowerService):
+    def follow(self, odom, frame, stamp):
+        time.sleep(0.05)  # five ticks long
+        return super().follow(odom, frame, stamp)
+"""
+
+
+def test_a_slow_follower_costs_ticks_and_the_robot_follows(
+    stack: Callable[..., object], tmp_path: Path
+) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    running = Running(stack, f"programs.follower={tmp_path / 'slow.py'}:Slow")
+    said: dict[str, str] = {}
+    running.stack.bus.subscribe(
+        keys.diagnostics("follower"),
+        lambda report, _: said.update({v.key: v.value for v in report.status[0].values}),
+    )
+    running.wait(lambda: int(said.get("missed_ticks", 0)) > 100 and "hz/odom" in said)
+    assert float(said["hz/odom"]) <= 21.0
+    running.wait_until_it_follows_again()
+
+
+FULL = 200_000
+"""Bytes: a second or two of a recording."""
+
+
+def test_a_recorder_without_space_ends_with_what_it_has_and_the_rest_goes_on(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "run.mcap"
+    services = f"services={[*SERVICES, 'recorder']}"
+    with Up("circle", *WALK, services, f"recorder.file={file}", restart=False) as up:
+        up.wait_until_it_follows()
+        recorder = up.pid("recorder")
+        assert recorder is not None
+        resource.prlimit(recorder, resource.RLIMIT_FSIZE, (FULL, FULL))
+        up.wait(lambda: "recorder" not in up.bus.presence.names)
+        begin = up.watch.stamp
+        assert begin is not None
+        up.wait(lambda: seconds(begin, up.watch.stamp or begin) > 1.0)
+        assert up.watch.follows
+    assert 0 < file.stat().st_size <= FULL
+    assert sum(1 for _ in Recording(file).samples()) > 0
+
+
+def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path: Path) -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (FULL, FULL))
+
+    for how in ((), ("--distributed",)):
+        file = tmp_path / f"{len(how)}.mcap"
+        done = mecazen(
+            "simulate", "circle", "--duration", 30, "--record", file, *how, preexec_fn=limit
+        )
+        assert done.returncode == 1
+        assert done.stderr.strip().splitlines()[-1].startswith("error: ")
+        assert "can't be written on: File too large" in done.stderr
+
+
+def forge(running: Running, shift_s: float, count: int = 20) -> None:
+    """Send the joint states of ticks with another time; one alone might be overtaken."""
+    publisher = running.stack.bus.publisher(keys.JOINT_STATES)
+    begin = running.now()
+    sent: set[Stamp] = set()
+
+    def send(joints: JointState, stamp: Stamp) -> None:
+        if abs(seconds(begin, stamp)) < abs(shift_s) / 2 and len(sent) < count:
+            sent.add(stamp)
+            forged = max(0, begin.time_ns + round(shift_s * 1e9)) + len(sent) * 10_000_000
+            publisher.put(joints, stamp._replace(time_ns=forged))
+
+    running.stack.bus.subscribe(keys.JOINT_STATES, send)
+    running.wait(lambda: len(sent) == count)
+
+
+def test_a_forged_later_tick_stops_the_robot_until_a_reset(running: Running) -> None:
+    """Time in a run never goes back: true ticks are then old."""
+    before = running.now()
+    forge(running, 1000.0)
+    running.wait_for_rest()
+    running.stack.bus.call(keys.SIM_RESET, ResetRequest())
+    running.wait(lambda: running.now().run != before.run)
+    running.wait_until_it_follows_again()
+
+
+def test_a_forged_earlier_tick_changes_nothing(running: Running) -> None:
+    running.watch.begin_anew()
+    forge(running, -1000.0)
+    begin = running.now()
+    running.wait(lambda: seconds(begin, running.now()) > 1.0)
+    assert running.watch.follows
+
+
+WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
+"""What jumps when somebody sets the clock."""
+
+
+def test_nobody_looks_at_the_clock_that_may_be_set() -> None:
+    files = [*ROOT.glob("common/mecazen/**/*.py"), *ROOT.glob("services/*/mecazen_*/**/*.py")]
+    assert files
+    found = [
+        f"{file.relative_to(ROOT)}:{node.lineno}"
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and (node.value.id, node.attr) in WALL
+    ]
+    assert not found
