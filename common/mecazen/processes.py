@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from mecazen.errors import MecazenError
 
@@ -137,7 +137,7 @@ class Supervisor:
         self._events.put(Ended(name, code, last))
 
 
-def private_meeting_point() -> tuple[str, ...]:
+def private_meeting_point(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
     """Return settings by which processes meet at a free port, under a namespace of their own.
 
     Several runs, and one that is `up`, then do not hear each other.
@@ -145,7 +145,7 @@ def private_meeting_point() -> tuple[str, ...]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     return (
-        f'bus.connect=["tcp/127.0.0.1:{port}"]',
+        f'bus.connect=["{protocol}/127.0.0.1:{port}"]',
         f"bus.namespace=run{secrets.token_hex(4)}",
     )
 
