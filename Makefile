@@ -48,7 +48,7 @@ install: .venv/ready
 
 .venv-common/ready: constraints.txt common/pyproject.toml
 	@echo "preparing .venv-common"
-	@$(call make_venv,.venv-common,-e ./common --group test)
+	@$(call make_venv,.venv-common,-e ./common[keys] --group test)
 
 run: .venv/ready
 	@.venv/bin/mecazen up $(SCENARIO)

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from bench import experiments, latency, loop, physics, recorder, viewer
+from bench import experiments, flood, latency, loop, malformed, physics, recorder, viewer
 from bench.figures import Group
 from bench.machine import Machine
 
@@ -17,6 +17,8 @@ PARTS: dict[str, Callable[[], list[Group]]] = {
     "physics": lambda: physics.run(physics.engines()),
     "loop": loop.run,
     "latency": latency.run,
+    "flood": flood.run,
+    "malformed": malformed.run,
     "experiments": experiments.run,
     "recorder": recorder.run,
     "viewer": viewer.run,

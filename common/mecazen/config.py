@@ -15,12 +15,14 @@ import msgspec
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Probability, Section
+from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
 
 SectionT = TypeVar("SectionT", bound=Section)
 
 ROUTER = "tcp/127.0.0.1:7447"
 """Where processes and tools meet unless the scenario says otherwise."""
+SECURE_ROUTER = "tls/127.0.0.1:7447"
+"""The same where there are certificates."""
 
 
 ONLOOKERS = ("viewer", "recorder")
@@ -108,6 +110,11 @@ class BusConfig(Section):
     """Endpoints of the router; ["tcp/127.0.0.1:7447"] where neither this nor a file says."""
     listen: tuple[str, ...] | None = None
     """Endpoints of each peer; ["tcp/127.0.0.1:0"], a free port, where nothing else is said."""
+    insecure: bool = False
+    """Whether endpoints beyond loopback may do without TLS: anyone there then drives the robot."""
+    mode: Literal["peer", "client"] = "peer"
+    """peer: services speak with each other directly; client: all through the router, which alone
+    listens. A client finds its way back after any cut: for several hosts."""
     multicast_scouting: bool = False
     """Whether sessions look for each other by multicast."""
     namespace: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*$")] | None = (
@@ -118,11 +125,15 @@ class BusConfig(Section):
     """How samples are written; both are always read."""
     zenoh_config: Path | None = None
     """A Zenoh configuration file (JSON5) that the settings above are laid over."""
+    keys: Folder | None = None
+    """A folder of `mecazen keys create`: all links are TLS, with certificates at both ends."""
 
     @property
     def meeting_point(self) -> tuple[str, ...] | None:
         """Endpoints of the router; None where only the Zenoh configuration file knows."""
-        return self.connect or (None if self.zenoh_config else (ROUTER,))
+        if self.connect or self.zenoh_config:
+            return self.connect
+        return (SECURE_ROUTER if self.keys else ROUTER,)
 
 
 class Scenario(Section):

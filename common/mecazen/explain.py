@@ -12,7 +12,7 @@ import msgspec.inspect as mi
 
 from mecazen.config import RESERVED
 from mecazen.robot import Robot
-from mecazen.schema import Section
+from mecazen.schema import Folder, Section
 
 
 class NameSource(Protocol):
@@ -161,4 +161,4 @@ def _describe(node: mi.Type) -> str:
         return "a robot file, or a table" if node.cls is Robot else "a table"
     if isinstance(node, mi.DictType):
         return f"a table, each value {_describe(node.value_type)}"
-    return "a path to a file"
+    return "a path to a folder" if getattr(node, "cls", None) is Folder else "a path to a file"

@@ -14,7 +14,7 @@ import tomli_w
 from mecazen.config import RESERVED, Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
-from mecazen.schema import Section
+from mecazen.schema import Folder, Section
 
 SectionT = TypeVar("SectionT", bound=Section)
 
@@ -199,12 +199,15 @@ def _convert(
     raw: Any, kind: type[SectionT], prefix: str, origin: _Origin, extra: tuple[str, ...] = ()
 ) -> SectionT:
     def to_path(wanted: type, value: Any) -> Path:
-        if wanted is not Path or not isinstance(value, str):
+        if wanted not in {Path, Folder} or not isinstance(value, str):
             raise ValueError(f"got {show(value)}")
-        resolved = (origin.path.parent / value).resolve()
-        if not resolved.is_file():
-            raise ValueError(f"{resolved}: no such file")
-        return resolved
+        # what is set on the command line is found from there as well
+        for folder in (origin.path.parent, Path.cwd()):
+            found = (folder / value).resolve()
+            if found.is_dir() if wanted is Folder else found.is_file():
+                return wanted(found)
+        kind = "folder" if wanted is Folder else "file"
+        raise ValueError(f"{(origin.path.parent / value).resolve()}: no such {kind}")
 
     try:
         return msgspec.convert(raw, kind, dec_hook=to_path)

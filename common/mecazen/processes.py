@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from mecazen.errors import MecazenError
 
@@ -212,7 +212,7 @@ def _how(event: Ended) -> str:
     return event.error.removeprefix("error: ") or f"ended with code {event.code}"
 
 
-def private_meeting_point() -> tuple[str, ...]:
+def private_meeting_point(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
     """Return settings by which processes meet at a free port, under a namespace of their own.
 
     Several runs, and one that is `up`, then do not hear each other.
@@ -220,7 +220,7 @@ def private_meeting_point() -> tuple[str, ...]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     return (
-        f'bus.connect=["tcp/127.0.0.1:{port}"]',
+        f'bus.connect=["{protocol}/127.0.0.1:{port}"]',
         f"bus.namespace=run{secrets.token_hex(4)}",
     )
 

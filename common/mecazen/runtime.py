@@ -86,7 +86,7 @@ def run_service(kind: type[Service], scenario: Scenario) -> None:
     service: Service | None = None
     log.set_up(kind.NAME, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
     _refuse_taken_name(kind.NAME, scenario.bus)
-    bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep")
+    bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep", name=kind.NAME)
     stop_on_signals(bus.stop)
     try:
         service = kind(bus, scenario)
@@ -111,7 +111,7 @@ def _refuse_taken_name(name: str, config: BusConfig) -> None:
     It asks as a client, since only a client's session begins with its link to the router.
     """
     try:
-        bus = ZenohBus(config, "client")
+        bus = ZenohBus(config, "client", name=name)
     except BusError:
         return  # no router yet, so nobody is to be met there either
     try:
@@ -126,7 +126,7 @@ def run_router(scenario: Scenario) -> None:
     log.set_up("router", lambda: 0.0)
     stopped = _StopFlag()
     stop_on_signals(stopped.set)
-    with open_session(scenario.bus, "router"):
+    with open_session(scenario.bus, "router", "router"):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.meeting_point or ()))
         stopped.wait()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PosixPath
 from typing import Annotated, dataclass_transform
 
 import msgspec
@@ -11,6 +12,10 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 Finite = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 AngleDeg = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+
+
+class Folder(PosixPath):
+    """A path to a folder; a plain `Path` in a configuration is one to a file."""
 
 
 # msgspec's structs are immutable by inheritance, which type checkers can't see by themselves

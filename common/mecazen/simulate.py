@@ -159,7 +159,7 @@ def simulate_distributed(
         *settings,
         "sim.mode=lockstep",
         f"services={json.dumps([*scenario.services, COLLECTOR])}",
-        *private_meeting_point(),
+        *private_meeting_point("tls" if scenario.bus.keys else "tcp"),
     )
     scenario = load_scenario(path, settings)
     parts = [part for part in scenario.services if part != COLLECTOR]
@@ -168,7 +168,7 @@ def simulate_distributed(
         with on_one_core():
             supervisor.start_router()
         with beside_that_core():
-            bus = ZenohBus(scenario.bus, lossless=True)
+            bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)
         with closing(bus):
             trajectory = _trajectory(bus, scenario, parts)
             bus.declare_alive(COLLECTOR)

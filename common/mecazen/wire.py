@@ -14,6 +14,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 Format = Literal["json", "msgpack"]
 
 MAX_PAYLOAD_BYTES = 1 << 20
+MAX_SAMPLE_BYTES = 1 << 16
+"""Of what is published on a topic: ten times the longest, `joint_states` with every roller."""
 MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can hold."""
 JSON_ENCODING = "application/json"

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from bench import experiments, latency, loop, physics, recorder, viewer
+from bench import experiments, flood, latency, loop, malformed, physics, recorder, viewer
 from bench.__main__ import Report
 from bench.figures import Figure, Group, Target
 from bench.machine import Machine
@@ -74,6 +74,22 @@ def test_every_command_is_answered_in_real_time() -> None:
     (row,) = figures(latency.run(puts=30)).values()
     assert row["lost"].value == 0
     assert 0.01 < row["median ms"].value <= row["p99 ms"].value <= row["max ms"].value < 1000.0
+
+
+def test_under_every_flood_ticks_are_answered() -> None:
+    rows = figures(flood.run(window_s=1.0))
+    assert list(rows) == list(flood.FLOODS)
+    for name, row in rows.items():
+        assert (row["puts/s"].value > 0.0) is ("quiet" not in name)
+        assert 0.01 < row["median ms"].value <= row["p99 ms"].value < 10_000.0
+
+
+def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory() -> None:
+    rows = figures(malformed.run(payloads=20_000, ticks=100))
+    assert {*malformed.CALLS, "cmd_vel", "diagnostics/physics", "all"} < set(rows)
+    assert rows["all"]["payloads"].value == 20_000
+    assert all(row["not refused"].value == 0 for row in rows.values())
+    assert rows["all"]["trajectories that differ"].value == 0
 
 
 def test_the_recorder_loses_nothing_alone_or_as_a_process() -> None:

@@ -15,7 +15,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, scenario_path
 from mecazen.runtime import exit_with
-from mecazen.schema import Section
+from mecazen.schema import Folder, Section
 
 
 class Slow(Section, tag="slow", tag_field="kind"):
@@ -363,6 +363,23 @@ def test_processes_meet_at_the_usual_port_unless_something_else_is_said():
     assert BusConfig().meeting_point == ("tcp/127.0.0.1:7447",)
     assert BusConfig(connect=("tcp/127.0.0.1:1",)).meeting_point == ("tcp/127.0.0.1:1",)
     assert BusConfig(zenoh_config=Path("zenoh.json5")).meeting_point is None
+    assert BusConfig(keys=Folder("keys")).meeting_point == ("tls/127.0.0.1:7447",)
+
+
+def test_a_path_is_found_from_the_scenario_and_then_from_where_one_is(
+    write_scenario, tmp_path, monkeypatch
+):
+    path = write_scenario("[bus]\nkeys = 'keys'\n")
+    assert problem(path) == (
+        "scenarios/test.toml: bus.keys: scenarios/keys: no such folder; allowed: a path to a folder"
+    )
+    (tmp_path / "elsewhere" / "keys").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert load_scenario(path).bus.keys == tmp_path / "elsewhere" / "keys"
+    (path.parent / "keys").mkdir()
+    loaded = load_scenario(path)
+    assert loaded.bus.keys == path.parent / "keys"
+    assert effective(loaded)["bus"]["keys"] == str(path.parent / "keys")
 
 
 def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path, monkeypatch):

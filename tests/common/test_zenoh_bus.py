@@ -6,6 +6,7 @@ import socket
 import threading
 
 import pytest
+import zenoh
 from mecazen import keys
 from mecazen.bus import StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, includes, open_session, session_config
@@ -13,7 +14,7 @@ from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
 from mecazen.messages import Clock, Empty, SimState, StepRequest, Time, Twist, Vector3
-from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, MSGPACK_ENCODING, Stamp
+from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, MSGPACK_ENCODING, Stamp
 
 STAMP = Stamp(0, 1, 0)
 
@@ -50,6 +51,66 @@ def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_k
         pass
     assert latest == [100]
     assert every == list(range(1, 101))
+
+
+def test_the_newest_good_sample_is_taken_although_malformed_ones_came_after_it(
+    zenoh_pair, wait_until
+):
+    # as above: all samples have arrived when the answer is there
+    near, far = zenoh_pair.far, zenoh_pair.near
+    speeds = []
+    near.subscribe(keys.CMD_VEL, lambda twist, _: speeds.append(twist.linear.x))
+
+    def publish_and_answer(request, reply):
+        far.put_bytes("cmd_vel", b'{"linear":{"x":1.0}}')
+        far.put_bytes("cmd_vel", b'{"linear":{"x":2.0}}')
+        for wrong in (b"{", b"", b'{"linear":3}') * 20:
+            far.put_bytes("cmd_vel", wrong)
+        far.put_bytes("cmd_vel", bytes(MAX_SAMPLE_BYTES + 1))
+        reply.answer(SimState())
+
+    far.serve(keys.SIM_STEP, publish_and_answer)
+    near.declare_alive("asker")
+    wait_until(far, lambda: "asker" in far.presence.names)
+    zenoh_pair.link()
+    with zenoh_pair.serving():
+        near.call(keys.SIM_STEP, StepRequest())
+    near.drain()
+    assert speeds == [2.0]
+    assert near.refused == {"cmd_vel": 61}
+
+
+def test_what_is_put_on_an_expression_that_holds_a_key_is_refused(zenoh_pair):
+    # who may put `*` or `**/cmd_vel` would otherwise be heard on keys that are not theirs
+    zenoh_pair.near.subscribe(keys.TARGET_CMD_VEL, lambda *_: pytest.fail("delivered"))
+    zenoh_pair.link()
+    zenoh_pair.far.put_bytes("**/cmd_vel", b"{}")
+    zenoh_pair.far.put_bytes("target/*", b"{}")
+    zenoh_pair.settle()
+    assert zenoh_pair.near.refused == {"target/cmd_vel": 2}
+
+
+def test_of_a_flood_of_queries_those_beyond_a_hundred_are_told_so(open_bus, router):
+    server = open_bus(namespace="flooded")
+    server.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState()))
+    with open_session(BusConfig(connect=(router,), namespace="flooded"), "client") as session:
+
+        def ask():
+            return session.get("sim/state", handler=zenoh.handlers.FifoChannel(1))
+
+        def ask_and_serve():
+            replies = ask()
+            server.spin_once(0.1)
+            return replies
+
+        while not any(ask_and_serve()):  # nobody answers as long as the session knows of nobody
+            pass
+        replies = [ask() for _ in range(150)]
+        told = [reply.recv().err.payload.to_string() for reply in replies[100:]]
+        server.drain()
+        assert set(told) == {"100 queries wait"}
+        assert all(reply.recv().ok for reply in replies[:100])
+    assert server.refused == {"sim/state": 50}
 
 
 def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, wait_until):
@@ -281,10 +342,10 @@ def test_when_no_answer_comes_in_time_expect_one_line(zenoh_pair):
 def test_an_oversize_payload_is_refused_before_it_is_read(zenoh_pair, caplog):
     zenoh_pair.near.subscribe(keys.CMD_VEL, lambda *_: pytest.fail("delivered"))
     zenoh_pair.link()
-    zenoh_pair.far.put_bytes("cmd_vel", bytes(MAX_PAYLOAD_BYTES + 1))
+    zenoh_pair.far.put_bytes("cmd_vel", bytes(MAX_SAMPLE_BYTES + 1))
     zenoh_pair.settle()
     assert zenoh_pair.near.refused == {"cmd_vel": 1}
-    assert "payload of 1048577 bytes" in caplog.text
+    assert f"payload of more than {MAX_SAMPLE_BYTES} bytes" in caplog.text
 
 
 def test_when_a_subscription_is_no_key_expression_expect_one_line(open_bus):

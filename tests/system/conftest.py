@@ -23,7 +23,8 @@ class Stack:
     """The processes of a scenario, and a bus that watches them."""
 
     def __init__(self, path: Path, settings: tuple[str, ...]) -> None:
-        self.settings = (*settings, *private_meeting_point())
+        secure = any(setting.startswith("bus.keys=") for setting in settings)
+        self.settings = (*settings, *private_meeting_point("tls" if secure else "tcp"))
         self.scenario: Scenario = load_scenario(path, self.settings)
         self.supervisor = Supervisor(path, self.settings)
         self.supervisor.start_router()

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
-from mecazen.wire import RefusedError, Stamp, decode
+from mecazen.wire import MAX_SAMPLE_BYTES, RefusedError, Stamp, decode
 
 MessageT = TypeVar("MessageT", bound=Message)
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
@@ -20,6 +20,9 @@ AnswerT = TypeVar("AnswerT", bound=Message)
 
 Handler = Callable[[MessageT, Stamp | None], None]
 """Takes a message and the stamp of its tick; no stamp where an outsider sent none."""
+
+DRAINED_AT_MOST = 1000
+"""Much more than ever waits where nobody floods."""
 
 logger = logging.getLogger(__name__)
 
@@ -95,8 +98,8 @@ class Bus(ABC):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        A sample that was not taken before the next one came is replaced by it, so a flood
-        neither delays nor fills anything. With `every` all are kept, for who records.
+        A sample that was not taken before the next good one came is replaced by it, so a
+        flood neither delays nor fills anything. With `every` all are kept, for who records.
         """
 
     @abstractmethod
@@ -138,6 +141,12 @@ class Bus(ABC):
             StoppedError: `stop` was called.
         """
 
+    def drain(self) -> None:
+        """Deliver what waits; not without end, however fast more comes."""
+        for _ in range(DRAINED_AT_MOST):
+            if not self.spin_once(0.0):
+                return
+
     @abstractmethod
     def stop(self) -> None:
         """Make the next `spin_once` raise StoppedError; callable from a signal handler."""
@@ -154,21 +163,6 @@ class Bus(ABC):
             self._last_report[key] = now
             logger.warning("msg=refused key=%s count=%d reason=%r", key, self.refused[key], reason)
 
-    def _decode_sample(
-        self,
-        key: str,
-        kind: type[MessageT],
-        payload: bytes,
-        encoding: str,
-        attachment: bytes | None,
-    ) -> tuple[MessageT, Stamp | None] | None:
-        try:
-            stamp = None if attachment is None else Stamp.unpack(attachment)
-            return decode(payload, kind, encoding), stamp
-        except RefusedError as refusal:
-            self.refuse(key, str(refusal))
-            return None
-
     def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
         if not payload.strip():
             return call.request()
@@ -177,3 +171,17 @@ class Bus(ABC):
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
+
+
+def decode_sample(
+    kind: type[MessageT], payload: bytes, encoding: str, attachment: bytes | None
+) -> tuple[MessageT, Stamp | None]:
+    """Return the message of a topic's sample, and its stamp.
+
+    Raises:
+        RefusedError: It is not what the topic carries.
+    """
+    if len(payload) > MAX_SAMPLE_BYTES:
+        raise RefusedError(f"payload of more than {MAX_SAMPLE_BYTES} bytes")
+    stamp = None if attachment is None else Stamp.unpack(attachment)
+    return decode(payload, kind, encoding), stamp

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any, TypeVar
 
-from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError
+from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
@@ -56,8 +56,11 @@ class LocalBus(Bus):
             topic = self._topics.get(key)
             if topic is None:
                 return
-            decoded = self._decode_sample(key, topic.type, payload, encoding, attachment)
-            if decoded is not None:
+            try:
+                decoded = decode_sample(topic.type, payload, encoding, attachment)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
+            else:
                 for handler in self._subscribers[key]:
                     handler(*decoded)
 

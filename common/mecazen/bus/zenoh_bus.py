@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import ctypes
 import json
-import math
+import logging
+import os
 import queue
 import re
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar
 
 import zenoh
 
-from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError
+from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
+from mecazen.bus.endpoints import is_open
+from mecazen.certificates import AUTHORITY, OPERATOR
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
-from mecazen.keys import Call, Topic
+from mecazen.keys import TOPICS, Call, Topic
 from mecazen.messages import Message
 from mecazen.wire import (
     ENCODINGS,
-    MAX_PAYLOAD_BYTES,
+    MAX_SAMPLE_BYTES,
     Format,
     RefusedError,
     Stamp,
@@ -34,28 +38,39 @@ MessageT = TypeVar("MessageT", bound=Message)
 RequestT = TypeVar("RequestT", bound=Message)
 AnswerT = TypeVar("AnswerT", bound=Message)
 
+logger = logging.getLogger(__name__)
+
 Mode = Literal["router", "peer", "client"]
 LIVELINESS_PREFIX = "mecazen/"
 
 SAMPLE_BYTES = 500
 """About what a sample that waits needs besides its payload."""
+BACKLOG_BYTES = 1 << 26
+"""So much waits at most of a topic of which every sample is wanted."""
+WAITING_SAMPLES = 16
+"""So many wait at most of any other: the newest that is good is taken."""
+WAITING_QUERIES = 100
+"""So many wait at most of a key that is queried."""
 
 SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
 
 
-def session_config(config: BusConfig, mode: Mode) -> zenoh.Config:
+def session_config(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh.Config:
     """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
 
     A router listens where the others connect to. A peer listens on a free port of loopback
-    and is found by gossip through the router. A client only connects.
+    and is found by gossip through the router. A client only connects. With `config.keys` each
+    shows the certificate of its `name`.
 
     Raises:
-        BusError: The Zenoh configuration file can't be read.
+        BusError: A file can't be read, or strangers would get in.
     """
     if config.zenoh_config is None:
         base = zenoh.Config()
-        listen: tuple[str, ...] | None = config.listen or ("tcp/127.0.0.1:0",)
+        listen: tuple[str, ...] | None = config.listen or (
+            "tls/127.0.0.1:0" if config.keys else "tcp/127.0.0.1:0",
+        )
     else:
         try:
             base = zenoh.Config.from_file(str(config.zenoh_config))
@@ -72,6 +87,16 @@ def session_config(config: BusConfig, mode: Mode) -> zenoh.Config:
     }
     if mode == "router":
         settings["listen/endpoints"] = meeting
+        # what no service would take is not worth its way to all of them
+        settings["low_pass_filter"] = [
+            {
+                "id": "size of samples",
+                "flows": ["ingress"],
+                "messages": ["put"],
+                "key_exprs": [f"**/{topic.key}" for topic in TOPICS],
+                "size_limit": MAX_SAMPLE_BYTES,
+            }
+        ]
     else:
         settings["connect/endpoints"] = meeting
         # a router that starts late or comes back is found again within 0.2 s
@@ -83,20 +108,69 @@ def session_config(config: BusConfig, mode: Mode) -> zenoh.Config:
         settings["listen/endpoints"] = listen if mode == "peer" else ()
         if config.namespace is not None:
             settings["namespace"] = config.namespace
+    if config.keys is not None:
+        settings["transport/link/protocols"] = ["tls"]
+        settings["transport/link/tls"] = _certificates(config.keys, name)
     for key, value in settings.items():
         if value is not None:
             base.insert_json5(key, json.dumps(value))
+    if mode != "client":
+        _refuse_strangers(base, mode, insecure=config.insecure)
     return base
 
 
-def open_session(config: BusConfig, mode: Mode) -> zenoh.Session:
-    """Open a Zenoh session.
+def _certificates(folder: Path, name: str) -> dict[str, Any]:
+    """Return Zenoh's settings by which both ends of a link show certificates.
+
+    Raises:
+        BusError: The folder has none for `name`.
+    """
+    authority, certificate, key = (
+        folder / file for file in (f"{AUTHORITY}.crt", f"{name}.crt", f"{name}.key")
+    )
+    for file in (authority, certificate, key):
+        if not os.access(file, os.R_OK):
+            raise BusError(f"{file}: can't be read; `mecazen keys create` makes such files")
+    return {
+        "root_ca_certificate": str(authority),
+        "enable_mtls": True,
+        "listen_certificate": str(certificate),
+        "listen_private_key": str(key),
+        "connect_certificate": str(certificate),
+        "connect_private_key": str(key),
+    }
+
+
+def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
+    """Look at where a peer or a router meets others: on loopback, or by certificates.
+
+    Raises:
+        BusError: Elsewhere, and it is not said that this is meant.
+    """
+    mutual_tls = base.get_json("transport/link/tls/enable_mtls") == "true"
+    for way in ("listen", "connect"):
+        endpoints = json.loads(base.get_json(f"{way}/endpoints"))
+        if isinstance(endpoints, dict):
+            endpoints = endpoints.get(mode) or ()
+        for endpoint in endpoints:
+            if not is_open(endpoint, mutual_tls=mutual_tls):
+                continue
+            what = f"{way} endpoint {endpoint} of a {mode} is beyond loopback and without TLS"
+            if not insecure:
+                raise BusError(
+                    f"{what}: give bus.keys and take tls/…, or allow it by bus.insecure = true"
+                )
+            logger.warning("msg=%r", f"{what}: whoever reaches it drives the robot")
+
+
+def open_session(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh.Session:
+    """Open a Zenoh session; `name` says whose certificate it shows.
 
     Raises:
         BusError: A port is taken, or a client finds nobody to connect to.
     """
     try:
-        return zenoh.open(session_config(config, mode))
+        return zenoh.open(session_config(config, mode, name))
     except zenoh.ZError as error:
         endpoints = ", ".join(config.meeting_point or (str(config.zenoh_config),))
         reason = _reason(error)
@@ -136,13 +210,22 @@ def _reason(error: zenoh.ZError) -> str:
 class ZenohBus(Bus):
     """A Zenoh session whose samples wait in one queue until `spin_once` takes them."""
 
-    def __init__(self, config: BusConfig, mode: Mode = "peer", *, lossless: bool = False) -> None:
+    def __init__(
+        self,
+        config: BusConfig,
+        mode: Mode | None = None,
+        *,
+        lossless: bool = False,
+        name: str = OPERATOR,
+    ) -> None:
         """Open the session.
 
         Args:
             config: Where to meet, the namespace and the format.
-            mode: A peer talks directly to the others; a client goes through the router.
+            mode: A peer talks directly to the others; a client goes through the router; where
+                nothing is said, as `config` has it.
             lossless: A full link holds the publisher up instead of dropping samples.
+            name: Whose certificate it shows, where there are certificates.
 
         Raises:
             BusError: See `open_session`.
@@ -153,7 +236,8 @@ class ZenohBus(Bus):
             zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
         )
         self._queue: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._session = open_session(config, mode)
+        self._refusals = _Refusals(self._queue, self.refuse)
+        self._session = open_session(config, mode or config.mode, name)
         self._tokens: list[zenoh.LivelinessToken] = []
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
@@ -172,47 +256,68 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver samples of a topic to `handler`, the latest or every one."""
 
-        def take(sample: zenoh.Sample) -> None:
-            if len(sample.payload) > MAX_PAYLOAD_BYTES:
-                self.refuse(topic.key, f"payload of {len(sample.payload)} bytes")
-                return
-            decoded = self._decode_sample(
-                topic.key,
+        def check(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
+            if str(sample.key_expr) != topic.key:
+                # an expression that holds this key may be allowed to who may not put on it
+                raise RefusedError("put on another key expression")
+            return decode_sample(
                 topic.type,
                 sample.payload.to_bytes(),
                 str(sample.encoding),
                 None if sample.attachment is None else sample.attachment.to_bytes(),
             )
-            if decoded is not None:
-                handler(*decoded)
 
-        self._declare_subscriber(topic.key, _Inbox(self._queue, take, every=every).receive)
+        def take(sample: zenoh.Sample) -> bool:
+            try:
+                decoded = check(sample)
+            except RefusedError as refusal:
+                self.refuse(topic.key, str(refusal))
+                return False
+            handler(*decoded)
+            return True
+
+        def is_good(sample: zenoh.Sample) -> bool:
+            try:
+                check(sample)
+            except RefusedError as refusal:
+                refuse(str(refusal))
+                return False
+            return True
+
+        def receive(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > MAX_SAMPLE_BYTES:
+                refuse(f"payload of more than {MAX_SAMPLE_BYTES} bytes")
+            else:
+                keep(sample)
+
+        refuse = partial(self._refusals.add, topic.key)
+        if every:
+            full = partial(refuse, f"more than {BACKLOG_BYTES} bytes wait")
+            keep = _Backlog(self._queue, take, BACKLOG_BYTES, full).receive
+        else:
+            keep = _Inbox(self._queue, take, is_good).receive
+        self._declare_subscriber(topic.key, receive)
 
     def subscribe_bytes(
         self,
         key: str,
         handler: Callable[[str, bytes, str, bytes | None], None],
-        backlog_bytes: float = math.inf,
+        backlog_bytes: float = BACKLOG_BYTES,
     ) -> None:
         """Deliver every sample of a key expression as key, payload, encoding and attachment.
 
         What comes while more than `backlog_bytes` wait is refused: it slows down nobody and
         fills nothing.
         """
-        backlog = _Backlog(backlog_bytes)
 
         def take(sample: zenoh.Sample) -> None:
-            for name, count in backlog.release(sample).items():
-                self.refuse(name, f"more than {backlog_bytes:.0f} bytes wait", count)
             attachment = None if sample.attachment is None else sample.attachment.to_bytes()
             handler(
                 str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding), attachment
             )
 
-        inbox = _Inbox(self._queue, take, every=True)
-        self._declare_subscriber(
-            key, lambda sample: inbox.receive(sample) if backlog.admit(sample) else None
-        )
+        full = partial(self._refusals.add, key, f"more than {backlog_bytes:.0f} bytes wait")
+        self._declare_subscriber(key, _Backlog(self._queue, take, backlog_bytes, full).receive)
 
     def _declare_subscriber(self, key: str, receive: Callable[[zenoh.Sample], None]) -> None:
         try:
@@ -236,8 +341,18 @@ class ZenohBus(Bus):
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
     ) -> None:
         """Answer queries on a call's key."""
+        waiting = threading.Semaphore(WAITING_QUERIES)
+
+        def receive(query: zenoh.Query) -> None:
+            if waiting.acquire(blocking=False):
+                self._queue.put(partial(take, query))
+            else:
+                reason = f"{WAITING_QUERIES} queries wait"
+                self._refusals.add(call.key, reason)
+                _ZenohReply(query, call.key, self._format).refuse(reason)
 
         def take(query: zenoh.Query) -> None:
+            waiting.release()
             reply: _ZenohReply[AnswerT] = _ZenohReply(query, call.key, self._format)
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
@@ -247,9 +362,7 @@ class ZenohBus(Bus):
             else:
                 handler(request, reply)
 
-        self._session.declare_queryable(
-            call.key, _direct(lambda query: self._queue.put(partial(take, query)))
-        )
+        self._session.declare_queryable(call.key, _direct(receive))
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
         """Answer queries on `prefix/<path>` with a file's bytes."""
@@ -352,69 +465,113 @@ class ZenohBus(Bus):
         self._queue.put(partial(self.presence.update, name, alive=alive))
 
 
-class _Inbox:
-    """The samples of one subscription that wait: the latest, or every one.
+class _Refusals:
+    """Counts what Zenoh's threads refuse, until the service's thread is told of it."""
 
-    `receive` runs on Zenoh's threads and `deliver` on the service's. A deque's append and
-    popleft are atomic, so no sample is lost between the two: at worst `deliver` is called
-    once for nothing.
+    def __init__(
+        self,
+        ready: queue.SimpleQueue[Callable[[], None]],
+        tell: Callable[[str, str, int], None],
+    ) -> None:
+        self._ready = ready
+        self._tell = tell
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._lock = threading.Lock()
+
+    def add(self, key: str, reason: str) -> None:
+        """Count one more, on any thread."""
+        with self._lock:
+            if not self._counts:
+                self._ready.put(self.deliver)
+            self._counts[key, reason] += 1
+
+    def deliver(self) -> None:
+        """Tell of all that were counted since the last call, on the service's thread."""
+        with self._lock:
+            counts, self._counts = self._counts, Counter()
+        for (key, reason), count in counts.items():
+            self._tell(key, reason, count)
+
+
+class _Inbox:
+    """The newest samples of a topic that wait, of which the newest good one is taken.
+
+    A malformed one never takes the place of a good one: where as many wait as are kept, the
+    next is let in only if it is good. `receive` runs on Zenoh's threads and `deliver` on the
+    service's.
     """
 
     def __init__(
         self,
         ready: queue.SimpleQueue[Callable[[], None]],
-        take: Callable[[zenoh.Sample], None],
-        *,
-        every: bool,
+        take: Callable[[zenoh.Sample], bool],
+        is_good: Callable[[zenoh.Sample], bool],
     ) -> None:
         self._ready = ready
         self._take = take
-        self._every = every
-        self._samples: deque[zenoh.Sample] = deque(maxlen=None if every else 1)
+        self._is_good = is_good
+        self._samples: deque[zenoh.Sample] = deque(maxlen=WAITING_SAMPLES)
         self._announced = False
+        self._lock = threading.Lock()
 
     def receive(self, sample: zenoh.Sample) -> None:
-        self._samples.append(sample)
-        if self._every or not self._announced:
-            self._announced = True
-            self._ready.put(self.deliver)
+        """Keep a sample, on any thread."""
+        if not self._keep(sample, full=False) and self._is_good(sample):
+            self._keep(sample, full=True)
+
+    def _keep(self, sample: zenoh.Sample, *, full: bool) -> bool:
+        """Keep a sample, where all places are taken only if it may be `full`."""
+        with self._lock:
+            if len(self._samples) == WAITING_SAMPLES and not full:
+                return False
+            self._samples.append(sample)
+            if not self._announced:
+                self._announced = True
+                self._ready.put(self.deliver)
+            return True
 
     def deliver(self) -> None:
-        self._announced = False
-        try:
-            sample = self._samples.popleft()
-        except IndexError:
-            return
-        self._take(sample)
+        """Take the newest sample that is good."""
+        with self._lock:
+            samples, self._samples = self._samples, deque(maxlen=WAITING_SAMPLES)
+            self._announced = False
+        while samples and not self._take(samples.pop()):
+            pass
 
 
 class _Backlog:
-    """How many bytes wait, up to a limit, and how many samples came in vain."""
+    """All samples of a subscription that wait, up to a number of bytes."""
 
-    def __init__(self, limit: float) -> None:
+    def __init__(
+        self,
+        ready: queue.SimpleQueue[Callable[[], None]],
+        take: Callable[[zenoh.Sample], object],
+        limit: float,
+        refuse: Callable[[], None],
+    ) -> None:
+        self._ready = ready
+        self._take = take
         self._limit = limit
+        self._refuse = refuse
         self._bytes = 0
-        self._dropped: Counter[str] = Counter()
         self._lock = threading.Lock()
 
-    def admit(self, sample: zenoh.Sample) -> bool:
-        """Return whether there is place for a sample, which then takes it."""
+    def receive(self, sample: zenoh.Sample) -> None:
+        """Keep a sample if there is place for it, on any thread."""
         size = SAMPLE_BYTES + len(sample.payload)
         with self._lock:
-            if self._bytes + size > self._limit:
-                self._dropped[str(sample.key_expr)] += 1
-                return False
-            self._bytes += size
-            return True
+            has_place = self._bytes + size <= self._limit
+            if has_place:
+                self._bytes += size
+        if has_place:
+            self._ready.put(partial(self._deliver, sample, size))
+        else:
+            self._refuse()
 
-    def release(self, sample: zenoh.Sample) -> Counter[str]:
-        """Free the place of a sample; return what was dropped since the last call, by key."""
+    def _deliver(self, sample: zenoh.Sample, size: int) -> None:
         with self._lock:
-            self._bytes -= SAMPLE_BYTES + len(sample.payload)
-            dropped = self._dropped
-            if dropped:
-                self._dropped = Counter()
-            return dropped
+            self._bytes -= size
+        self._take(sample)
 
 
 class _ZenohPublisher(Publisher[MessageT]):

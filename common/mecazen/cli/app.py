@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mecazen import keys, runtime
-from mecazen.cli import sim, status, talk
+from mecazen.cli import certificates, sim, status, talk
 from mecazen.cli.options import ScenarioArgument, Settings, load
 from mecazen.cli.up import run_up
 from mecazen.errors import MecazenError
@@ -33,6 +33,7 @@ app = typer.Typer(
     "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
 )
 app.add_typer(sim.app, name="sim")
+app.add_typer(certificates.app, name="keys")
 app.command()(talk.topics)
 app.command()(status.status)
 app.command()(talk.echo)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import msgspec
 import typer
 
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ROUTER, BusConfig, Scenario
+from mecazen.config import ROUTER, SECURE_ROUTER, BusConfig, Scenario
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario, scenario_path
+from mecazen.schema import Folder
 
 ScenarioArgument = Annotated[
     str,
@@ -32,7 +34,22 @@ Settings = Annotated[
         show_default=False,
     ),
 ]
-Connect = Annotated[str, typer.Option(metavar="ENDPOINT", help="The Zenoh router to connect to.")]
+Connect = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        help="The Zenoh router to connect to.",
+        show_default=f"{ROUTER}, or {SECURE_ROUTER} with --tls",
+    ),
+]
+Tls = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="A folder of `mecazen keys create`: connect by TLS, as the operator.",
+        show_default=False,
+    ),
+]
 Namespace = Annotated[
     str | None, typer.Option(help="The robot's Zenoh namespace.", show_default=False)
 ]
@@ -44,10 +61,19 @@ def load(scenario: str, settings: list[str] | None) -> Scenario:
 
 
 @contextmanager
-def tool_bus(connect: str = ROUTER, namespace: str | None = None) -> Iterator[ZenohBus]:
+def tool_bus(
+    connect: str | None = None, namespace: str | None = None, tls: Path | None = None
+) -> Iterator[ZenohBus]:
     """Open a bus as a client of a router; Ctrl-C ends what is done with it quietly."""
     try:
-        config = msgspec.convert({"connect": [connect], "namespace": namespace}, BusConfig)
+        config = msgspec.convert(
+            {
+                "connect": None if connect is None else [connect],
+                "namespace": namespace,
+                "keys": None if tls is None else Folder(tls),
+            },
+            BusConfig,
+        )
     except msgspec.ValidationError as error:
         raise ConfigError(f"--namespace {namespace}: {error}") from None
     bus = ZenohBus(config, "client", lossless=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import typer
 
 from mecazen import keys
-from mecazen.cli.options import Connect, Namespace, tool_bus
-from mecazen.config import ROUTER
+from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen.errors import ConfigError
 from mecazen.keys import Call
 from mecazen.messages import Message, SimState
@@ -21,8 +21,9 @@ app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or spee
 
 def _ask(
     call: Call[Any, SimState],
-    connect: str,
+    connect: str | None,
     namespace: str | None,
+    tls: Path | None,
     timeout_s: float = 10.0,
     **fields: Any,
 ) -> None:
@@ -30,31 +31,32 @@ def _ask(
         request: Message = msgspec.convert(fields, call.request)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{call.key}: {error}") from None
-    with tool_bus(connect, namespace) as bus:
+    with tool_bus(connect, namespace, tls) as bus:
         state = bus.call(call, request, timeout_s)
         typer.echo(msgspec.json.encode(state).decode())
 
 
 @app.command()
-def pause(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+def pause(connect: Connect = None, namespace: Namespace = None, tls: Tls = None) -> None:
     """Hold simulated time."""
-    _ask(keys.SIM_PAUSE, connect, namespace)
+    _ask(keys.SIM_PAUSE, connect, namespace, tls)
 
 
 @app.command()
-def resume(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+def resume(connect: Connect = None, namespace: Namespace = None, tls: Tls = None) -> None:
     """Let simulated time go on."""
-    _ask(keys.SIM_RESUME, connect, namespace)
+    _ask(keys.SIM_RESUME, connect, namespace, tls)
 
 
 @app.command()
 def step(
     ticks: Annotated[int, typer.Argument(help="Ticks to simulate.")] = 1,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Simulate some ticks while paused, and wait for them."""
-    _ask(keys.SIM_STEP, connect, namespace, STEP_TIMEOUT_S, ticks=ticks)
+    _ask(keys.SIM_STEP, connect, namespace, tls, STEP_TIMEOUT_S, ticks=ticks)
 
 
 @app.command()
@@ -62,24 +64,26 @@ def reset(
     seed: Annotated[
         int | None, typer.Option(help="A new seed.", show_default="the old one")
     ] = None,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Put robot, person and time back to the start, in place."""
-    _ask(keys.SIM_RESET, connect, namespace, **({} if seed is None else {"seed": seed}))
+    _ask(keys.SIM_RESET, connect, namespace, tls, **({} if seed is None else {"seed": seed}))
 
 
 @app.command()
 def speed(
     factor: Annotated[float, typer.Argument(help="Simulated seconds per wall second.")],
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Run faster or slower than real time."""
-    _ask(keys.SIM_SPEED, connect, namespace, speed=factor)
+    _ask(keys.SIM_SPEED, connect, namespace, tls, speed=factor)
 
 
 @app.command()
-def state(connect: Connect = ROUTER, namespace: Namespace = None) -> None:
+def state(connect: Connect = None, namespace: Namespace = None, tls: Tls = None) -> None:
     """Print what simulated time does."""
-    _ask(keys.SIM_STATE, connect, namespace)
+    _ask(keys.SIM_STATE, connect, namespace, tls)

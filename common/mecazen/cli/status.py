@@ -17,8 +17,7 @@ from rich.text import Text
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.cli.options import Connect, Namespace, tool_bus
-from mecazen.config import ROUTER
+from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen.errors import BusError
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.wire import RefusedError, decode
@@ -195,18 +194,20 @@ def status(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, and end.")
     ] = False,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Show how all services are, until Ctrl-C: who is alive, what each hears, what went wrong.
 
     Rates and ages are in simulated time. Examples: mecazen status · mecazen status --json
     """
-    with tool_bus(connect, namespace) as bus:
+    with tool_bus(connect, namespace, tls) as bus:
         listener = _Listener(bus)
         now = listener.status()
         if not now.services:
-            raise BusError(f"no service is alive at {connect}: is `mecazen up` running?")
+            where = connect or "the router"
+            raise BusError(f"no service is alive at {where}: is `mecazen up` running?")
         if as_json:
             end = time.monotonic() + PATIENCE_S
             while listener.awaited and time.monotonic() < end:

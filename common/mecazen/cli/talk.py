@@ -12,8 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mecazen import keys
-from mecazen.cli.options import Connect, Namespace, tool_bus
-from mecazen.config import ROUTER
+from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen.errors import ConfigError
 from mecazen.keys import topic_of
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
@@ -25,13 +24,14 @@ def topics(
     live: Annotated[
         bool, typer.Option("--live", help=f"Measure the rates for {LIVE_S:g} s.")
     ] = False,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
     rates: Counter[str] = Counter()
     if live:
-        with tool_bus(connect, namespace) as bus:
+        with tool_bus(connect, namespace, tls) as bus:
             bus.subscribe_bytes("**", lambda key, *_: rates.update((_entry(key),)))
             end = time.monotonic() + LIVE_S
             while (left := end - time.monotonic()) > 0:
@@ -60,8 +60,9 @@ def echo(
         int | None,
         typer.Option(min=1, help="End after so many samples.", show_default="until Ctrl-C"),
     ] = None,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Print the samples of a key as JSON, one a line, whatever encoding they came in.
 
@@ -84,7 +85,7 @@ def echo(
             typer.echo(f"{key}: {len(payload)} bytes that are no message: {error}", err=True)
         shown += 1
 
-    with tool_bus(connect, namespace) as bus:
+    with tool_bus(connect, namespace, tls) as bus:
         bus.subscribe_bytes(key, show)
         while count is None or shown < count:
             bus.spin_once()
@@ -103,8 +104,9 @@ def pub(
         float | None,
         typer.Option(metavar="S", min=0, help="Stop repeating.", show_default="until Ctrl-C"),
     ] = None,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Publish a message given in JSON, once or at a rate.
 
@@ -121,7 +123,7 @@ def pub(
         raise ConfigError(f"{key}: {error}") from None
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
-    with tool_bus(connect, namespace) as bus:
+    with tool_bus(connect, namespace, tls) as bus:
         begin, sent = time.monotonic(), 0
         while True:
             bus.put_bytes(key, payload, JSON_ENCODING)

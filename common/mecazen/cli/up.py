@@ -17,7 +17,7 @@ from rich.table import Table
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ONLOOKERS, ROUTER, Scenario
+from mecazen.config import ONLOOKERS, ROUTER, SECURE_ROUTER, Scenario
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, FollowerState, Odometry
@@ -103,8 +103,7 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
                 elif "level=info" not in line.text:
                     console.print(line.text, markup=False, highlight=False)
                 line = supervisor.poll(0.0)
-            while bus.spin_once(0.0):
-                pass
+            bus.drain()
             if console.is_terminal:
                 live.update(status.text, refresh=True)
             elif status.due():
@@ -169,17 +168,25 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
     for name, pid in supervisor.pids.items():
         table.add_row(name, str(pid), WORK.get(name, scenario.programs.get(name, "")))
     console.print(table)
-    endpoint = (scenario.bus.meeting_point or (ROUTER,))[0]
+    folder = scenario.bus.keys
+    endpoint = (scenario.bus.meeting_point or (SECURE_ROUTER if folder else ROUTER,))[0]
+    tls = f" --tls {os.path.relpath(folder)}" if folder else ""
     console.print(f"Tools attach at [bold]{endpoint}[/]. In another terminal:")
     drive = '{"linear":{"x":0.3}}'
-    lines = ["mecazen echo odom", "mecazen sim pause|resume|reset", "mecazen topics --live"]
+    lines = [
+        f"mecazen echo odom{tls}",
+        f"mecazen sim pause|resume|reset{tls}",
+        f"mecazen topics --live{tls}",
+    ]
     if "follower" in scenario.services:
         lines.append("mecazen up teleop   # instead of this: you drive the robot")
     else:
-        lines.insert(0, f"mecazen pub cmd_vel '{drive}' --rate 20   # drives the robot")
-        lines.insert(1, f"zenoh --mode client --connect {endpoint} put -k cmd_vel -v '{drive}'")
+        lines.insert(0, f"mecazen pub cmd_vel '{drive}' --rate 20{tls}   # drives the robot")
+        if not tls:
+            zenoh = f"zenoh --mode client --connect {endpoint}"
+            lines.insert(1, f"{zenoh} put -k cmd_vel -v '{drive}'")
     if hasattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s"):
-        lines.insert(0, f"mecazen pub target/cmd_vel '{drive}' --rate 20   # walks the person")
+        lines.insert(0, f"mecazen pub target/cmd_vel '{drive}' --rate 20{tls}   # walks the person")
     else:
         driven = "--set target.path=\"{kind='driven'}\""
         lines.append(f"mecazen up {path.stem} {driven}   # instead: you walk the person")

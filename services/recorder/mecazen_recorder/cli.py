@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
-from mecazen.cli.options import Connect, Namespace, tool_bus
-from mecazen.config import ROUTER
+from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.service import NS_PER_S
 from rich.console import Console
@@ -51,8 +50,9 @@ def record(
     rrd: Annotated[
         bool, typer.Option("--rrd", help="Write Rerun's format as well, at the end.")
     ] = False,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Record what is published, in MCAP, until Ctrl-C.
 
@@ -69,7 +69,7 @@ def record(
             raise ConfigError("--rrd needs --encoding cdr: Rerun does not read the other")
         rerun.converter()
     config = RecorderConfig(file=str(output), keys=tuple(keys or ["**"]), encoding=encoding)
-    with tool_bus(connect, namespace) as bus:
+    with tool_bus(connect, namespace, tls) as bus:
         count = record_until_stopped(bus, config)
         lost = bus.refused.total()
     typer.echo(f"{output}: {count} samples" + (f", {lost} refused or dropped" if lost else ""))
@@ -108,8 +108,9 @@ def replay(
             show_default=False,
         ),
     ] = None,
-    connect: Connect = ROUTER,
+    connect: Connect = None,
     namespace: Namespace = None,
+    tls: Tls = None,
 ) -> None:
     """Publish a recording again, with its original stamps; or compute a service's part anew.
 
@@ -132,7 +133,7 @@ def replay(
     begin_ns = round(begin_s * NS_PER_S)
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
     robot = recording.description()
-    with tool_bus(connect, namespace) as bus:
+    with tool_bus(connect, namespace, tls) as bus:
         if robot is not None:
             serve_description(bus, robot)
         for turn in count() if loop else range(1):

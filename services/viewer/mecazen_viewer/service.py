@@ -74,8 +74,7 @@ class ViewerService(Service):
             try:
                 while True:
                     self.bus.spin_once()
-                    while self.bus.spin_once(0.0):
-                        pass
+                    self.bus.drain()
                     server.check()
                     # what comes meanwhile is replaced by what is newer, and not even decoded
                     time.sleep(FRAME_S)

@@ -1,0 +1,90 @@
+"""`mecazen keys create`: an authority and a certificate for each part, and no way around."""
+
+import ipaddress
+import sys
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509.oid import NameOID
+from mecazen import certificates
+from mecazen.errors import MecazenError
+from mecazen.loading import KNOWN_SERVICES
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("authority") / "keys"
+    certificates.create(made, ["robot.local", "192.168.1.7", "fe80::1"])
+    return made
+
+
+def load(folder, name):
+    return x509.load_pem_x509_certificate((folder / f"{name}.crt").read_bytes())
+
+
+def error_of(run):
+    with pytest.raises(MecazenError) as caught:
+        run()
+    assert len(str(caught.value).splitlines()) == 1
+    return str(caught.value)
+
+
+def test_every_part_has_a_certificate():
+    assert {*KNOWN_SERVICES, "router", "collector", "operator"} == set(certificates.NAMES)
+
+
+@pytest.mark.parametrize("name", certificates.NAMES)
+def test_a_certificate_has_the_name_of_its_service_and_is_signed_by_the_authority(folder, name):
+    certificate = load(folder, name)
+    (common_name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    assert common_name.value == name
+    certificate.verify_directly_issued_by(load(folder, "ca"))
+    key = load_pem_private_key((folder / f"{name}.key").read_bytes(), None)
+    assert key.public_key() == certificate.public_key()
+
+
+def test_certificates_are_valid_for_loopback_and_the_hosts_that_were_given(folder):
+    places = load(folder, "physics").extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    assert places.value.get_values_for_type(x509.DNSName) == ["localhost", "robot.local"]
+    expected = ["127.0.0.1", "::1", "192.168.1.7", "fe80::1"]
+    assert places.value.get_values_for_type(x509.IPAddress) == [
+        ipaddress.ip_address(address) for address in expected
+    ]
+
+
+def test_no_service_can_sign_and_the_authoritys_own_key_is_nowhere(folder):
+    for name in certificates.NAMES:
+        constraints = load(folder, name).extensions.get_extension_for_class(x509.BasicConstraints)
+        assert not constraints.value.ca
+    assert sorted(file.stem for file in folder.glob("*.key")) == sorted(certificates.NAMES)
+
+
+def test_private_keys_are_for_their_owner_alone(folder):
+    assert {file.stat().st_mode & 0o777 for file in folder.glob("*.key")} == {0o600}
+
+
+def test_what_is_there_is_not_overwritten(folder):
+    before = {file: file.read_bytes() for file in folder.iterdir()}
+    assert error_of(lambda: certificates.create(folder)).startswith(f"{folder}: is there already")
+    assert {file: file.read_bytes() for file in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("host", ["", "a b", "-/", "256.1.1.1", "a..b", "*", "ä.de"])
+def test_when_a_host_is_none_expect_one_line_and_no_folder(tmp_path, host):
+    text = error_of(lambda: certificates.create(tmp_path / "keys", [host]))
+    assert text.startswith(f"--host {host}: ")
+    assert not (tmp_path / "keys").exists()
+
+
+def test_when_the_folder_cant_be_made_expect_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "can't be made" in error_of(lambda: certificates.create(tmp_path / "file" / "keys"))
+
+
+def test_when_the_library_is_missing_expect_one_line_that_says_what_to_install(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    text = error_of(lambda: certificates.create(tmp_path / "keys"))
+    assert text == "keys need the library cryptography: pip install 'mecazen[keys]'"

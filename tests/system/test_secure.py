@@ -1,0 +1,360 @@
+"""TLS and access control: who gets in, who may say what, and the whole loop under both.
+
+What is denied is denied in silence. So it is followed, on the same session, by a query that
+anyone may make: when it is answered, what came before it has been let through or not.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import zenoh
+from mecazen import certificates, keys
+from mecazen.bus.zenoh_bus import open_session, session_config
+from mecazen.config import BusConfig
+from mecazen.errors import BusError
+from mecazen.loading import load_scenario
+from mecazen.messages import Empty, OdometryRequest
+from mecazen.processes import private_meeting_point
+from mecazen.schema import Folder
+from mecazen.simulate import simulate, simulate_distributed
+from mecazen.wire import Stamp
+
+ROOT = Path(__file__).parents[2]
+SCENARIOS = ROOT / "configs" / "scenarios"
+SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
+
+PUTS = (
+    *(topic.key for topic in keys.TOPICS if "*" not in topic.key),
+    *(f"diagnostics/{name}" for name in certificates.NAMES),
+    "ground_truth/other",
+    "of/ones/own",
+)
+MAY_PUT: dict[str, set[str]] = {
+    "physics": {"clock", "joint_states", "ground_truth/odom", "ground_truth/other"},
+    "controller": {"joint_command", "odom"},
+    "target": {"target/odom", "target/observation"},
+    "follower": {"cmd_vel", "follower/state"},
+    "viewer": set(),
+    "recorder": set(),
+    "collector": set(),
+    "operator": {"cmd_vel", "target/cmd_vel"},
+}
+SPEAK_OF_THEMSELVES = {"physics", "controller", "target", "follower", "viewer", "recorder"}
+QUESTIONS = ("sim/scenario", "robot_description", "robot_description/meshes/wheel.stl")
+GUARD_S = 20.0
+"""Only ends a test that would hang."""
+ORDERS = tuple(call.key for call in keys.CALLS if call.key not in {*QUESTIONS, "sim/state"})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    made = tmp_path_factory.mktemp("authority") / "keys"
+    certificates.create(made)
+    return Folder(made)
+
+
+class Net(NamedTuple):
+    """A router, and peers that show certificates."""
+
+    open: Callable[..., Any]
+    endpoint: str
+
+
+@pytest.fixture(params=[None, "robot1", "fleet/robot2"])
+def net(request: pytest.FixtureRequest, folder: Folder) -> Iterator[Net]:
+    endpoint = private_meeting_point("tls")[0].split('"')[1]
+    with ExitStack() as stack:
+
+        def open_one(name: str, mode: str = "client", connect: str = endpoint, **more: Any) -> Any:
+            config = BusConfig(
+                connect=(connect,),
+                namespace=request.param,
+                zenoh_config=SECURE,
+                keys=folder,
+                **more,
+            )
+            return stack.enter_context(open_session(config, mode, name))
+
+        open_one("router", "router")
+        yield Net(open_one, endpoint)
+
+
+def in_order(function: Callable[[Any], None]) -> Any:
+    """Return a handler that runs where samples and queries come in, one after the other."""
+    return zenoh.handlers.Callback(function, indirect=False)
+
+
+class Host:
+    """A peer that hears everything, and answers what it may answer."""
+
+    def __init__(self, net: Net, name: str, *answers: str) -> None:
+        self.endpoint = private_meeting_point("tls")[0].split('"')[1]
+        self.session = net.open(name, "peer", listen=(self.endpoint,))
+        self.heard: list[str] = []
+        self.asked: list[str] = []
+        self.alive: list[str] = []
+        self.session.declare_subscriber("**", in_order(self._hear))
+        for expression in answers:
+            self.session.declare_queryable(expression, in_order(self._answer))
+        self.session.liveliness().declare_subscriber(
+            "**", in_order(lambda token: self.alive.append(str(token.key_expr)))
+        )
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        self.heard.append(str(sample.key_expr))
+
+    def _answer(self, query: zenoh.Query) -> None:
+        with query:
+            self.asked.append(str(query.key_expr))
+            query.reply(query.key_expr, b"{}")
+
+
+@pytest.fixture
+def physics(net: Net) -> Host:
+    return Host(net, "physics", "sim/**", "robot_description/**")
+
+
+def settle(session: Any) -> None:
+    """Return when what the session has said before has come through, or not."""
+    # nobody answers as long as the session does not know who does
+    end = time.monotonic() + GUARD_S
+    while not any(reply.ok for reply in session.get("sim/state", timeout=5.0)):
+        assert time.monotonic() < end, "nobody answers"
+
+
+@pytest.fixture(params=["through the router", "directly"])
+def intruder(request: pytest.FixtureRequest, net: Net, physics: Host) -> Callable[[str], Any]:
+    """Open a client with somebody's certificate, at the router or at the peer itself."""
+    door = net.endpoint if request.param == "through the router" else physics.endpoint
+
+    def come(name: str) -> Any:
+        session = net.open(name, connect=door)
+        settle(session)
+        physics.asked.clear()
+        return session
+
+    return come
+
+
+def ask(session: Any, key: str) -> None:
+    """Query without waiting for answers: to one that is denied, none ever comes."""
+    session.get(key, handler=zenoh.handlers.FifoChannel(1))
+
+
+def test_each_certificate_may_put_its_own_keys_and_no_other(physics: Host, intruder) -> None:
+    for name, allowed in MAY_PUT.items():
+        session = intruder(name)
+        for key in PUTS:
+            session.put(key, b"{}")
+        settle(session)
+        own = {f"diagnostics/{name}"} & {f"diagnostics/{one}" for one in SPEAK_OF_THEMSELVES}
+        assert sorted(physics.heard) == sorted(allowed | own), name
+        physics.heard.clear()
+
+
+def test_nobody_deletes_or_puts_on_an_expression_that_holds_more_than_is_theirs(
+    physics: Host, intruder
+) -> None:
+    for name in MAY_PUT:
+        session = intruder(name)
+        session.put("**", b"{}")
+        session.put("*", b"{}")
+        session.put("diagnostics/*", b"{}")
+        for key in PUTS:
+            session.delete(key)
+        settle(session)
+        assert not physics.heard, name
+
+
+def test_anyone_asks_what_is_and_only_an_operator_gives_orders(physics: Host, intruder) -> None:
+    for name in MAY_PUT:
+        session = intruder(name)
+        for key in (*ORDERS, *QUESTIONS, "sim/*", "**", "of/ones/own"):
+            ask(session, key)
+        settle(session)
+        orders = {*ORDERS, "sim/*"} - {"set_odometry"} if name == "operator" else set()
+        assert set(physics.asked) - {"sim/state"} == {*QUESTIONS, *orders}, name
+        physics.asked.clear()
+
+
+def test_only_an_operator_sets_the_odometry(net: Net) -> None:
+    controller = Host(net, "controller", "set_odometry")
+    follower = net.open("follower", connect=controller.endpoint)
+    ask(follower, "set_odometry")
+    follower.put("diagnostics/follower", b"{}")
+    operator = net.open("operator", connect=controller.endpoint)
+    while not controller.heard:
+        assert list(operator.get("set_odometry", timeout=5.0))
+        controller.asked.clear()
+    assert list(operator.get("set_odometry", timeout=5.0))
+    assert controller.asked == ["set_odometry"]
+
+
+def test_nobody_answers_or_is_alive_in_anothers_name(net: Net, physics: Host, intruder) -> None:
+    for name in MAY_PUT:
+        session = intruder(name)
+        for one in certificates.NAMES:
+            session.liveliness().declare_token(f"mecazen/{one}")
+            session.liveliness().declare_token(f"mecazen/{one}/ready")
+        session.declare_queryable("set_odometry", lambda query: query.reply("set_odometry", b""))
+        settle(session)
+        own = set() if name == "operator" else {f"mecazen/{name}", f"mecazen/{name}/ready"}
+        assert set(physics.alive) == own, name
+        session.close()
+        physics.alive.clear()
+
+
+def test_anyone_admitted_hears_everything(net: Net, physics: Host) -> None:
+    viewer = net.open("viewer")
+    heard = viewer.declare_subscriber("**")
+    settle(viewer)
+    physics.session.put("ground_truth/odom", b"{}")
+    assert str(heard.recv().key_expr) == "ground_truth/odom"
+
+
+def _config(folder: Path, **changes: Any) -> dict[str, Any]:
+    files = {
+        "root_ca_certificate": folder / "ca.crt",
+        "connect_certificate": folder / "operator.crt",
+        "connect_private_key": folder / "operator.key",
+    }
+    return {name: str(path) for name, path in files.items()} | {"enable_mtls": True} | changes
+
+
+def _connect(endpoint: str, tls: dict[str, Any]) -> zenoh.Session:
+    config = session_config(BusConfig(connect=(endpoint,)), "client")
+    config.insert_json5("transport/link/tls", json.dumps(tls))
+    return zenoh.open(config)
+
+
+@pytest.mark.parametrize("door", ["router", "peer"])
+def test_without_a_certificate_of_this_authority_nobody_gets_in(
+    door: str, net: Net, physics: Host, folder: Folder, tmp_path: Path
+) -> None:
+    endpoint = net.endpoint if door == "router" else physics.endpoint
+    other = tmp_path / "other"
+    certificates.create(other)
+    plain = endpoint.replace("tls/", "tcp/")
+    right = _config(folder)
+    no_certificate = {"root_ca_certificate": right["root_ca_certificate"], "enable_mtls": False}
+    foreign = right | {
+        "connect_certificate": str(other / "operator.crt"),
+        "connect_private_key": str(other / "operator.key"),
+    }
+    for where, tls in (
+        (plain, {}),
+        (endpoint, {}),
+        (endpoint, no_certificate),
+        (endpoint, foreign),
+        (endpoint, _config(other)),
+    ):
+        with pytest.raises(zenoh.ZError, match="Unable to connect"):
+            _connect(where, tls)
+    with _connect(endpoint, right) as session:
+        assert not session.is_closed()
+
+
+def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mecazen", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
+def secure(folder: Folder) -> tuple[str, ...]:
+    return (f"bus.zenoh_config={SECURE}", f"bus.keys={folder}")
+
+
+def test_the_loop_gives_the_same_trajectory_under_tls_and_access_control(folder: Folder) -> None:
+    path, settings = SCENARIOS / "back.toml", ("sim.duration_s=3.0", "seed=7")
+    alone = simulate(load_scenario(path, settings), "back")[0].trajectory_sha256
+    guarded = simulate_distributed(path, (*settings, *secure(folder)), "back")[0]
+    assert guarded.trajectory_sha256 == alone
+
+
+def intrude(running: Any, name: str) -> Any:
+    """Open a session with somebody's certificate to a running scenario."""
+    return open_session(running.scenario.bus, "client", name)
+
+
+def test_what_was_heard_on_cmd_vel_is_not_taken_again_from_who_may_not_say_it(
+    stack, folder: Folder
+) -> None:
+    running = stack(SCENARIOS / "back.toml", *secure(folder))
+    stamps: list[bytes | None] = []
+    running.bus.subscribe_bytes("cmd_vel", lambda *sample: stamps.append(sample[3]))
+    running.start()
+    with intrude(running, "viewer") as viewer:
+        recorded = viewer.declare_subscriber("cmd_vel").recv()
+        attachment = recorded.attachment.to_bytes()
+        for _ in range(3):
+            viewer.put("cmd_vel", recorded.payload, attachment=attachment)
+        settle(viewer)
+    # the follower's own command of a later tick comes after whatever got through
+    running.wait(lambda: stamps[-1:] > [attachment] and attachment in stamps)
+    assert stamps.count(attachment) == 1
+    with intrude(running, "operator") as operator:
+        operator.put("cmd_vel", recorded.payload, attachment=attachment)
+        running.wait(lambda: stamps.count(attachment) == 2)
+
+
+def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder: Folder) -> None:
+    # where they are let in, each service waits for the future that they tell of
+    running = stack(SCENARIOS / "back.toml", *secure(folder))
+    newest: dict[str, Stamp] = {}
+    for topic in (keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE):
+        running.bus.subscribe(topic, lambda _, stamp, key=topic.key: newest.update({key: stamp}))
+    running.start()
+    running.wait(lambda: len(newest) == 3)
+    run = newest["odom"].run
+    with intrude(running, "viewer") as viewer:
+        for key in ("clock", "joint_states", "ground_truth/odom", "odom", "target/observation"):
+            for forged in (Stamp(2**60, run, 0), Stamp(0, secrets.randbits(32), 0)):
+                viewer.put(key, b"{}", attachment=struct.pack("<qII", *forged))
+        settle(viewer)
+    before = dict(newest)
+    running.wait(lambda: all(newest[key].time_ns > before[key].time_ns + 10**9 for key in newest))
+    assert {stamp.run for stamp in newest.values()} == {run}
+
+
+def test_an_operators_tools_work_and_others_are_not_answered(stack, folder: Folder) -> None:
+    running = stack(SCENARIOS / "teleop.toml", *secure(folder))
+    running.start()
+    assert running.bus.call(keys.SIM_PAUSE, Empty()).paused
+    assert running.bus.call(keys.SET_ODOMETRY, OdometryRequest()).header.frame_id == "odom"
+    assert "services" in running.bus.call(keys.SIM_SCENARIO, Empty()).data
+    with intrude(running, "viewer") as viewer:
+        ask(viewer, "sim/resume")
+        settle(viewer)
+    assert running.bus.call(keys.SIM_STATE, Empty()).paused
+    where = ("--connect", running.endpoint, "--namespace", running.scenario.bus.namespace)
+    done = mecazen("sim", "resume", *where, "--tls", folder)
+    assert json.loads(done.stdout)["paused"] is False, done.stderr
+    done = mecazen("sim", "pause", *where)
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert f"nothing answers at {running.endpoint}" in done.stderr
+
+
+def test_the_command_creates_keys_once(tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    done = mecazen("keys", "create", folder, "--host", "robot.local", "--host", "10.0.0.1")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (folder / "operator.key").is_file()
+    done = mecazen("keys", "create", folder)
+    assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
+    assert done.stderr.startswith(f"error: {folder}: is there already")
+
+
+def test_a_process_without_its_certificate_says_so_in_one_line(folder: Folder) -> None:
+    with pytest.raises(BusError) as caught:
+        session_config(BusConfig(keys=folder), "peer", "pilot")
+    assert str(caught.value).startswith(f"{folder / 'pilot.crt'}: can't be read; ")
