@@ -12,12 +12,18 @@ import typer
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, BusConfig, Scenario
 from mecazen.errors import ConfigError
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import (
+    SCENARIO_VARIABLE,
+    SETTINGS_VARIABLE,
+    load_scenario,
+    scenario_path,
+)
 
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO",
+        envvar=SCENARIO_VARIABLE,
         help="A scenario's name in configs/scenarios (back, side, teleop, …) or a TOML file.",
         show_default=False,
     ),
@@ -27,6 +33,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
+        envvar=SETTINGS_VARIABLE,
         help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
         "is a string. May be given several times.",
         show_default=False,
