@@ -22,11 +22,12 @@ endef
 # what draws without a screen or a graphics card: tests that need it skip where it can't be had
 DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 
-.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system
+.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system test-compose
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
 	@echo "make test         everything that is tested; make test-physics and its like: one part"
+	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
 	@echo "make bench        speed and accuracy, beside MuJoCo"
 	@echo "make picture      docs/viewer.png, from a run in the viewer"
@@ -67,6 +68,9 @@ test-viewer test-system: drawing
 
 test-experiments test-bench test-system: test-%: .venv/ready
 	.venv/bin/python -m pytest tests/$*
+
+test-compose: .venv/ready
+	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose
 
 lint: .venv/ready
 	.venv/bin/ruff check .
