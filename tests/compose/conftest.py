@@ -111,8 +111,9 @@ class Stack(Compose):
     def down(self) -> None:
         """Stop all containers: in time, and nothing is left of the project."""
         begin = time.monotonic()
-        self.close()
+        self.run("stop")
         assert time.monotonic() - begin < STOP_S
+        self.close()
         for kind in (("ps", "--all"), ("network", "ls"), ("volume", "ls")):
             assert docker(*kind, "--quiet", *self.filters) == ""
 
