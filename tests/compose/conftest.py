@@ -119,23 +119,33 @@ class Stack(Compose):
 
     def await_event(self, event: str, done: Callable[[str], bool]) -> None:
         """Wait until `done` was told of a service for which an event has come since `up`."""
-        watch = ["docker", "events", "--format", "{{json .}}", f"--since={self.begin:.3f}"]
-        watch += [*self.filters, f"--filter=event={event}"]
-        with subprocess.Popen(watch, stdout=subprocess.PIPE, text=True) as events:
-            guard = threading.Timer(GUARD_S, events.kill)
+        since = f"--since={self.begin:.3f}"
+        filters = (*self.filters, f"--filter=event={event}")
+        for line in self._follow("events", "--format", "{{json .}}", since, *filters):
+            told: dict[str, Any] = json.loads(line)
+            service = told["Actor"]["Attributes"]["com.docker.compose.service"]
+            if event in told["status"] and done(service):
+                return
+        raise AssertionError(f"no {event} in {GUARD_S:g} s: {self.run('logs')}")
+
+    def await_line(self, service: str, words: str) -> str:
+        """Return the first line with some words in it that a service logs."""
+        lines = self._follow("logs", "--follow", self.containers()[service]["Id"])
+        return next(line for line in lines if words in line)
+
+    def _follow(self, *arguments: str) -> Iterator[str]:
+        command = ["docker", *arguments]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as followed:
+            guard = threading.Timer(GUARD_S, followed.kill)
             guard.start()
             try:
-                assert events.stdout is not None
-                for line in events.stdout:
-                    told: dict[str, Any] = json.loads(line)
-                    if event not in told["status"]:
-                        continue
-                    if done(told["Actor"]["Attributes"]["com.docker.compose.service"]):
-                        return
-                raise AssertionError(f"no {event} in {GUARD_S:g} s: {self.run('logs')}")
+                assert followed.stdout is not None
+                yield from followed.stdout
             finally:
                 guard.cancel()
-                events.kill()
+                followed.kill()
 
 
 @pytest.fixture(scope="session")

@@ -62,8 +62,7 @@ def test_samples_go_from_service_to_service_and_not_through_the_router(following
 
 def test_the_printed_address_is_one_for_the_hosts_browser(following) -> None:
     serving = "msg=serving url="
-    (line,) = [line for line in following.run("logs", "viewer").splitlines() if serving in line]
-    url = line.partition(serving)[2]
+    url = following.await_line("viewer", serving).partition(serving)[2].strip()
     assert url.startswith(f"http://127.0.0.1:{following.ports['MECAZEN_WEB_PORT']}/")
     with urllib.request.urlopen(url) as page:  # noqa: S310  # http, as asserted
         assert b"rerun" in page.read().lower()
