@@ -23,11 +23,12 @@ endef
 # what draws without a screen or a graphics card: tests that need it skip where it can't be had
 DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 
-.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system test-chaos soak
+.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
 	@echo "make test         everything that is tested; make test-physics and its like: one part"
+	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
 	@echo "make test-chaos   a hundred kills at random moments: following goes on"
 	@echo "make soak         hours of simulated time: memory, ticks, schedule (HOURS=0.5)"
@@ -76,6 +77,9 @@ test-chaos: .venv/ready
 
 soak: .venv/ready
 	.venv/bin/python -m bench.soak --hours $(HOURS)
+
+test-compose: .venv/ready
+	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose
 
 lint: .venv/ready
 	.venv/bin/ruff check .

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -73,31 +73,43 @@ class Probe:
 
 def run(puts: int = PUTS) -> list[Group]:
     """Drive the scenario `teleop` as an outsider does."""
+    with teleop() as (bus, scenario):
+        latencies = drive(bus, scenario, puts)
+    how = f"{puts} puts by another process at random phases of the tick, in real time"
+    row = Row("cmd_vel → joint_command", figures(latencies))
+    return [Group("Latency: scenario teleop", how, (row,))]
+
+
+def drive(bus: ZenohBus, scenario: Scenario, puts: int) -> list[float | None]:
+    """Return the time from put to answer of each command [s], or None without an answer.
+
+    Raises:
+        MecazenError: Nothing obeys.
+    """
     pause = random.Random(1)  # noqa: S311
-    with _teleop() as (bus, scenario):
-        probe = Probe(bus, scenario.robot.wheels.radius_m)
-        _wait_until_it_obeys(probe)
-        latencies, lost = [], 0
-        for number in range(1, puts + 1):
-            probe.rest(pause.uniform(*PAUSE_S))
-            latency = probe.measure(number, ANSWER_S)
-            if latency is None:
-                lost += 1
-            else:
-                latencies.append(latency * 1e3)
-    median, p99 = np.percentile(latencies, (50, 99)).tolist()
-    figures = {
+    probe = Probe(bus, scenario.robot.wheels.radius_m)
+    _wait_until_it_obeys(probe)
+    latencies = []
+    for number in range(1, puts + 1):
+        probe.rest(pause.uniform(*PAUSE_S))
+        latencies.append(probe.measure(number, ANSWER_S))
+    return latencies
+
+
+def figures(latencies: Sequence[float | None]) -> dict[str, Figure]:
+    """Return the percentiles of what `drive` returns."""
+    answered = [latency * 1e3 for latency in latencies if latency is not None]
+    median, p99 = np.percentile(answered, (50, 99)).tolist()
+    return {
         "median ms": Figure.of(median, MEDIAN_MS),
         "p99 ms": Figure.of(p99, P99_MS),
-        "max ms": Figure.of(max(latencies)),
-        "lost": Figure.of(lost),
+        "max ms": Figure.of(max(answered)),
+        "lost": Figure.of(len(latencies) - len(answered)),
     }
-    how = f"{puts} puts by another process at random phases of the tick, in real time"
-    return [Group("Latency: scenario teleop", how, (Row("cmd_vel → joint_command", figures),))]
 
 
 @contextmanager
-def _teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
+def teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
     """Run the scenario's processes meanwhile, apart from any others; yield a bus to them."""
     path = SCENARIOS / "teleop.toml"
     settings = private_meeting_point()

@@ -162,7 +162,6 @@ def simulate_distributed(
         *private_meeting_point("tls" if scenario.bus.keys else "tcp"),
     )
     scenario = load_scenario(path, settings)
-    parts = [part for part in scenario.services if part != COLLECTOR]
     supervisor = Supervisor(path, settings)
     try:
         with on_one_core():
@@ -170,24 +169,68 @@ def simulate_distributed(
         with beside_that_core():
             bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)
         with closing(bus):
-            trajectory = _trajectory(bus, scenario, parts)
-            bus.declare_alive(COLLECTOR)
-            announce_readiness(bus, COLLECTOR, scenario)
-            for part in parts:
+            trajectory = _join(bus, scenario)
+            for part in _collected(scenario):
                 # who no tick waits for keeps off the core of those that it does
                 with beside_that_core() if part in ONLOOKERS else on_one_core():
                     supervisor.start(part)
             with beside_that_core():
-                wall_s = _collect(trajectory, bus, supervisor, progress)
+                wall_s = _collect(trajectory, bus, lambda: supervisor.poll(0.0), progress)
     finally:
         supervisor.stop()
     return result(scenario, name, trajectory, wall_s), trajectory
 
 
+def collect(
+    scenario: Scenario, name: str, progress: Progress = lambda _: None
+) -> tuple[Result, Trajectory]:
+    """Write down a lockstep run of services that somebody else has started.
+
+    Args:
+        scenario: What they were started with; in lockstep, with the collector among `services`.
+        name: The scenario's name, for the result.
+        progress: See `Progress`.
+
+    Raises:
+        MecazenError: The scenario is another, or a service has gone before the end.
+    """
+    if scenario.sim.mode != "lockstep" or COLLECTOR not in scenario.services:
+        raise ConfigError(
+            f"to collect, the services and this need sim.mode=lockstep, and {COLLECTOR!r} "
+            "among `services`"
+        )
+    seen: set[str] = set()
+
+    def check() -> None:
+        seen.update(bus.presence.names & set(scenario.services))
+        if gone := seen - bus.presence.names:
+            raise MecazenError(f"{', '.join(sorted(gone))}: gone after {trajectory.done} ticks")
+
+    with closing(ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)) as bus:
+        trajectory = _join(bus, scenario)
+        wall_s = _collect(trajectory, bus, check, progress)
+    return result(scenario, name, trajectory, wall_s), trajectory
+
+
+def _collected(scenario: Scenario) -> list[str]:
+    return [part for part in scenario.services if part != COLLECTOR]
+
+
+def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
+    """Take part in a run as its collector; return the trajectory to be."""
+    trajectory = _trajectory(bus, scenario, _collected(scenario))
+    bus.declare_alive(COLLECTOR)
+    announce_readiness(bus, COLLECTOR, scenario)
+    return trajectory
+
+
 def _collect(
-    trajectory: Trajectory, bus: ZenohBus, supervisor: Supervisor, progress: Progress
+    trajectory: Trajectory, bus: ZenohBus, check: Callable[[], object], progress: Progress
 ) -> float:
-    """Take samples until the run is whole; return the wall time since its first tick [s]."""
+    """Take samples until the run is whole; return the wall time since its first tick [s].
+
+    Again and again it calls `check`, which raises where the run can't go on.
+    """
     begin, told = time.perf_counter(), 0
     while not trajectory.complete:
         bus.spin_once(PATIENCE_S)
@@ -196,6 +239,6 @@ def _collect(
         if trajectory.done >= told + PROGRESS_TICKS:
             told = trajectory.done
             progress(told)
-        supervisor.poll(0.0)
+        check()
     progress(trajectory.done)
     return time.perf_counter() - begin

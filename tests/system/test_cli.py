@@ -21,7 +21,7 @@ SCENARIOS = ROOT / "configs" / "scenarios"
 GUARD_S = 60
 
 
-def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
+def mecazen(*arguments: object, **variables: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "mecazen", *map(str, arguments)],
         capture_output=True,
@@ -29,7 +29,7 @@ def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
         timeout=GUARD_S,
         cwd=ROOT,
         check=False,
-        env={**os.environ, "COLUMNS": "160", "TERM": "dumb"},
+        env={**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
     )
 
 
@@ -58,6 +58,7 @@ def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: s
         (("simulate", "back", "--set", "controller.update_rate_hz=30"), ("update_rate_hz",)),
         (("simulate", "back", "--set", "nonsense"), ("--set nonsense", "key.path=value")),
         (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
+        (("collect", "back"), ("sim.mode=lockstep", "collector")),
         (("run", "pilot", "back"), ("pilot", "physics")),
         (("pub", "cmd_vel", '{"linear":{"x":"fast"}}'), ("cmd_vel", "float")),
         (("pub", "cmd_vel", "{"), ("cmd_vel",)),
@@ -109,8 +110,35 @@ def test_the_printed_configuration_is_whole_and_loads_again(scenario: str, tmp_p
     )
 
 
+def test_scenario_and_settings_may_come_from_the_environment() -> None:
+    variables = {
+        "MECAZEN_SCENARIO": "side",
+        "MECAZEN_SET": 'sim.speed=2  follower.standoff_m=1.5 services=["physics","controller"]',
+    }
+    printed = tomllib.loads(mecazen("config", **variables).stdout)
+    assert printed["follower"]["view"] == "side_left"
+    assert (printed["sim"]["speed"], printed["follower"]["standoff_m"]) == (2, 1.5)
+    assert printed["services"] == ["physics", "controller"]
+    given = tomllib.loads(mecazen("config", "back", "--set", "sim.speed=3", **variables).stdout)
+    assert (given["sim"]["speed"], given["follower"]["view"]) == (3, "back")
+    wrong = {**variables, "MECAZEN_SET": "sim.speed=0"}
+    assert_one_line(mecazen("config", **wrong), 2, "sim.speed", "0.01")
+
+
 def test_every_command_has_help_that_says_what_it_does() -> None:
-    names = ["up", "run", "simulate", "topics", "status", "echo", "pub", "config", "sim", "view"]
+    names = [
+        "up",
+        "run",
+        "simulate",
+        "collect",
+        "topics",
+        "status",
+        "echo",
+        "pub",
+        "config",
+        "sim",
+        "view",
+    ]
     for name in names:
         done = mecazen(name, "--help")
         assert done.returncode == 0

@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
-from mecazen.simulate import simulate, simulate_distributed
+from mecazen.simulate import collect, simulate, simulate_distributed
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
@@ -57,6 +58,31 @@ def test_a_run_without_a_follower_is_the_same_in_processes() -> None:
 def test_odometry_at_a_rate_of_its_own_is_the_same_in_processes() -> None:
     settings = ("sim.duration_s=3.0", "controller.update_rate_hz=20")
     assert many_processes("back", *settings) == one_process("back", *settings)
+
+
+COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','collector']")
+"""Of the scenario `teleop`."""
+
+
+def test_a_run_of_services_that_others_started_is_collected_with_the_same_result(stack) -> None:
+    settings = ("sim.duration_s=3.0",)
+    running = stack(SCENARIOS / "teleop.toml", *settings, *COLLECTED)
+    for part in ("physics", "controller", "target"):
+        running.supervisor.start(part)
+    result, _ = collect(running.scenario, "teleop")
+    assert result.trajectory_sha256 == one_process("teleop", *settings)
+
+
+def test_who_collects_says_who_has_gone(stack) -> None:
+    running = stack(SCENARIOS / "teleop.toml", *COLLECTED, "sim.duration_s=1e6")
+    for part in ("physics", "controller", "target"):
+        running.supervisor.start(part)
+
+    def kill(ticks: int) -> None:
+        running.supervisor.stop()
+
+    with pytest.raises(MecazenError, match=r"gone after \d+ ticks"):
+        collect(running.scenario, "teleop", kill)
 
 
 def test_another_seed_gives_another_trajectory() -> None:

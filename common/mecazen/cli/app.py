@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,10 +22,16 @@ from mecazen.cli.options import ScenarioArgument, Settings, load
 from mecazen.cli.up import run_up
 from mecazen.errors import MecazenError
 from mecazen.loading import scenario_path, to_toml
-from mecazen.simulate import Result, simulate, simulate_distributed
+from mecazen.simulate import Result, collect, simulate, simulate_distributed
 from mecazen.trajectory import Trajectory
 
 RECORDER = "recorder"
+
+TrajectoryFile = Annotated[
+    Path | None,
+    typer.Option("--trajectory", metavar="FILE.csv", help="Write every tick.", show_default=False),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -112,10 +120,7 @@ def simulate_command(
     distributed: Annotated[
         bool, typer.Option("--distributed", help="As processes over Zenoh; the result is the same.")
     ] = False,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.csv", help="Write every tick.", show_default=False),
-    ] = None,
+    trajectory: TrajectoryFile = None,
     record: Annotated[
         str | None,
         typer.Option(
@@ -124,7 +129,7 @@ def simulate_command(
             show_default=False,
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: AsJson = False,
     settings: Settings = None,
 ) -> None:
     """Run a whole scenario as fast as it can, in lockstep, and score it.
@@ -145,8 +150,48 @@ def simulate_command(
         overrides.append(f"services={json.dumps([*loaded.services, RECORDER])}")
         overrides.append(f"{RECORDER}.file={json.dumps(record)}")
         loaded = load(scenario, overrides)
+    _refuse_missing_folder(trajectory)
+    with _progress(f"simulating {path.stem}", loaded.sim.ticks) as progress:
+        result, run = (
+            simulate_distributed(path, tuple(overrides), path.stem, progress)
+            if distributed
+            else simulate(loaded, path.stem, progress)
+        )
+    _report(result, run, trajectory, as_json=as_json)
+
+
+@app.command(name="collect")
+def collect_command(
+    scenario: ScenarioArgument,
+    trajectory: TrajectoryFile = None,
+    as_json: AsJson = False,
+    settings: Settings = None,
+) -> None:
+    """Score a lockstep run of services that run elsewhere, as in containers.
+
+    The services and this need the same scenario and settings, among them sim.mode=lockstep and
+    a list of services with "collector" in it; they begin when it has joined. The result is that
+    of `mecazen simulate`.
+
+    Example: mecazen collect back --set sim.mode=lockstep
+    --set 'services=["physics","controller","target","follower","collector"]'
+    """
+    _refuse_missing_folder(trajectory)
+    name = scenario_path(scenario).stem
+    loaded = load(scenario, settings)
+    with _progress(f"collecting {name}", loaded.sim.ticks) as progress:
+        result, run = collect(loaded, name, progress)
+    _report(result, run, trajectory, as_json=as_json)
+
+
+def _refuse_missing_folder(trajectory: Path | None) -> None:
     if trajectory is not None and not trajectory.absolute().parent.is_dir():
         raise MecazenError(f"--trajectory {trajectory}: no such folder")
+
+
+@contextmanager
+def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar meanwhile; yield what tells it how many ticks are done."""
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -155,17 +200,8 @@ def simulate_command(
         console=Console(stderr=True),
         transient=True,
     ) as bar:
-        task = bar.add_task(f"simulating {path.stem}", total=loaded.sim.ticks)
-
-        def progress(ticks: int) -> None:
-            bar.update(task, completed=ticks)
-
-        result, run = (
-            simulate_distributed(path, tuple(overrides), path.stem, progress)
-            if distributed
-            else simulate(loaded, path.stem, progress)
-        )
-    _report(result, run, trajectory, as_json=as_json)
+        task = bar.add_task(description, total=ticks)
+        yield lambda done: bar.update(task, completed=done)
 
 
 def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool) -> None:

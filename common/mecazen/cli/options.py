@@ -13,13 +13,19 @@ import typer
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, SECURE_ROUTER, BusConfig, Scenario
 from mecazen.errors import ConfigError
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import (
+    SCENARIO_VARIABLE,
+    SETTINGS_VARIABLE,
+    load_scenario,
+    scenario_path,
+)
 from mecazen.schema import Folder
 
 ScenarioArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO",
+        envvar=SCENARIO_VARIABLE,
         help="A scenario's name in configs/scenarios (back, side, teleop, …) or a TOML file.",
         show_default=False,
     ),
@@ -29,6 +35,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
+        envvar=SETTINGS_VARIABLE,
         help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
         "is a string. May be given several times.",
         show_default=False,

@@ -39,10 +39,10 @@ class RerunProcess:
         RerunError: It ended before.
     """
 
-    def __init__(self, *arguments: str, ready: str) -> None:
+    def __init__(self, *arguments: str, ready: str, bind: str = LOOPBACK) -> None:
         libc = ctypes.CDLL(None)
         self._process = subprocess.Popen(
-            [PROGRAM, f"--bind={LOOPBACK}", *arguments],
+            [PROGRAM, f"--bind={bind}", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -94,9 +94,9 @@ class RerunProcess:
 
 
 @contextmanager
-def rerun(*arguments: str, ready: str) -> Iterator[RerunProcess]:
+def rerun(*arguments: str, ready: str, bind: str = LOOPBACK) -> Iterator[RerunProcess]:
     """Have Rerun's program running meanwhile; see `RerunProcess`."""
-    process = RerunProcess(*arguments, ready=ready)
+    process = RerunProcess(*arguments, ready=ready, bind=bind)
     try:
         yield process
     finally:

@@ -57,7 +57,9 @@ def serving(config: ViewerConfig) -> Iterator[Server]:
     web = free_port("viewer.web_port", config.web_port)
     arguments = (f"--port={data}", f"--web-viewer-port={web}", f"--server-memory-limit={BUFFER}")
     with ExitStack() as processes:
-        process = processes.enter_context(rerun("--serve-web", *arguments, ready=SERVES))
+        process = processes.enter_context(
+            rerun("--serve-web", *arguments, ready=SERVES, bind=config.listen)
+        )
         server = Server(process, data, web)
         if config.native:
             try:

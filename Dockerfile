@@ -1,0 +1,45 @@
+# One image per service: --target service --build-arg SERVICE=physics, and so on.
+FROM python:3.11-slim-bookworm AS base
+ARG PIP_INDEX_URL
+ENV PIP_CONSTRAINT=/constraints.txt PIP_NO_CACHE_DIR=1 PIP_QUIET=1 PIP_ROOT_USER_ACTION=ignore \
+    PIP_DISABLE_PIP_VERSION_CHECK=1
+COPY constraints.txt /
+
+FROM base AS sdk-wheel
+COPY common /src
+RUN pip wheel --no-deps -w /wheels /src
+
+# all images share these layers; the router needs no more
+FROM base AS sdk
+COPY --from=sdk-wheel /wheels /wheels
+RUN pip install /wheels/*
+WORKDIR /mecazen
+USER 1000:1000
+ENTRYPOINT ["mecazen"]
+
+FROM base AS service-wheel
+ARG SERVICE
+COPY services/$SERVICE /src
+RUN pip wheel --no-deps -w /wheels /src
+
+FROM sdk AS service
+USER root
+ARG SERVICE
+# DART links against OpenGL for a window that nobody opens here: the libraries alone do, without
+# the 200 MB of drivers that apt-get install would bring
+RUN case $SERVICE in physics) \
+        cd /tmp && apt-get update -qq && apt-get download -qq libgl1 libglvnd0 libglx0 \
+            libx11-6 libxcb1 libxau6 libxdmcp6 libbsd0 libmd0 && \
+        for package in *.deb; do dpkg -x $package /; done && \
+        rm -rf *.deb /var/lib/apt/lists/* /var/cache/apt/*.bin; \
+    esac
+COPY --from=service-wheel /wheels /wheels
+RUN pip install /wheels/*
+USER 1000:1000
+
+# with SERVICE=follower: who scores a run reads what its follower and its controller were told
+FROM service AS score
+USER root
+COPY services/controller /src
+RUN pip install /src
+USER 1000:1000

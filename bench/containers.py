@@ -1,0 +1,48 @@
+"""Latency once more: the same services in containers, and as processes, in turns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import BusConfig, Scenario
+from mecazen.errors import MecazenError
+from mecazen.loading import load_scenario
+
+from bench import latency
+from bench.compose import Compose
+from bench.figures import Group, Row
+from bench.scenarios import SCENARIOS
+
+PUTS, ROUNDS = 500, 5
+SERVICES = ("router", "teleop-physics", "teleop-controller", "teleop-target")
+TITLE = "Latency in containers: scenario teleop"
+
+
+def run(puts: int = PUTS, rounds: int = ROUNDS) -> list[Group]:
+    """Drive the scenario `teleop` as processes and in containers; or say why there are none."""
+    try:
+        Compose().run("build", *SERVICES)
+    except MecazenError as error:
+        return [Group(TITLE, str(error), ())]
+    latencies: dict[str, list[float | None]] = {"processes": [], "containers": []}
+    for _ in range(rounds):
+        for subject, running in (("processes", latency.teleop), ("containers", _teleop)):
+            with running() as (bus, scenario):
+                latencies[subject] += latency.drive(bus, scenario, puts)
+    how = (
+        f"cmd_vel → joint_command: {puts} puts in each of {rounds} turns, by a process of the host"
+    )
+    rows = (Row(subject, latency.figures(found)) for subject, found in latencies.items())
+    return [Group(TITLE, how, tuple(rows))]
+
+
+@contextmanager
+def _teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
+    """Run the containers meanwhile; yield a bus to them."""
+    with closing(Compose()) as compose:
+        compose.run("up", "--detach", *SERVICES)
+        # a peer, as among processes: it finds the containers by gossip, and not the router relays
+        with closing(ZenohBus(BusConfig(connect=(compose.endpoint,)))) as bus:
+            yield bus, load_scenario(SCENARIOS / "teleop.toml")

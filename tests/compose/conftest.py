@@ -1,0 +1,184 @@
+"""Whole systems in containers, each test's under a name and at ports of its own."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import pytest
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import BusConfig
+from mecazen.errors import BusError, MecazenError
+
+from bench.compose import Compose, command, docker
+
+GUARD_S = 120.0
+"""Far beyond what anything here takes: only a hang gets there."""
+
+STOP_S = 10.0
+"""The limit for stopping everything; what it takes stands in docs/deploy.md."""
+
+BUILT = ("router", "physics", "controller", "target", "follower", "viewer", "recorder", "score")
+"""Services of docker-compose.yml, one for each image."""
+
+
+class Follower:
+    """Whom the follower sees, and where the robot and the person are."""
+
+    def __init__(self, bus: ZenohBus) -> None:
+        self.state: Any
+        self.robot: Any
+        self.person: Any
+        self.state = self.robot = self.person = None
+        bus.subscribe(keys.FOLLOWER_STATE, self._on_state)
+        bus.subscribe(keys.ODOM, self._on_robot)
+        bus.subscribe(keys.TARGET_ODOM, self._on_person)
+
+    def _on_state(self, state, stamp) -> None:
+        self.state = state
+
+    def _on_robot(self, odom, stamp) -> None:
+        self.robot = odom.pose.pose.position
+
+    def _on_person(self, odom, stamp) -> None:
+        self.person = odom.pose.pose.position
+
+    def follows(self, distance_m: float) -> bool:
+        """Return whether the robot follows, is so far from its start, and near the person."""
+        if self.state is None or self.robot is None or self.person is None:
+            return False
+        moved = math.hypot(self.robot.x - -1.0, self.robot.y)  # from the start of `back`
+        apart = math.hypot(self.robot.x - self.person.x, self.robot.y - self.person.y)
+        # it is to keep 1.2 m; one that stands still soon falls behind
+        return self.state.tracking == "following" and moved > distance_m and 0.8 < apart < 1.6
+
+
+class Stack(Compose):
+    """Containers that run, and a bus of the host through their router."""
+
+    def up(self) -> None:
+        """Start everything."""
+        self.begin = time.time()
+        self.run("up", "--detach")
+
+    @contextmanager
+    def bus(self) -> Iterator[ZenohBus]:
+        """Connect as the host's tools do, once the router listens."""
+        end = time.monotonic() + GUARD_S
+        while True:
+            try:
+                bus = ZenohBus(BusConfig(connect=(self.endpoint,)), "client")
+                break
+            except BusError:
+                assert time.monotonic() < end, "the router does not listen"
+        with closing(bus):
+            yield bus
+
+    def inside(self, service: str, *command: str) -> str:
+        """Return what a command in a service's container prints."""
+        return docker("exec", self.containers()[service]["Id"], *command)
+
+    def kill(self, service: str) -> None:
+        """Kill a service as a crash does, and wait until its container runs anew."""
+        number = self.containers()[service]["Id"]
+        # all that its user may signal in the container, but the first process and this one
+        crash = ["docker", "exec", number, "sh", "-c", "kill -9 -1"]
+        subprocess.run(crash, check=False)
+        self.await_event(
+            "start",
+            lambda name: name == service and self.containers()[service]["RestartCount"] > 0,
+        )
+
+    def wait(self, bus: ZenohBus, condition: Callable[[], bool]) -> None:
+        """Deliver samples until a condition holds."""
+        end = time.monotonic() + GUARD_S
+        while not condition():
+            assert time.monotonic() < end, f"what was waited for did not come: {self.run('logs')}"
+            bus.spin_once(0.1)
+
+    def await_following(self, bus: ZenohBus, distance_m: float = 0.0) -> None:
+        """Wait until the robot follows, and is so far from its start."""
+        follower = Follower(bus)
+        self.wait(bus, lambda: follower.follows(distance_m))
+
+    def down(self) -> None:
+        """Stop all containers: in time, and nothing is left of the project."""
+        begin = time.monotonic()
+        self.run("stop")
+        assert time.monotonic() - begin < STOP_S
+        self.close()
+        for kind in (("ps", "--all"), ("network", "ls"), ("volume", "ls")):
+            assert docker(*kind, "--quiet", *self.filters) == ""
+
+    def await_event(self, event: str, done: Callable[[str], bool]) -> None:
+        """Wait until `done` was told of a service for which an event has come since `up`."""
+        since = f"--since={self.begin:.3f}"
+        filters = (*self.filters, f"--filter=event={event}")
+        for line in self._follow("events", "--format", "{{json .}}", since, *filters):
+            told: dict[str, Any] = json.loads(line)
+            service = told["Actor"]["Attributes"]["com.docker.compose.service"]
+            if event in told["status"] and done(service):
+                return
+        raise AssertionError(f"no {event} in {GUARD_S:g} s: {self.run('logs')}")
+
+    def await_line(self, service: str, words: str) -> str:
+        """Return the first line with some words in it that a service logs."""
+        lines = self._follow("logs", "--follow", self.containers()[service]["Id"])
+        return next(line for line in lines if words in line)
+
+    def _follow(self, *arguments: str) -> Iterator[str]:
+        command = ["docker", *arguments]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as followed:
+            guard = threading.Timer(GUARD_S, followed.kill)
+            guard.start()
+            try:
+                assert followed.stdout is not None
+                yield from followed.stdout
+            finally:
+                guard.cancel()
+                followed.kill()
+
+
+@pytest.fixture(scope="session")
+def images() -> tuple[str, ...]:
+    """All images, as this checkout makes them."""
+    try:
+        command()
+    except MecazenError as error:
+        pytest.skip(str(error))
+    Compose().run("build", *BUILT)
+    return tuple(f"mecazen-{name}" for name in BUILT)
+
+
+@pytest.fixture(scope="module")
+def following(images: tuple[str, ...]) -> Iterator[Stack]:
+    """What `docker compose up` starts, with settings of our own."""
+    stack = Stack(MECAZEN_SET="seed=5 follower.standoff_m=1.2")
+    try:
+        stack.up()
+        yield stack
+    finally:
+        stack.down()
+
+
+@pytest.fixture
+def stacks(images: tuple[str, ...]) -> Iterator[Callable[..., Stack]]:
+    """Make stacks of containers that are removed after the test."""
+    made: list[Stack] = []
+
+    def make(profile: str, **environment: str) -> Stack:
+        made.append(Stack(profile, **environment))
+        return made[-1]
+
+    yield make
+    for stack in made:
+        stack.down()

@@ -1,0 +1,63 @@
+"""The health check of a container: is a service alive, by its liveliness token."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mecazen.processes import ProcessError, private_meeting_point
+
+SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
+GUARD_S = 60
+
+
+def health(name: str, scenario: str, *settings: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "mecazen.health", name],
+        env={**os.environ, "MECAZEN_SCENARIO": scenario, "MECAZEN_SET": " ".join(settings)},
+        capture_output=True,
+        text=True,
+        timeout=GUARD_S,
+        check=False,
+    )
+    assert not done.stderr
+    return done.returncode, done.stdout.strip()
+
+
+def test_a_service_is_healthy_as_long_as_it_lives(stack) -> None:
+    running = stack(SCENARIOS / "teleop.toml")
+    asked = (str(SCENARIOS / "teleop.toml"), *running.settings)
+    running.supervisor.start("target")
+    running.wait(lambda: "target" in running.bus.presence.names)
+    assert health("router", *asked) == (0, "router: listens")
+    assert health("target", *asked) == (0, "target: waiting for others")
+    assert health("physics", *asked) == (1, "error: physics is not on the bus")
+    running.supervisor.start("physics")
+    running.supervisor.start("controller")
+    running.wait(lambda: "target/ready" in running.bus.presence.names)
+    assert health("target", *asked) == (0, "target: ready")
+    os.kill(running.supervisor.pids["target"], signal.SIGKILL)
+    with pytest.raises(ProcessError, match="target"):
+        running.wait(lambda: False)
+    assert health("target", *asked) == (1, "error: target is not on the bus")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "settings", "words"),
+    [
+        (str(SCENARIOS / "back.toml"), private_meeting_point()[:1], "nothing answers"),
+        (str(SCENARIOS / "back.toml"), ("bus.format=xml",), "bus.format"),
+        ("/nowhere.toml", (), "/nowhere.toml"),
+    ],
+)
+def test_what_can_not_be_asked_is_one_line(
+    scenario: str, settings: tuple[str, ...], words: str
+) -> None:
+    code, said = health("physics", scenario, *settings)
+    assert code == 1
+    assert words in said
+    assert len(said.splitlines()) == 1
