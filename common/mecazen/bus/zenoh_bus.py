@@ -52,6 +52,9 @@ WAITING_SAMPLES = 16
 WAITING_QUERIES = 100
 """So many wait at most of a key that is queried."""
 
+THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
+"""What a service receives is little and comes in turns: more threads only wake each other."""
+
 SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
 
@@ -169,6 +172,7 @@ def open_session(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh.S
     Raises:
         BusError: A port is taken, or a client finds nobody to connect to.
     """
+    os.environ.setdefault("ZENOH_RUNTIME", THREADS)  # read once, by a process's first session
     try:
         return zenoh.open(session_config(config, mode, name))
     except zenoh.ZError as error:

@@ -27,14 +27,17 @@ def planar(covariance: tuple[float, ...]) -> Array | None:
 
 
 def ellipse_axes(covariance: Array, yaw: float = 0.0) -> Array:
-    """Return the half axes (2, 2) [m], as columns, of the ellipse with 95 % of the positions.
+    """Return two half diameters (2, 2) [m], as columns, of the ellipse with 95 % of the positions.
 
     `covariance` (3, 3) over (x, y, yaw) is turned by `yaw` [rad].
     """
-    variances, axes = np.linalg.eigh(covariance[:2, :2])
-    c, s = math.cos(yaw), math.sin(yaw)
-    axes_turned: Array = np.array([[c, -s], [s, c]]) @ axes * SCALE * np.sqrt(variances)
-    return axes_turned
+    # Cholesky's factor: any L with L·Lᵀ = C makes the same ellipse of the unit circle
+    xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+    a = math.sqrt(xx)
+    b = xy / a
+    d = math.sqrt(yy - b * b)
+    c, s = SCALE * math.cos(yaw), SCALE * math.sin(yaw)
+    return np.array([[c * a - s * b, -s * d], [s * a + c * b, c * d]])
 
 
 def nees(estimate: Pose2D, truth: Pose2D, covariance: Array) -> float:

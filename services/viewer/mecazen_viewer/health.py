@@ -20,6 +20,8 @@ LEVELS = (
 NAMES = ("ok", "warning", "error", "stale")
 
 SAID_BY_HEALTH = {"refused_payloads"}
+DETAILS = ("hz/", "age_s/")
+"""Of each input; `mecazen status` shows them."""
 TRACKING_LEVELS = {"coasting": rr.TextLogLevel.WARN, "lost": rr.TextLogLevel.ERROR}
 
 
@@ -50,7 +52,11 @@ class Health:
     def _table(self) -> str:
         rows = ["| service | health | says |", "| --- | --- | --- |"]
         for name, status in sorted(self._status.items()):
-            said = [pair for pair in status.values if pair.key not in SAID_BY_HEALTH]
+            said = [
+                pair
+                for pair in status.values
+                if pair.key not in SAID_BY_HEALTH and not pair.key.startswith(DETAILS)
+            ]
             values = ", ".join(f"{pair.key} {_short(pair.value)}" for pair in said)
             rows.append(f"| {name} | {NAMES[status.level]} | {values} |")
         return "\n".join(rows)

@@ -55,6 +55,7 @@ class Picture:
         self._model: RobotModel | None = None
         self._seen: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
         self._grid: tuple[int, int] | None = None
+        self._centre: tuple[int, int] | None = None
         self._shown_ns: dict[str, int] = {}
         self._health = Health()
         self._standoff = wanted_view(scenario)
@@ -87,6 +88,7 @@ class Picture:
         if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
             raise ValueError(f"pose out of range: {odom.pose.pose}")
         yield e.ROBOT, transform(place, turn)
+        self._centre = things.grid_centre(pose)
         yield things.frame(e.FOLLOW, self._middle(pose))
         if self._robot.add(time_ns, pose):
             yield things.trail("robot", self._robot.trail)
@@ -127,19 +129,22 @@ class Picture:
 
     def on_observation(self, frame: Observation, time_ns: int) -> Iterator[Entity]:
         """Show what the sensor saw where it saw it: from the robot as it was at the capture."""
-        axes = None
-        if frame.poses and (seen := self._in_world(frame)) is not None:
+        seen = self._in_world(frame) if frame.poses else None
+        if seen is not None:
             self._seen.append(seen)
-            spread = covariance.planar(frame.poses[0].covariance)
-            axes = None if spread is None else covariance.ellipse_axes(spread, seen.yaw)
         elif self._seen:
             self._seen.popleft()
         if not self._is_due(e.OBSERVATION, time_ns):
             return
         yield things.points(np.array([pose[:2] for pose in self._seen]).reshape(-1, 2))
-        if self._seen:
-            x, y, _ = self._seen[-1]
-            yield things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes)
+        if not self._seen:
+            return
+        axes = None
+        if seen is not None:
+            spread = covariance.planar(frame.poses[0].covariance)
+            axes = None if spread is None else covariance.ellipse_axes(spread, seen.yaw)
+        x, y, _ = self._seen[-1]
+        yield things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes)
 
     def on_follower_state(self, state: FollowerState, time_ns: int) -> Iterator[Entity]:
         """Show estimate and goal, and how far off the robot and the estimate are."""
@@ -178,10 +183,9 @@ class Picture:
 
     def ground(self) -> Iterator[Entity]:
         """Return the grid where it has to be laid anew: it never changes but then."""
-        pose = self._robot.newest
-        if pose is not None and self._grid != (centre := things.grid_centre(pose)):
-            self._grid = centre
-            yield things.ground(centre)
+        if self._centre is not None and self._centre != self._grid:
+            self._grid = self._centre
+            yield things.ground(self._grid)
 
     def _believes(self, time_ns: int) -> bool:
         """Return whether a follower says where it takes the person to be; it plots its errors."""
