@@ -254,8 +254,8 @@ def test_a_slow_follower_costs_ticks_and_the_robot_follows(
     running.wait_until_it_follows_again()
 
 
-FULL = 200_000
-"""Bytes: a second or two of a recording."""
+FULL = 700_000
+"""Bytes: what the robot looks like, and a second or two of a recording."""
 
 
 def test_a_recorder_without_space_ends_with_what_it_has_and_the_rest_goes_on(
@@ -325,6 +325,8 @@ def test_a_forged_earlier_tick_changes_nothing(running: Running) -> None:
     assert running.watch.follows
 
 
+CERTIFICATES = ROOT / "common" / "mecazen" / "certificates.py"
+"""From when to when those hold is told by no other clock."""
 WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
 """What jumps when somebody sets the clock."""
 
@@ -335,6 +337,7 @@ def test_nobody_looks_at_the_clock_that_may_be_set() -> None:
     found = [
         f"{file.relative_to(ROOT)}:{node.lineno}"
         for file in files
+        if file != CERTIFICATES
         for node in ast.walk(ast.parse(file.read_text()))
         if isinstance(node, ast.Attribute)
         and isinstance(node.value, ast.Name)

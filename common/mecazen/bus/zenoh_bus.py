@@ -55,6 +55,9 @@ WAITING_QUERIES = 100
 THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
 """What a service receives is little and comes in turns: more threads only wake each other."""
 
+CONNECT_MS = 10_000
+"""So long a service that can work through the router alone tries to reach it; tools do once."""
+
 SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
 
@@ -109,6 +112,8 @@ def session_config(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh
             "period_increase_factor": 1.5,
         }
         settings["listen/endpoints"] = listen if mode == "peer" else ()
+        if config.mode == "client" and name != OPERATOR:
+            settings["connect/timeout_ms"] = CONNECT_MS
         if config.namespace is not None:
             settings["namespace"] = config.namespace
     if config.keys is not None:
