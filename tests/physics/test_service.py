@@ -383,6 +383,16 @@ def test_the_watchdog_slows_down_from_the_speed_that_an_effort_had_made():
     assert speeds[-1] == pytest.approx(0.0, abs=0.02)
 
 
+def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
+    config = PhysicsConfig(roller_spheres=3, dt_s=0.002, watchdog_s=0.1)
+    rig = Rig(config, services=("physics", "controller"))
+    rig.begin()
+    # 1 m before the robot, on the way to it; in 3 s they would have been through it
+    rig.place(Pose2D(x=1.0, yaw=math.pi), Twist2D(x=0.5))
+    rig.drive(300, [0.0] * 4)
+    assert rig.service.world.state().position[0] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_pause_holds_time_and_resume_lets_it_go_on():
     rig = Rig()
     rig.begin()

@@ -83,7 +83,8 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     person: Person = Person()
     """The body of the person that the robot follows."""
     watchdog_s: Positive = 0.5
-    """Simulated time without a wheel command after which the wheels are stopped."""
+    """Simulated time without a wheel command after which the wheels are stopped; and without
+    a word of the person, after which they stand."""
 
     def __post_init__(self) -> None:
         if self.roller_spheres % 2 == 0:

@@ -12,7 +12,7 @@ from mecazen.bus import Bus, Reply
 from mecazen.config import ONLOOKERS, Scenario, whole_ticks
 from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import StepTimeoutError
-from mecazen.geometry import Twist2D
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import to_toml
 from mecazen.messages import (
     Clock,
@@ -107,6 +107,9 @@ class PhysicsService(Service):
         self.last_command = self.command
         self.command_is_effort = False
         self.command_tick = 0
+        self.walking: Pose2D | None = None
+        """Where the person was said to be, as long as somebody says it again and again."""
+        self.person_tick = 0
         self.awaited = set(self.answers)
 
     def make_world(self) -> World:
@@ -138,6 +141,7 @@ class PhysicsService(Service):
             self._reset_as_asked(*self.asked_reset)
             return
         self._stop_if_commands_are_gone()
+        self._stop_person_if_gone()
         if self.command_is_effort:
             self.world.advance_effort(self.command, self.steps_per_tick)
         else:
@@ -196,6 +200,7 @@ class PhysicsService(Service):
             return
         slower = FASTEST_M_S / max(math.hypot(twist.x, twist.y), FASTEST_M_S)
         self.world.place_person(pose, Twist2D(twist.x * slower, twist.y * slower))
+        self.walking, self.person_tick = pose, self.tick
         if stamp is not None and stamp.time_ns == self.stamp.time_ns:
             self.awaited.discard("target")
 
@@ -350,6 +355,13 @@ class PhysicsService(Service):
             self.command_is_effort = False
         left = max(0.0, 1.0 - (silent_s - self.config.watchdog_s) / SLOW_DOWN_S)
         self.command = tuple(speed * left for speed in self.last_command)
+
+    def _stop_person_if_gone(self) -> None:
+        """Let the person stand where they were last said to be, when nobody says more."""
+        silent_s = (self.tick - self.person_tick) * self.scenario.sim.tick_s
+        if self.walking is not None and silent_s > self.config.watchdog_s:
+            self.world.place_person(self.walking, Twist2D())
+            self.walking = None
 
     def _publish(self) -> None:
         state = self.world.state()
