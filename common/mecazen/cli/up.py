@@ -21,7 +21,7 @@ from mecazen.config import ONLOOKERS, ROUTER, SECURE_ROUTER, Scenario
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, FollowerState, Odometry
-from mecazen.processes import Supervisor
+from mecazen.processes import Line, Supervisor
 from mecazen.runtime import find_service, installed_services
 from mecazen.wire import Stamp
 
@@ -100,7 +100,7 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
                 if line.name == VIEWER and SERVING in line.text:
                     url = line.text.partition(SERVING)[2]
                     console.print(f"Watch it at [bold]{url}[/]", highlight=False, soft_wrap=True)
-                elif "level=info" not in line.text:
+                elif "level=info" not in line.text and not _is_told_at_its_end(line):
                     console.print(line.text, markup=False, highlight=False)
                 line = supervisor.poll(0.0)
             bus.drain()
@@ -108,6 +108,11 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
                 live.update(status.text, refresh=True)
             elif status.due():
                 console.print(status.text, soft_wrap=True)
+
+
+def _is_told_at_its_end(line: Line) -> bool:
+    """Return whether this is the error by which a needed part ends, which names the part then."""
+    return line.name not in ONLOOKERS and line.text.startswith("error: ")
 
 
 class Status:
