@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
+import subprocess
+import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +23,29 @@ from mecazen.messages import Message
 from mecazen.robot import Robot
 from mecazen.wire import ENCODINGS, Stamp, decode, encode
 
-ROBOTS = Path(__file__).parents[1] / "configs" / "robots"
+ROOT = Path(__file__).parents[1]
+ROBOTS = ROOT / "configs" / "robots"
+COMMAND_GUARD_S = 60.0
+"""Far beyond what any command takes: only a hang gets there."""
+
+
+def mecazen(
+    *arguments: object, before: Callable[[], None] | None = None, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with some variables in its environment.
+
+    `before` is called in its process, before it begins.
+    """
+    return subprocess.run(
+        [sys.executable, "-m", "mecazen", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=COMMAND_GUARD_S,
+        cwd=ROOT,
+        check=False,
+        preexec_fn=before,  # noqa: PLW1509
+        env={**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
+    )
 
 
 def load_robot(name: str = "nexus") -> Robot:

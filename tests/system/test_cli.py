@@ -13,24 +13,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from harness import mecazen
 from mecazen.loading import effective, load_scenario
 from mecazen.processes import private_meeting_point
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
 GUARD_S = 60
-
-
-def mecazen(*arguments: object, **variables: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mecazen", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-        cwd=ROOT,
-        check=False,
-        env={**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
-    )
 
 
 def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:

@@ -6,8 +6,6 @@ import ast
 import os
 import resource
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +13,6 @@ from pathlib import Path
 import msgspec
 import pytest
 from faults import (
-    GUARD_S,
     RESUME_S,
     ROOT,
     SERVICES,
@@ -26,6 +23,7 @@ from faults import (
     strike,
     strikes,
 )
+from harness import mecazen
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.messages import Empty, JointState, ResetRequest
@@ -176,18 +174,6 @@ def tools(up: Up) -> tuple[str, ...]:
     return ("--connect", bus.connect[0], "--namespace", bus.namespace)
 
 
-def mecazen(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mecazen", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-        cwd=ROOT,
-        check=False,
-        **options,
-    )
-
-
 @contextmanager
 def frozen(running: Running, name: str) -> Iterator[None]:
     running.signal(name, signal.SIGSTOP)
@@ -283,9 +269,7 @@ def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path: Path) -> No
 
     for how in ((), ("--distributed",)):
         file = tmp_path / f"{len(how)}.mcap"
-        done = mecazen(
-            "simulate", "circle", "--duration", 30, "--record", file, *how, preexec_fn=limit
-        )
+        done = mecazen("simulate", "circle", "--duration", 30, "--record", file, *how, before=limit)
         assert done.returncode == 1
         assert done.stderr.strip().splitlines()[-1].startswith("error: ")
         assert "can't be written on: File too large" in done.stderr

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import tomllib
 from collections import Counter
 from collections.abc import Callable
@@ -13,13 +11,13 @@ from typing import Any
 
 import msgspec
 import pytest
+from harness import mecazen
 from mecazen import keys
 from mecazen.messages import Empty
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 
 ROOT = Path(__file__).parents[2]
-GUARD_S = 60
 
 HARD = (
     "sensor.dropout_probability=0.2",
@@ -28,17 +26,6 @@ HARD = (
     "target.path.start_after_s=0.5",
 )
 EVERY_TICK = [topic.key for topic in keys.TOPICS if topic.rate == "tick"]
-
-
-def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mecazen", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-        cwd=ROOT,
-        check=False,
-    )
 
 
 def simulate(scenario: str, duration_s: float, *options: object) -> dict[str, object]:
