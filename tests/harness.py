@@ -43,7 +43,7 @@ def mecazen(
         timeout=COMMAND_GUARD_S,
         cwd=ROOT,
         check=False,
-        preexec_fn=before,  # noqa: PLW1509
+        preexec_fn=before,
         env={**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
     )
 
