@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import dartpy as dart
@@ -11,7 +12,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
-from mecazen_physics.config import Box, Person, PhysicsConfig
+from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller
 
@@ -38,7 +39,9 @@ def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
         )
 
 
-def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
+def build_surroundings(
+    robot: Robot, config: PhysicsConfig, obstacles: Sequence[Box | Cylinder]
+) -> Any:
     """Return the ground and the obstacles: one skeleton, so they never collide.
 
     Raises:
@@ -48,7 +51,7 @@ def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
     _collide(ground, plane, config.ground_friction * robot.rollers.contact_friction)
-    for obstacle in config.obstacles:
+    for obstacle in obstacles:
         height = obstacle.size_m[-1]
         if height < robot.wheels.radius_m:
             # On a face of a box the rollers' contacts jump: only the plane is smooth.
@@ -70,23 +73,24 @@ def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
     return skeleton
 
 
-def build_robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any, list[Any]]:
+def build_robot(
+    robot: Robot, config: PhysicsConfig, start: Pose2D, *, near: bool
+) -> tuple[Any, list[Any]]:
     """Return the robot's skeleton and the joints of its wheels and rollers.
 
     Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
-    the speed.
+    the speed. With `near`, two rollers a wheel are bodies (see `model.near`), and nothing else
+    of the robot can touch anything.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
     root.setTransform(_planar(start, 0.0))
-    links = model.links(robot)
+    links, lumped = model.near(robot) if near else (model.links(robot), [])
     trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
-    _collide(base, box, offset=model.base(robot).centre)
-    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
-    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
+    if not near:
+        _collide_base(base, robot)
     barrel = _barrel(robot, config)
     bodies, joints = {"base_link": base}, []
     for link in links:
@@ -101,6 +105,8 @@ def build_robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
+    for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
+        wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)
@@ -109,6 +115,13 @@ def build_robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any
         roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
         _collide(roller.getChildBodyNode(), barrel)
     return skeleton, joints
+
+
+def _collide_base(base: Any, robot: Robot) -> None:
+    box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
+    _collide(base, box, offset=model.base(robot).centre)
+    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
+    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
 
 
 def _barrel(robot: Robot, config: PhysicsConfig) -> Any:

@@ -1,0 +1,223 @@
+"""The robot with two rollers a wheel as bodies, while no other can touch anything.
+
+A wheel that turns by a pitch p = 2π/N looks the same. So its joint keeps an angle q within
+about [0, p), the real one less k pitches, and the bodies are the rollers in two *places*: at q
+and q - p from the bottom, the only ones near the ground. When q leaves that range it is
+brought back by a pitch and every roller moves on by one place: one of the two bodies gets the
+angle and spin of the other, which is at the bottom in both cases, and the other those of a
+roller in the air. No geometry and no inertia of the bodies changes.
+
+A roller in the air turns freely in its bearing but for friction. About its axis a, with the
+moment I, the wheel's angular velocity ω and the spin relative to the wheel θ̇,
+
+    I·(θ̈ + d(a·ω)/dt) = -c·θ̇,
+
+(Euler's equation of a body of revolution), which DART's implicit damping makes, over a step dt,
+
+    θ̇' = ρ·(θ̇ - Δ),    ρ = 1/(1 + c·dt/I),    Δ = (a·ω)' - a·ω.
+
+`Air` sums it over the steps of a chunk with Δ the same in each. On its wheel the roller acts
+as a mass without a moment about a (`model.near`), and with the torque c·θ̇·a of its bearing.
+Its gyroscopic torque I·Ω·(a×ω) is left out: at 45° and 1 m/s it is 2 mN·m of the 3 N·m and 35 N
+of a wheel, mostly across the axle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.geometry import Pose2D
+from mecazen.robot import WHEELS, Robot
+
+from mecazen_physics import model
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.reach import MAX_TILT_RAD, SPEED_MARGIN
+from mecazen_physics.rollers import Roller
+from mecazen_physics.scene import BASE_DOFS, Motion, Scene
+
+Array = npt.NDArray[np.float64]
+
+CLEAR_RAD = 0.1
+"""Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
+SLACK_RAD = 0.02
+"""How far beyond its range a wheel may be expected before it is brought back: one that rests
+on the border is not brought back and forth."""
+
+_WHEELS = len(WHEELS)
+_FIRST_ROLLER = BASE_DOFS + _WHEELS
+
+
+@lru_cache
+def _sums(kept: float, steps: int) -> tuple[float, float, float]:
+    """Return Σρ^i for i from 1 to n, the sum of that sum for n from 1 to `steps`, and ρ^steps."""
+    sums = np.cumsum(kept ** np.arange(1, steps + 1))
+    return float(sums[-1]), float(sums.sum()), kept**steps
+
+
+class Air:
+    """Angle and spin of every roller, of which those in the air turn in closed form.
+
+    `state` (3, 4, N) holds, by wheel and place, the angle [rad] and the spin relative to the
+    wheel [rad/s], and the wheel's own turning about the roller's axis, a·ω [rad/s]. Place i is
+    i pitches from that of the first body, so the other body is in the last.
+    """
+
+    def __init__(self, robot: Robot, dt: float) -> None:
+        count = robot.rollers.count
+        self._dt = dt
+        self._friction = robot.rollers.bearing_friction_nms
+        self._kept = 1.0 / (1.0 + self._friction * dt / Roller.of(robot).inertia[1])
+        rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
+        self._axes: Array = np.array([link.rotation @ link.axis for link in rollers])
+        self._axes = self._axes.reshape(_WHEELS, count, 3)
+        self.state: Array = np.zeros((3, _WHEELS, count))
+
+    def carried(self, turning: Array) -> Array:
+        """Return a·ω (4, N) [rad/s] for the wheels' angular velocities (4, 3) in their frames."""
+        return (self._axes @ turning[:, :, None])[:, :, 0]
+
+    def advance(self, steps: int, turning: Array) -> None:
+        """Simulate `steps` steps that end with the wheels `turning` (4, 3) [rad/s]."""
+        angle, rate, carried = self.state
+        now = self.carried(turning)
+        change = (now - carried) / steps
+        once, twice, left = _sums(self._kept, steps)
+        angle += self._dt * (once * rate - twice * change)
+        rate *= left
+        rate -= once * change
+        carried[:] = now
+
+    def torques(self, steps: int) -> Array:
+        """Return the mean torque (4, 3) [N·m] of the bearings in the air, in the wheels' frames."""
+        once, _, _ = _sums(self._kept, steps)
+        rate = self.state[1, :, None, 1:-1]
+        return (self._friction * once / steps) * (rate @ self._axes[:, 1:-1])[:, 0]
+
+class NearScene(Scene):
+    """The robot with two rollers a wheel as bodies, alone on the ground.
+
+    Raises:
+        UnsupportedError: if the rollers are too many for the fastest wheel in a step.
+    """
+
+    _NEAR = True
+
+    def __init__(self, robot: Robot, config: PhysicsConfig, start: Pose2D) -> None:
+        super().__init__(robot, config, start)
+        count = robot.rollers.count
+        self._dt = config.dt_s
+        self._pitch = math.tau / count
+        # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
+        self._travel = self._pitch - 2.0 * (CLEAR_RAD + MAX_TILT_RAD + SLACK_RAD)
+        if self._travel < robot.wheels.max_speed_rad_s * config.dt_s:
+            raise UnsupportedError(
+                f'physics.rollers = "near" needs fewer than {count} rollers a wheel, or '
+                f"physics.dt_s = {config.dt_s} or wheels.max_speed_rad_s = "
+                f"{robot.wheels.max_speed_rad_s} smaller: a wheel must not pass a roller in a step"
+            )
+        self._hubs = [wheel.getChildBodyNode() for wheel in self.wheels]
+        self._base = self.robot.getBodyNode(0)
+        self._air = Air(robot, config.dt_s)
+        self._places = np.arange(_WHEELS * count).reshape(_WHEELS, count)
+        self._order = self._places.copy()
+        self._pitches = [0] * _WHEELS
+        self._position: Array = self.robot.getPositions()
+        self._velocity: Array = self.robot.getVelocities()
+
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, alone: bool) -> int:
+        """Bring wheels back whose rollers have moved on; see `Scene`."""
+        del alone
+        ahead = [(min(0.0, low), max(0.0, high)) for low, high in speeds]
+        widest = SPEED_MARGIN * self._dt * max(high - low for low, high in ahead)
+        if steps * widest > self._travel:
+            steps = max(1, int(self._travel / widest))
+        moved = False
+        for wheel, (low, high) in enumerate(ahead):
+            middle = self._position[BASE_DOFS + wheel]
+            middle += 0.5 * SPEED_MARGIN * self._dt * steps * (low + high)
+            if not -SLACK_RAD <= middle <= self._pitch + SLACK_RAD:
+                self._bring_back(wheel, math.floor(middle / self._pitch))
+                moved = True
+        if moved:
+            self._put()
+        for hub, torque in zip(self._hubs, self._air.torques(steps), strict=True):
+            hub.setExtTorque(torque, True)
+        return steps
+
+    def settle(self, steps: int) -> None:
+        """Turn the rollers in the air; see `Scene`."""
+        self._position, self._velocity = self.robot.getPositions(), self.robot.getVelocities()
+        self._air.advance(steps, self._turning())
+        angle, rate = self._bodies(self._air.state)
+        angle[:] = self._position[_FIRST_ROLLER:].reshape(_WHEELS, 2)
+        rate[:] = self._velocity[_FIRST_ROLLER:].reshape(_WHEELS, 2)
+
+    def read(self) -> Motion:
+        """See `Scene`."""
+        angles, rates, _ = self._air.state.reshape(3, -1)[:, self._order.ravel()].tolist()
+        position, velocity = self._position.tolist(), self._velocity.tolist()
+        turned = [
+            angle + pitches * self._pitch
+            for angle, pitches in zip(
+                position[BASE_DOFS:_FIRST_ROLLER], self._pitches, strict=True
+            )
+        ]
+        return Motion(
+            position[:BASE_DOFS],
+            velocity[:BASE_DOFS],
+            turned + angles,
+            velocity[BASE_DOFS:_FIRST_ROLLER] + rates,
+        )
+
+    def write(self, motion: Motion) -> None:
+        """See `Scene`."""
+        self._position[:BASE_DOFS] = motion.base_position
+        self._velocity[:BASE_DOFS] = motion.base_velocity
+        self._velocity[BASE_DOFS:_FIRST_ROLLER] = motion.joint_velocity[:_WHEELS]
+        for wheel, angle in enumerate(motion.joint_position[:_WHEELS]):
+            pitches = math.floor(angle / self._pitch)
+            self._position[BASE_DOFS + wheel] = angle - pitches * self._pitch
+            self._set_pitches(wheel, pitches)
+        by_place = self._air.state.reshape(3, -1)
+        by_place[0, self._order.ravel()] = motion.joint_position[_WHEELS:]
+        by_place[1, self._order.ravel()] = motion.joint_velocity[_WHEELS:]
+        self._put()
+        self._air.state[2] = self._air.carried(self._turning())
+
+    def _bring_back(self, wheel: int, pitches: int) -> None:
+        self._position[BASE_DOFS + wheel] -= pitches * self._pitch
+        self._set_pitches(wheel, self._pitches[wheel] + pitches)
+        self._air.state[:, wheel] = np.roll(self._air.state[:, wheel], pitches, axis=1)
+
+    def _set_pitches(self, wheel: int, pitches: int) -> None:
+        self._pitches[wheel] = pitches
+        self._order[wheel] = np.roll(self._places[wheel], -pitches)
+
+    def _put(self) -> None:
+        """Put the bodies where the rollers in their places are."""
+        angle, rate = self._bodies(self._air.state)
+        self._position[_FIRST_ROLLER:] = angle.ravel()
+        self._velocity[_FIRST_ROLLER:] = rate.ravel()
+        self.robot.setPositions(self._position)
+        self.robot.setVelocities(self._velocity)
+
+    @staticmethod
+    def _bodies(state: Array) -> Array:
+        """Return the view (2, 4, 2) of angle and spin in the first and the last place."""
+        return state[:2, :, :: state.shape[-1] - 1]
+
+    def _turning(self) -> Array:
+        """Return the wheels' angular velocities (4, 3) in their own frames [rad/s]."""
+        x, y, z = self._base.getSpatialVelocity()[:3]
+        angle = self._position[BASE_DOFS:_FIRST_ROLLER]
+        cos, sin = np.cos(angle), np.sin(angle)
+        turning = np.empty((_WHEELS, 3))
+        turning[:, 0] = x * cos - z * sin
+        turning[:, 1] = y + self._velocity[BASE_DOFS:_FIRST_ROLLER]
+        turning[:, 2] = x * sin + z * cos
+        return turning
