@@ -12,9 +12,10 @@ moment I, the wheel's angular velocity ω and the spin relative to the wheel θ�
 
     I·(θ̈ + d(a·ω)/dt) = -c·θ̇,
 
-(Euler's equation of a body of revolution), which DART's implicit damping makes, over a step dt,
+(Euler's equation of a body of revolution). Over a step dt DART damps it implicitly, and then
+lets the impulses of motors and contacts turn the wheel:
 
-    θ̇' = ρ·(θ̇ - Δ),    ρ = 1/(1 + c·dt/I),    Δ = (a·ω)' - a·ω.
+    θ̇' = ρ·θ̇ - Δ,    ρ = 1/(1 + c·dt/I),    Δ = (a·ω)' - a·ω.
 
 `Air` sums it over the steps of a chunk with Δ the same in each. On its wheel the roller acts
 as a mass without a moment about a (`model.near`), and with the torque c·θ̇·a of its bearing.
@@ -52,17 +53,10 @@ _WHEELS = len(WHEELS)
 _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
-@lru_cache
-def _sums(kept: float, steps: int) -> tuple[float, float, float]:
-    """Return Σρ^i for i from 1 to n, the sum of that sum for n from 1 to `steps`, and ρ^steps."""
-    sums = np.cumsum(kept ** np.arange(1, steps + 1))
-    return float(sums[-1]), float(sums.sum()), kept**steps
-
-
 class Air:
     """Angle and spin of every roller, of which those in the air turn in closed form.
 
-    `state` (3, 4, N) holds, by wheel and place, the angle [rad] and the spin relative to the
+    `state` (3, 4·N) holds, by wheel and place, the angle [rad] and the spin relative to the
     wheel [rad/s], and the wheel's own turning about the roller's axis, a·ω [rad/s]. Place i is
     i pitches from that of the first body, so the other body is in the last.
     """
@@ -72,31 +66,48 @@ class Air:
         self._dt = dt
         self._friction = robot.rollers.bearing_friction_nms
         self._kept = 1.0 / (1.0 + self._friction * dt / Roller.of(robot).inertia[1])
+        self.state: Array = np.zeros((3, _WHEELS * count))
+        self._axes: Array = np.zeros((_WHEELS * count, _WHEELS, 3))
         rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
-        self._axes: Array = np.array([link.rotation @ link.axis for link in rollers])
-        self._axes = self._axes.reshape(_WHEELS, count, 3)
-        self.state: Array = np.zeros((3, _WHEELS, count))
+        for index, roller in enumerate(rollers):
+            self._axes[index, index // count] = roller.rotation @ roller.axis
+        self._axes = self._axes.reshape(-1, 3 * _WHEELS)
+        lonely = np.ones((_WHEELS, count))
+        lonely[:, [0, -1]] = 0.0
+        self._push = self._friction * lonely.ravel() * self._axes.T
 
-    def carried(self, turning: Array) -> Array:
-        """Return a·ω (4, N) [rad/s] for the wheels' angular velocities (4, 3) in their frames."""
-        return (self._axes @ turning[:, :, None])[:, :, 0]
+    def note(self, turning: Sequence[float]) -> Array:
+        """Take the wheels as `turning` (12,), x, y, z of each in its own frame [rad/s].
 
-    def advance(self, steps: int, turning: Array) -> None:
-        """Simulate `steps` steps that end with the wheels `turning` (4, 3) [rad/s]."""
-        angle, rate, carried = self.state
-        now = self.carried(turning)
-        change = (now - carried) / steps
-        once, twice, left = _sums(self._kept, steps)
-        angle += self._dt * (once * rate - twice * change)
-        rate *= left
-        rate -= once * change
-        carried[:] = now
+        Returns:
+            By how much a·ω (4·N,) has changed [rad/s].
+        """
+        now = self._axes @ turning
+        change = now - self.state[2]
+        self.state[2] = now
+        return change
 
-    def torques(self, steps: int) -> Array:
-        """Return the mean torque (4, 3) [N·m] of the bearings in the air, in the wheels' frames."""
-        once, _, _ = _sums(self._kept, steps)
-        rate = self.state[1, :, None, 1:-1]
-        return (self._friction * once / steps) * (rate @ self._axes[:, 1:-1])[:, 0]
+    def advance(self, steps: int, turning: Sequence[float]) -> None:
+        """Simulate `steps` steps, in the first of which the wheels come to be `turning`."""
+        change = self.note(turning)
+        angle, rate, _ = self.state
+        last, before, after = _sums(self._kept, steps)
+        angle += self._dt * (after * rate - before * change)
+        rate *= last * self._kept
+        rate -= last * change
+
+    def torques(self, steps: int) -> list[float]:
+        """Return the mean torque of the bearings in the air [N·m], as `turning` (12,)."""
+        _, _, after = _sums(self._kept, steps)
+        return (self._push @ (after / steps * self.state[1])).tolist()
+
+
+@lru_cache
+def _sums(kept: float, steps: int) -> tuple[float, float, float]:
+    """Return for n = `steps` ρ^(n-1), the sum of ρ^i for i < n, and that for 0 < i <= n."""
+    before = np.sum(kept ** np.arange(steps))
+    return kept ** (steps - 1), float(before), kept * float(before)
+
 
 class NearScene(Scene):
     """The robot with two rollers a wheel as bodies, alone on the ground.
@@ -124,6 +135,7 @@ class NearScene(Scene):
         self._base = self.robot.getBodyNode(0)
         self._air = Air(robot, config.dt_s)
         self._places = np.arange(_WHEELS * count).reshape(_WHEELS, count)
+        self._bodies = self._places[:, [0, -1]].ravel()
         self._order = self._places.copy()
         self._pitches = [0] * _WHEELS
         self._position: Array = self.robot.getPositions()
@@ -145,21 +157,21 @@ class NearScene(Scene):
                 moved = True
         if moved:
             self._put()
-        for hub, torque in zip(self._hubs, self._air.torques(steps), strict=True):
-            hub.setExtTorque(torque, True)
+        torques = self._air.torques(steps)
+        for wheel, hub in enumerate(self._hubs):
+            hub.setExtTorque(torques[3 * wheel : 3 * wheel + 3], True)
         return steps
 
     def settle(self, steps: int) -> None:
         """Turn the rollers in the air; see `Scene`."""
         self._position, self._velocity = self.robot.getPositions(), self.robot.getVelocities()
         self._air.advance(steps, self._turning())
-        angle, rate = self._bodies(self._air.state)
-        angle[:] = self._position[_FIRST_ROLLER:].reshape(_WHEELS, 2)
-        rate[:] = self._velocity[_FIRST_ROLLER:].reshape(_WHEELS, 2)
+        self._air.state[0, self._bodies] = self._position[_FIRST_ROLLER:]
+        self._air.state[1, self._bodies] = self._velocity[_FIRST_ROLLER:]
 
     def read(self) -> Motion:
         """See `Scene`."""
-        angles, rates, _ = self._air.state.reshape(3, -1)[:, self._order.ravel()].tolist()
+        angles, rates = self._air.state[:2, self._order.ravel()].tolist()
         position, velocity = self._position.tolist(), self._velocity.tolist()
         turned = [
             angle + pitches * self._pitch
@@ -183,16 +195,16 @@ class NearScene(Scene):
             pitches = math.floor(angle / self._pitch)
             self._position[BASE_DOFS + wheel] = angle - pitches * self._pitch
             self._set_pitches(wheel, pitches)
-        by_place = self._air.state.reshape(3, -1)
-        by_place[0, self._order.ravel()] = motion.joint_position[_WHEELS:]
-        by_place[1, self._order.ravel()] = motion.joint_velocity[_WHEELS:]
+        self._air.state[0, self._order.ravel()] = motion.joint_position[_WHEELS:]
+        self._air.state[1, self._order.ravel()] = motion.joint_velocity[_WHEELS:]
         self._put()
-        self._air.state[2] = self._air.carried(self._turning())
+        self._air.note(self._turning())
 
     def _bring_back(self, wheel: int, pitches: int) -> None:
         self._position[BASE_DOFS + wheel] -= pitches * self._pitch
         self._set_pitches(wheel, self._pitches[wheel] + pitches)
-        self._air.state[:, wheel] = np.roll(self._air.state[:, wheel], pitches, axis=1)
+        places = self._places[wheel]
+        self._air.state[:, places] = self._air.state[:, np.roll(places, pitches)]
 
     def _set_pitches(self, wheel: int, pitches: int) -> None:
         self._pitches[wheel] = pitches
@@ -200,24 +212,18 @@ class NearScene(Scene):
 
     def _put(self) -> None:
         """Put the bodies where the rollers in their places are."""
-        angle, rate = self._bodies(self._air.state)
-        self._position[_FIRST_ROLLER:] = angle.ravel()
-        self._velocity[_FIRST_ROLLER:] = rate.ravel()
+        self._position[_FIRST_ROLLER:] = self._air.state[0, self._bodies]
+        self._velocity[_FIRST_ROLLER:] = self._air.state[1, self._bodies]
         self.robot.setPositions(self._position)
         self.robot.setVelocities(self._velocity)
 
-    @staticmethod
-    def _bodies(state: Array) -> Array:
-        """Return the view (2, 4, 2) of angle and spin in the first and the last place."""
-        return state[:2, :, :: state.shape[-1] - 1]
-
-    def _turning(self) -> Array:
-        """Return the wheels' angular velocities (4, 3) in their own frames [rad/s]."""
-        x, y, z = self._base.getSpatialVelocity()[:3]
-        angle = self._position[BASE_DOFS:_FIRST_ROLLER]
-        cos, sin = np.cos(angle), np.sin(angle)
-        turning = np.empty((_WHEELS, 3))
-        turning[:, 0] = x * cos - z * sin
-        turning[:, 1] = y + self._velocity[BASE_DOFS:_FIRST_ROLLER]
-        turning[:, 2] = x * sin + z * cos
+    def _turning(self) -> list[float]:
+        """Return the wheels' angular velocities, x, y, z of each in its own frame [rad/s]."""
+        x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
+        angles = self._position[BASE_DOFS:_FIRST_ROLLER].tolist()
+        rates = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
+        turning = []
+        for angle, rate in zip(angles, rates, strict=True):
+            cos, sin = math.cos(angle), math.sin(angle)
+            turning += (x * cos - z * sin, y + rate, x * sin + z * cos)
         return turning
