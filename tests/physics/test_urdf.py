@@ -51,8 +51,8 @@ def test_an_independent_reader_finds_the_bodies_of_the_world(robot: Robot, tmp_p
     file = tmp_path / "robot.urdf"
     file.write_text(build_urdf(robot))
     read = dart.utils.DartLoader().parseSkeleton(str(file))
-    world = World(robot, PhysicsConfig(), Pose2D())
-    ours = world._robot
+    world = World(robot, PhysicsConfig(rollers="all"), Pose2D())
+    ours = world._plant.scene.robot
     angles = dict(
         zip(world.joint_names, np.linspace(-3.0, 3.0, len(world.joint_names)), strict=True)
     )

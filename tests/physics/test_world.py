@@ -18,7 +18,8 @@ from mecazen_physics import model
 from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.rollers import Roller, lateral_gain, yaw_gain
-from mecazen_physics.world import GRAVITY, World, WorldState
+from mecazen_physics.scene import GRAVITY
+from mecazen_physics.world import World, WorldState
 
 STEPS = 10  # of 1 ms in a control period
 FORWARD, LEFT, TURN = Twist2D(x=0.3), Twist2D(y=0.3), Twist2D(yaw=0.6)
@@ -124,7 +125,7 @@ def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
     assert after.linear == pytest.approx((0.3, 0.0, 0.0), abs=0.01)
     assert after.angular == pytest.approx((0.0, 0.0, 0.4), abs=0.08)
     # The same as DART's, and as the finite difference over 10 ms.
-    body = world._robot.getBodyNode(0)
+    body = world._plant.scene.robot.getBodyNode(0)
     np.testing.assert_allclose(
         (*after.angular, *after.linear), body.getSpatialVelocity(), atol=1e-9
     )
@@ -152,7 +153,7 @@ def test_a_coasting_robot_only_loses_energy_and_little(robot: Robot) -> None:
     energies = []
     for _ in range(100):
         world.advance_effort([0.0] * 4, STEPS)
-        energies.append(world._robot.computeKineticEnergy())
+        energies.append(world._plant.scene.robot.computeKineticEnergy())
     # Ripple of 0.02 mm stores m·g·20 µm = 3 mJ of some 0.7 J for a while.
     assert (np.diff(energies) < 0.005 * energies[0]).all()
     # Chords and hand-overs take 0.3 N from a robot of 130 N, less than rubber on a floor.
@@ -268,7 +269,7 @@ def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) 
         world.advance([0.0] * 4, STEPS)
     assert world.state().linear[0] > 0.1
     assert world.state().position[0] > 0.1
-    person = world._person.getPositions()
+    person = world._plant.scene.person.getPositions()
     assert tuple(person) == pytest.approx((0.15, 0.0), abs=1e-9)  # their own speed, integrated
 
 
@@ -276,7 +277,7 @@ def test_the_persons_velocity_is_in_their_own_frame(nexus: Robot) -> None:
     world = World(nexus, PhysicsConfig(), Pose2D())
     world.place_person(Pose2D(3.0, 0.0, math.pi / 2), Twist2D(x=1.0))
     world.advance([0.0] * 4, 100)
-    assert tuple(world._person.getPositions()) == pytest.approx((3.0, 0.1), abs=1e-9)
+    assert world._plant.person()[:2] == pytest.approx((3.0, 0.1), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -321,7 +322,7 @@ def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
     ("spoil", "reason"),
     [
         (lambda robot: robot.setVelocity(7, math.nan), "not finite"),
-        (lambda robot: robot.setPosition(20, math.inf), "not finite"),
+        (lambda robot: robot.setPosition(15, math.inf), "not finite"),
         (lambda robot: robot.setPosition(5, -0.2), "below the ground"),
         (lambda robot: robot.setPosition(4, math.nan), "moved"),
         (lambda robot: robot.setVelocity(3, 1e5), "moved|not finite"),
@@ -332,7 +333,7 @@ def test_a_diverged_state_is_an_error_with_the_last_good_one(
 ) -> None:
     world = World(nexus, PhysicsConfig(), Pose2D(1.0, 2.0, 0.0))
     world.advance([0.0] * 4, 10)
-    spoil(world._robot)
+    spoil(world._plant.scene.robot)
     with pytest.raises(DivergedError, match=reason) as caught:
         world.advance([0.0] * 4, 10)
     assert "last good state at 0.010 s: position (1.0" in str(caught.value)

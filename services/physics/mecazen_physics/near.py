@@ -45,6 +45,8 @@ Array = npt.NDArray[np.float64]
 
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
+PULL_RAD_S2 = 200.0
+"""What weight and grip give a wheel beside its motor: 1 g at R = 50 mm."""
 SLACK_RAD = 0.02
 """How far beyond its range a wheel may be expected before it is brought back: one that rests
 on the border is not brought back and forth."""
@@ -70,24 +72,24 @@ class Air:
         self._axes: Array = np.zeros((_WHEELS * count, _WHEELS, 3))
         rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
         for index, roller in enumerate(rollers):
-            self._axes[index, index // count] = roller.rotation @ roller.axis
+            self._axes[index, index // count] = roller.rotation[:, 2]
         self._axes = self._axes.reshape(-1, 3 * _WHEELS)
         lonely = np.ones((_WHEELS, count))
         lonely[:, [0, -1]] = 0.0
         self._push = self._friction * lonely.ravel() * self._axes.T
 
-    def note(self, turning: Sequence[float]) -> Array:
+    def note(self, turning: Array) -> Array:
         """Take the wheels as `turning` (12,), x, y, z of each in its own frame [rad/s].
 
         Returns:
             By how much a·ω (4·N,) has changed [rad/s].
         """
         now = self._axes @ turning
-        change = now - self.state[2]
+        change: Array = now - self.state[2]
         self.state[2] = now
         return change
 
-    def advance(self, steps: int, turning: Sequence[float]) -> None:
+    def advance(self, steps: int, turning: Array) -> None:
         """Simulate `steps` steps, in the first of which the wheels come to be `turning`."""
         change = self.note(turning)
         angle, rate, _ = self.state
@@ -96,10 +98,11 @@ class Air:
         rate *= last * self._kept
         rate -= last * change
 
-    def torques(self, steps: int) -> list[float]:
+    def torques(self, steps: int) -> Array:
         """Return the mean torque of the bearings in the air [N·m], as `turning` (12,)."""
         _, _, after = _sums(self._kept, steps)
-        return (self._push @ (after / steps * self.state[1])).tolist()
+        torques: Array = self._push @ (after / steps * self.state[1])
+        return torques
 
 
 @lru_cache
@@ -144,7 +147,8 @@ class NearScene(Scene):
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, alone: bool) -> int:
         """Bring wheels back whose rollers have moved on; see `Scene`."""
         del alone
-        ahead = [(min(0.0, low), max(0.0, high)) for low, high in speeds]
+        pull = PULL_RAD_S2 * self._dt * steps
+        ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
         widest = SPEED_MARGIN * self._dt * max(high - low for low, high in ahead)
         if steps * widest > self._travel:
             steps = max(1, int(self._travel / widest))
@@ -162,6 +166,11 @@ class NearScene(Scene):
             hub.setExtTorque(torques[3 * wheel : 3 * wheel + 3], True)
         return steps
 
+    def speeds(self) -> list[float]:
+        """See `Scene`."""
+        speeds: list[float] = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
+        return speeds
+
     def settle(self, steps: int) -> None:
         """Turn the rollers in the air; see `Scene`."""
         self._position, self._velocity = self.robot.getPositions(), self.robot.getVelocities()
@@ -175,9 +184,7 @@ class NearScene(Scene):
         position, velocity = self._position.tolist(), self._velocity.tolist()
         turned = [
             angle + pitches * self._pitch
-            for angle, pitches in zip(
-                position[BASE_DOFS:_FIRST_ROLLER], self._pitches, strict=True
-            )
+            for angle, pitches in zip(position[BASE_DOFS:_FIRST_ROLLER], self._pitches, strict=True)
         ]
         return Motion(
             position[:BASE_DOFS],
@@ -217,13 +224,13 @@ class NearScene(Scene):
         self.robot.setPositions(self._position)
         self.robot.setVelocities(self._velocity)
 
-    def _turning(self) -> list[float]:
-        """Return the wheels' angular velocities, x, y, z of each in its own frame [rad/s]."""
+    def _turning(self) -> Array:
+        """Return the wheels' angular velocities (12,), as `Air` takes them [rad/s]."""
         x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
         angles = self._position[BASE_DOFS:_FIRST_ROLLER].tolist()
         rates = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
-        turning = []
+        turning: list[float] = []
         for angle, rate in zip(angles, rates, strict=True):
             cos, sin = math.cos(angle), math.sin(angle)
             turning += (x * cos - z * sin, y + rate, x * sin + z * cos)
-        return turning
+        return np.array(turning)

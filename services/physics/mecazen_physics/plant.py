@@ -11,7 +11,7 @@ from mecazen.robot import Robot
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.near import NearScene
 from mecazen_physics.reach import Circle, Outline
-from mecazen_physics.scene import Motion, Scene
+from mecazen_physics.scene import Scene
 
 
 class Plant:

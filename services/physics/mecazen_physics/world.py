@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEELS, Robot
 
-from mecazen_physics import bodies
+from mecazen_physics import bodies, model
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import DivergedError
 from mecazen_physics.pid import WheelPid
@@ -17,6 +17,11 @@ from mecazen_physics.plant import Plant
 
 Vector = tuple[float, float, float]
 
+
+Range = tuple[float, float]
+
+_LONGEST_S = 0.02
+"""Farther ahead the wheels' speeds cannot be foretold."""
 
 
 class WorldState(NamedTuple):
@@ -60,6 +65,8 @@ class World:
         # makes it ten times as fast as its motors can.
         self._fastest = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         self._bearing_friction = robot.rollers.bearing_friction_nms
+        self._longest = max(1, round(_LONGEST_S / config.dt_s))
+        self._hub_inertia = model.links(robot)[0].moments[1]
         self._plant = Plant(robot, config, start)
         self.joint_names = self._plant.joint_names
         self._pids = [WheelPid(config.pid, self._max_torque, config.dt_s) for _ in WHEELS]
@@ -78,10 +85,13 @@ class World:
         """
         limit = self._max_speed
         target = [min(max(speed, -limit), limit) for speed in command]
-        speeds = self._state.joint_velocity[: len(WHEELS)]
-        expected = [(min(pair), max(pair)) for pair in zip(speeds, target, strict=True)]
         drive = self._drive_servo if self._config.drive == "velocity" else self._drive_pid
-        self._advance(expected, steps, lambda chunk: drive(target, chunk))
+
+        def expect(speeds: Sequence[float], duration: float) -> list[Range]:
+            del duration
+            return [(min(pair), max(pair)) for pair in zip(speeds, target, strict=True)]
+
+        self._advance(steps, expect, lambda chunk: drive(target, chunk))
 
     def advance_effort(self, command: Sequence[float], steps: int) -> None:
         """Simulate `steps` steps of `dt_s` with the wheel torques `command` [N·m].
@@ -92,8 +102,13 @@ class World:
         Raises:
             DivergedError: if the state is no longer one of a robot on the ground.
         """
-        limit = self._max_speed
-        self._advance([(-limit, limit)] * len(WHEELS), steps, lambda chunk: self._drive_effort(command, chunk))
+
+        def expect(speeds: Sequence[float], duration: float) -> list[Range]:
+            gain = duration / self._hub_inertia
+            changes = [gain * min(abs(torque), self._max_torque) for torque in command]
+            return [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+
+        self._advance(steps, expect, lambda chunk: self._drive_effort(command, chunk))
 
     def place_person(self, pose: Pose2D, velocity: Twist2D) -> None:
         """Put the person at `pose` in the world frame, moving with `velocity` in their own.
@@ -109,22 +124,31 @@ class World:
 
     def _advance(
         self,
-        expected: Sequence[tuple[float, float]],
         steps: int,
+        expect: Callable[[Sequence[float], float], list[Range]],
         drive: Callable[[int], None],
     ) -> None:
-        """Let `drive` simulate steps in which the wheels' speeds stay as `expected` [rad/s]."""
-        x, y, _ = self._state.position
-        qx, qy, _, _ = self._state.orientation
-        self._plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
+        """Simulate `steps` steps in chunks.
+
+        Args:
+            steps: Of `dt_s`.
+            expect: Returns within what the wheels' speeds will stay that are now `speeds`, for
+                a duration [rad/s, s].
+            drive: Simulates some steps.
+        """
+        plant, dt = self._plant, self._config.dt_s
         left = steps
         while left > 0:
-            chunk = self._plant.prepare(expected, left)
+            x, y, _ = self._state.position
+            qx, qy, _, _ = self._state.orientation
+            plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
+            chunk = min(left, self._longest)
+            chunk = plant.prepare(expect(plant.scene.speeds(), chunk * dt), chunk)
             drive(chunk)
-            self._plant.settle(chunk)
+            plant.settle(chunk)
+            self._steps += chunk
+            self._update()
             left -= chunk
-        self._steps += steps
-        self._update()
 
     def _drive_servo(self, target: Sequence[float], steps: int) -> None:
         self._use_servo(servo=True)
