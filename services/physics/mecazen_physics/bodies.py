@@ -19,6 +19,8 @@ from mecazen_physics.rollers import Roller
 # DART takes the lower coefficient of two touching bodies. The robot's own is out of reach, so
 # that of whatever it touches holds.
 _ROBOT_FRICTION = 1e9
+_AXLE_STOP_RAD = 0.1
+_NO_MASS = 1e-9
 
 
 def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
@@ -78,7 +80,10 @@ def build_robot(
 ) -> tuple[Any, list[Any]]:
     """Return the robot's skeleton and the joints of its wheels and rollers.
 
-    Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
+    The front wheels hang on an axle that swings about its middle, as in platforms of this
+    kind. Of a rigid robot on rigid wheels, two that stand crosswise would carry the weight;
+    their rollers' axes are parallel, and it would glide along between them with all wheels
+    at rest. Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
     the speed. With `near`, two rollers a wheel are bodies (see `model.near`), and nothing else
     of the robot can touch anything.
     """
@@ -92,16 +97,20 @@ def build_robot(
     if not near:
         _collide_base(base, robot)
     barrel = _barrel(robot, config)
+    hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
+    axle = _hang_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
     for link in links:
         if link.axis is None:
             continue
-        parent = bodies[link.parent]
+        parent, place = bodies[link.parent], np.array(link.translation)
+        if parent is base and link.translation[0] > 0.0:
+            parent, place = axle, place - hinge
         joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
         joint.setName(link.joint)
         body.setName(link.name)
         joint.setAxis(link.axis)
-        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, link.translation))
+        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, place))
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
@@ -115,6 +124,20 @@ def build_robot(
         roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
         _collide(roller.getChildBodyNode(), barrel)
     return skeleton, joints
+
+
+def _hang_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
+    joint, axle = base.createRevoluteJointAndBodyNodePair()
+    joint.setName("front_axle_joint")
+    axle.setName("front_axle")
+    joint.setAxis([1.0, 0.0, 0.0])
+    joint.setTransformFromParentBodyNode(dart.math.Isometry3(np.eye(3), hinge))
+    joint.setPositionLowerLimit(0, -_AXLE_STOP_RAD)
+    joint.setPositionUpperLimit(0, _AXLE_STOP_RAD)
+    joint.setLimitEnforcement(True)
+    # Its mass is in the base's.
+    axle.setInertia(dart.dynamics.Inertia(_NO_MASS, np.zeros(3), _NO_MASS * np.eye(3)))
+    return axle
 
 
 def _collide_base(base: Any, robot: Robot) -> None:

@@ -17,15 +17,16 @@ from mecazen_physics.reach import Reach
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
-BASE_DOFS = 6
+BASE_DOFS = 7
+"""Of the base in space, and of its front axle."""
 _PROBE_DEPTH = 1e-4
 
 
 class Motion(NamedTuple):
     """Positions and velocities of the robot in DART's coordinates.
 
-    Of the base a rotation vector [rad] and base_link's origin [m], and their rates in world
-    axes [rad/s, m/s]; of the joints, wheels and then every roller, [rad] and [rad/s].
+    Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
+    [rad], and their rates in world axes [rad/s, m/s, rad/s]; of the joints, wheels and then every roller, [rad] and [rad/s].
     """
 
     base_position: list[float]

@@ -206,14 +206,14 @@ class World:
         """Return the state that DART is in."""
         motion = self._plant.scene.read()
         orientation = _quaternion(*motion.base_position[:3])
-        x, y, z = motion.base_position[3:]
+        x, y, z = motion.base_position[3:6]
         bearing = self._bearing_friction
         rollers = [-bearing * rate for rate in motion.joint_velocity[len(WHEELS) :]]
         return WorldState(
             time=self._steps * self._config.dt_s,
             position=(x, y, z),
             orientation=orientation,
-            linear=_unrotate(orientation, *motion.base_velocity[3:]),
+            linear=_unrotate(orientation, *motion.base_velocity[3:6]),
             angular=_unrotate(orientation, *motion.base_velocity[:3]),
             joint_position=motion.joint_position,
             joint_velocity=motion.joint_velocity,
