@@ -26,6 +26,9 @@ from mecazen.service import NS_PER_S, Service
 
 logger = logging.getLogger(__name__)
 
+SAMPLES_PER_TICK = 10
+"""In real time a router takes so many from each of its links, on one key; more is a flood."""
+
 
 def installed_services() -> list[str]:
     """Return the names of the services that are installed here."""
@@ -126,7 +129,10 @@ def run_router(scenario: Scenario) -> None:
     log.set_up("router", lambda: 0.0)
     stopped = _StopFlag()
     stop_on_signals(stopped.set)
-    with open_session(scenario.bus, "router", "router"):
+    sim = scenario.sim
+    # in lockstep nobody keeps time: what is lost there is waited for
+    most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
+    with open_session(scenario.bus, "router", "router", most_hz=most_hz):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.meeting_point or ()))
         stopped.wait()
 

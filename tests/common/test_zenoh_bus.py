@@ -4,6 +4,7 @@ import secrets
 import signal
 import socket
 import threading
+from contextlib import closing
 
 import pytest
 import zenoh
@@ -425,3 +426,26 @@ def test_sessions_stay_on_loopback_without_multicast_by_default(mode):
     expected = {"router": "tcp/127.0.0.1:7447", "peer": "tcp/127.0.0.1:0", "client": ""}[mode]
     assert expected in listening
     assert "/[::]" not in listening
+
+
+def test_a_router_takes_no_more_samples_a_second_from_each_link_than_it_is_told(
+    free_port, wait_until
+):
+    config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
+    speeds, ended = [], set()
+    with open_session(config, "router", most_hz=1e-3), closing(ZenohBus(config, "client")) as near:
+        near.subscribe(keys.CMD_VEL, lambda twist, _: speeds.append(twist.linear.x), every=True)
+        near.subscribe_bytes("end/*", lambda key, *_: ended.add(key))
+
+        def flood(end, numbers):
+            with open_session(config, "client") as session:
+                links = [session.declare_publisher(key) for key in ("cmd_vel", end)]
+                wait_until(near, lambda: all(link.matching_status.matching for link in links))
+                for number in numbers:
+                    links[0].put(b'{"linear":{"x":%d}}' % number)
+                links[1].put(b"")  # on the same link: what came before it has arrived with it
+                wait_until(near, lambda: end in ended)
+
+        flood("end/one", range(10))
+        flood("end/other", range(100, 110))
+    assert speeds == [0, 100]

@@ -263,6 +263,25 @@ def test_a_recorder_without_space_ends_with_what_it_has_and_the_rest_goes_on(
     assert sum(1 for _ in Recording(file).samples()) > 0
 
 
+def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("run.mcap", "run-2.mcap")]
+    services = f"services={[*SERVICES, 'recorder']}"
+    with Up("circle", *WALK, services, f"recorder.file={files[0]}") as up:
+        up.wait(lambda: up.watch.stamp is not None and up.watch.stamp.time_ns > 3e9)
+        recorder = up.pid("recorder")
+        assert recorder is not None
+        os.kill(recorder, signal.SIGKILL)
+        up.wait(lambda: up.bus.presence.returns["recorder/ready"] == 1)
+        back = up.watch.stamp
+        assert back is not None
+        up.wait(lambda: seconds(back, up.watch.stamp or back) > 1.0)
+    before, after = (
+        [sample.time_ns for sample in Recording(file).samples() if sample.key == "clock"]
+        for file in files
+    )
+    assert 0 < max(before) < min(after)
+
+
 def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path: Path) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (FULL, FULL))

@@ -62,12 +62,15 @@ SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
 
 
-def session_config(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh.Config:
+def session_config(
+    config: BusConfig, mode: Mode, name: str = OPERATOR, *, most_hz: float | None = None
+) -> zenoh.Config:
     """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
 
     A router listens where the others connect to. A peer listens on a free port of loopback
     and is found by gossip through the router. A client only connects. With `config.keys` each
-    shows the certificate of its `name`.
+    shows the certificate of its `name`. A router with `most_hz` takes from each link no more
+    samples a second of a topic.
 
     Raises:
         BusError: A file can't be read, or strangers would get in.
@@ -103,6 +106,15 @@ def session_config(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh
                 "size_limit": MAX_SAMPLE_BYTES,
             }
         ]
+        if most_hz is not None:
+            settings["downsampling"] = [
+                {
+                    "id": "rate of samples",
+                    "flows": ["ingress"],
+                    "messages": ["put"],
+                    "rules": [{"key_expr": f"**/{topic.key}", "freq": most_hz} for topic in TOPICS],
+                }
+            ]
     else:
         settings["connect/endpoints"] = meeting
         # a router that starts late or comes back is found again within 0.2 s
@@ -171,15 +183,17 @@ def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None
             logger.warning("msg=%r", f"{what}: whoever reaches it drives the robot")
 
 
-def open_session(config: BusConfig, mode: Mode, name: str = OPERATOR) -> zenoh.Session:
-    """Open a Zenoh session; `name` says whose certificate it shows.
+def open_session(
+    config: BusConfig, mode: Mode, name: str = OPERATOR, *, most_hz: float | None = None
+) -> zenoh.Session:
+    """Open a Zenoh session; see `session_config`.
 
     Raises:
         BusError: A port is taken, or a client finds nobody to connect to.
     """
     os.environ.setdefault("ZENOH_RUNTIME", THREADS)  # read once, by a process's first session
     try:
-        return zenoh.open(session_config(config, mode, name))
+        return zenoh.open(session_config(config, mode, name, most_hz=most_hz))
     except zenoh.ZError as error:
         endpoints = ", ".join(config.meeting_point or (str(config.zenoh_config),))
         reason = _reason(error)

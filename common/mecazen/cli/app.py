@@ -192,13 +192,15 @@ def _refuse_missing_folder(trajectory: Path | None) -> None:
 @contextmanager
 def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
     """Show a bar meanwhile; yield what tells it how many ticks are done."""
+    console = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console,
         transient=True,
+        disable=not console.is_terminal,  # else it ends with an empty line
     ) as bar:
         task = bar.add_task(description, total=ticks)
         yield lambda done: bar.update(task, completed=done)

@@ -14,7 +14,8 @@ class RecorderConfig(Section):
     """What is recorded, and where."""
 
     file: Annotated[str, msgspec.Meta(min_length=1)] = "run.mcap"
-    """The MCAP file, relative to where the recorder is started; it must not exist yet."""
+    """The MCAP file, relative to where the recorder is started. In lockstep it must not exist yet;
+    in real time, where a recorder may be started again, the next free name is taken."""
     keys: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)] = ("**",)
     """Zenoh key expressions."""
     encoding: Encoding = "cdr"

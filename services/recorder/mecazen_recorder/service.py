@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import time
+from itertools import count
+from pathlib import Path
 
+import msgspec
 from mecazen import keys
 from mecazen.bus import Bus, StoppedError
 from mecazen.config import Scenario
@@ -14,6 +18,8 @@ from mecazen.wire import Stamp
 
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.recorder import Recorder
+
+logger = logging.getLogger(__name__)
 
 LINGER_S = 1.0
 """At the end, what others still send is taken for at most so long ..."""
@@ -28,6 +34,8 @@ class RecorderService(Service):
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         config = scenario.section(RecorderConfig, self.NAME)
+        if scenario.sim.mode == "real_time":  # it may have been started again
+            config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
         self.recorder = Recorder(bus, config, scenario.services, lambda: to_toml(scenario))
         super().__init__(bus, scenario)
         self.subscribe(keys.CLOCK, self.on_clock)
@@ -57,3 +65,13 @@ class RecorderService(Service):
     def diagnostics(self) -> dict[str, object]:
         """Return how many samples were recorded; the dropped are counted with the refused."""
         return {"recorded": self.recorder.writer.count}
+
+
+def free_name(path: Path) -> Path:
+    """Return `run.mcap`, or the first of `run-2.mcap`, `run-3.mcap`, … that does not exist."""
+    if not path.exists():
+        return path
+    names = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    free = next(name for name in names if not name.exists())
+    logger.warning("msg=%r", f"{path} exists already; this recording is {free}")
+    return free
