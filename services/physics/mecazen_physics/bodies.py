@@ -16,9 +16,6 @@ from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller
 
-# DART takes the lower coefficient of two touching bodies. The robot's own is out of reach, so
-# that of whatever it touches holds.
-_ROBOT_FRICTION = 1e9
 _AXLE_STOP_RAD = 0.1
 _NO_MASS = 1e-9
 
@@ -41,6 +38,20 @@ def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
         )
 
 
+def _robot_friction(robot: Robot, config: PhysicsConfig) -> float:
+    """Return the coefficient of the robot's own surface.
+
+    DART takes the lower one of two touching bodies. The robot's is the highest that is given for
+    anything it touches, so that of the other holds; it is also that between two robots.
+    """
+    others = (config.person, *config.obstacles)
+    return max(_ground_friction(robot, config), *(other.friction for other in others))
+
+
+def _ground_friction(robot: Robot, config: PhysicsConfig) -> float:
+    return config.ground_friction * robot.rollers.contact_friction
+
+
 def build_surroundings(
     robot: Robot, config: PhysicsConfig, obstacles: Sequence[Box | Cylinder]
 ) -> Any:
@@ -52,7 +63,7 @@ def build_surroundings(
     skeleton = dart.dynamics.Skeleton("surroundings")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
-    _collide(ground, plane, config.ground_friction * robot.rollers.contact_friction)
+    _collide(ground, plane, _ground_friction(robot, config))
     for obstacle in obstacles:
         height = obstacle.size_m[-1]
         if height < robot.wheels.radius_m:
@@ -94,8 +105,9 @@ def build_robot(
     links, lumped = model.near(robot) if near else (model.links(robot), [])
     trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
+    friction = _robot_friction(robot, config)
     if not near:
-        _collide_base(base, robot)
+        _collide_base(base, robot, friction)
     barrel = _barrel(robot, config)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _hang_axle(base, hinge)
@@ -122,7 +134,7 @@ def build_robot(
         wheel.setForceLowerLimit(0, -limit)
     for roller in joints[len(WHEELS) :]:
         roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
-        _collide(roller.getChildBodyNode(), barrel)
+        _collide(roller.getChildBodyNode(), barrel, friction)
     return skeleton, joints
 
 
@@ -140,11 +152,13 @@ def _hang_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
     return axle
 
 
-def _collide_base(base: Any, robot: Robot) -> None:
+def _collide_base(base: Any, robot: Robot, friction: float) -> None:
     box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
-    _collide(base, box, offset=model.base(robot).centre)
-    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
-    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
+    _collide(base, box, friction, model.base(robot).centre)
+    camera = dart.dynamics.BoxShape(robot.camera.size_m)
+    _collide(base, camera, friction, robot.camera.position_m)
+    lidar = dart.dynamics.CylinderShape(*robot.lidar.size_m)
+    _collide(base, lidar, friction, robot.lidar.position_m)
 
 
 def _barrel(robot: Robot, config: PhysicsConfig) -> Any:
@@ -171,7 +185,7 @@ def build_person(shape: Person) -> tuple[Any, Any]:
 def _collide(
     body: Any,
     shape: Any,
-    friction: float = _ROBOT_FRICTION,
+    friction: float,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> None:
     node = body.createShapeNode(shape)

@@ -11,7 +11,7 @@ from mecazen.robot import Robot
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.near import NearScene
 from mecazen_physics.reach import Circle, Outline
-from mecazen_physics.scene import Scene
+from mecazen_physics.scene import Scene, Stage, Walking
 
 
 class Plant:
@@ -28,40 +28,55 @@ class Plant:
         self._dt = config.dt_s
         self._full = Scene(robot, config, start)
         self._near = NearScene(robot, config, start) if config.rollers == "near" else self._full
+        self._own_stage = self._full.stage
+        self._shared_stage: Stage | None = None
         self.scene: Scene = self._near
         self.joint_names = self._full.joint_names
-        self._outline = Outline(robot)
+        self.outline = Outline(robot)
         self._obstacles = [
             Circle(*obstacle.position_m, math.hypot(*obstacle.size_m[:-1]))
             for obstacle in config.obstacles
         ]
         self._person_radius = config.person.radius_m
-        self._person: list[Circle] = []
-        self._walking = (0.0, 0.0)
+        self._people: dict[int, Walking] = {}
+        self.close_people: dict[int, Walking] = {}
+        """Those who may touch the robot soon, by their numbers."""
         self._alone = True
 
-    def place_person(self, pose: Pose2D, velocity: Twist2D) -> None:
-        """Put the person at `pose` in the world frame, moving with `velocity` in their own."""
-        self._person = [Circle(pose.x, pose.y, self._person_radius)]
-        self._walking = rotate(velocity.x, velocity.y, pose.yaw)
-        if self.scene is self._full:
-            self._full.place_person(pose.x, pose.y, self._walking)
+    def place_person(self, pose: Pose2D, velocity: Twist2D, number: int) -> None:
+        """Put a person at `pose` in the world frame, moving with `velocity` in their own."""
+        walking = Walking(pose.x, pose.y, rotate(velocity.x, velocity.y, pose.yaw))
+        self._people[number] = walking
+        self.scene.stage.place_person(number, walking)
 
-    def person(self) -> Circle:
-        """Return the person from above, who has been placed."""
-        return self._person[0]
+    def person(self, number: int = 0) -> Circle:
+        """Return a person from above, who has been placed."""
+        x, y, _ = self._people[number]
+        return Circle(x, y, self._person_radius)
+
+    def share(self, stage: Stage | None) -> None:
+        """Be on a stage together with other robots from now on; on one's own again with None."""
+        self._shared_stage = stage
 
     def look_round(self, x: float, y: float, tilt: float) -> None:
         """Take the scene that suits base_link at (x, y) [m], leaning by `tilt` [rad]."""
         # It takes more to be alone again: nothing goes back and forth at the border.
         margin = 1.0 if self._alone else 1.5
-        self._alone = self._outline.alone(x, y, tilt, self._obstacles + self._person, margin)
+        self.close_people = {
+            number: walking
+            for number, walking in self._people.items()
+            if not self.outline.alone(x, y, 0.0, [self.person(number)], margin)
+        }
+        self._alone = (
+            self._shared_stage is None
+            and not self.close_people
+            and self.outline.alone(x, y, tilt, self._obstacles, margin)
+        )
         scene = self._near if self._alone else self._full
+        self._full.enter(self._shared_stage or self._own_stage)
         if scene is not self.scene:
             scene.write(self.scene.read())
             self.scene = scene
-            for person in self._person:
-                self._full.place_person(person.x, person.y, self._walking)
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """See `Scene.prepare`."""
@@ -71,8 +86,6 @@ class Plant:
         """See `Scene.settle`."""
         self.scene.settle(steps)
         duration = steps * self._dt
-        x, y = self._walking
-        self._person = [
-            Circle(person.x + x * duration, person.y + y * duration, person.radius)
-            for person in self._person
-        ]
+        for number, (x, y, velocity) in self._people.items():
+            vx, vy = velocity
+            self._people[number] = Walking(x + vx * duration, y + vy * duration, velocity)

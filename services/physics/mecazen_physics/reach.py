@@ -30,7 +30,7 @@ class Outline:
     """The robot from above, a circle: is it alone?"""
 
     def __init__(self, robot: Robot) -> None:
-        self._radius = math.hypot(
+        self.radius = math.hypot(
             max(robot.half_wheelbase + robot.wheels.radius_m, robot.base.length_m / 2),
             max(robot.half_track + robot.wheels.radius_m, robot.base.width_m / 2),
         )
@@ -47,7 +47,7 @@ class Outline:
             others: What else there is to touch.
             margin: Factor on what is far and what is upright enough.
         """
-        free = self._radius + margin * NEAR_M
+        free = self.radius + margin * NEAR_M
         return margin * tilt < MAX_TILT_RAD and all(
             math.hypot(x - other.x, y - other.y) > free + other.radius for other in others
         )

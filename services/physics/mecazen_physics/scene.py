@@ -1,9 +1,9 @@
-"""The robot and what it can touch in a world of DART, every roller a body."""
+"""The robot in a world of DART, every roller a body; and what it can touch there."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import dartpy as dart
@@ -35,37 +35,92 @@ class Motion(NamedTuple):
     joint_velocity: list[float]
 
 
-class Scene:
-    """The robot at rest at `start`, with every roller, and what surrounds it.
+class Walking(NamedTuple):
+    """A person in the world frame: where they are [m], and their velocity (2,) [m/s]."""
 
-    `wheels` are the joints that motors drive; `step(False)` simulates a step of `dt_s`.
+    x: float
+    y: float
+    velocity: tuple[float, float]
+
+
+class Stage:
+    """A world of DART with the ground, the obstacles, and whoever comes near.
+
+    `step(False)` simulates a step of `dt_s`.
 
     Raises:
-        UnsupportedError: if dartpy does not simulate the rollers' shape, or an obstacle is so
-            low that the robot could drive onto it.
+        UnsupportedError: if an obstacle is so low that `robot` could drive onto it.
+    """
+
+    def __init__(self, robot: Robot, config: PhysicsConfig, *, bare: bool = False) -> None:
+        self._person = config.person
+        self.world = dart.simulation.World()
+        self.world.setTimeStep(config.dt_s)
+        self.world.setGravity(_gravity(config))
+        self.world.setCollisionDetector(dart.simulation.BULLET)
+        # A body that DART has put to sleep ignores a person who walks into it.
+        sleep = self.world.getDeactivationOptions()
+        sleep.mEnabled = False
+        self.world.setDeactivationOptions(sleep)
+        obstacles = () if bare else config.obstacles
+        self.surroundings = bodies.build_surroundings(robot, config, obstacles)
+        self.world.addSkeleton(self.surroundings)
+        self.step = self.world.step
+        self._known: dict[int, tuple[Any, Any]] = {}
+        self._present: set[int] = set()
+
+    def show(self, people: Mapping[int, Walking]) -> None:
+        """Have these people here, by their numbers, and nobody else."""
+        for number in self._present - people.keys():
+            self.world.removeSkeleton(self._known[number][0])
+        for number in sorted(people.keys() - self._present):
+            if number not in self._known:
+                self._know(number)
+            self.world.addSkeleton(self._known[number][0])
+            self._place(number, people[number])
+        self._present = set(people)
+
+    def place_person(self, number: int, walking: Walking) -> None:
+        """Put a person elsewhere, if they are here."""
+        if number in self._present:
+            self._place(number, walking)
+
+    def _place(self, number: int, walking: Walking) -> None:
+        person, _ = self._known[number]
+        person.setPositions([walking.x, walking.y])
+        person.setCommands(walking.velocity)
+
+    def _know(self, number: int) -> None:
+        person, body = bodies.build_person(self._person)
+        person.setName(f"person_{number}")
+        # Neither the ground, nor an obstacle, nor another stops the person: they go where they
+        # are told.
+        collisions = self.world.getConstraintSolver().getCollisionOption().collisionFilter
+        for index in range(self.surroundings.getNumBodyNodes()):
+            collisions.addBodyNodePairToBlackList(body, self.surroundings.getBodyNode(index))
+        for _, other in self._known.values():
+            collisions.addBodyNodePairToBlackList(body, other)
+        self._known[number] = person, body
+
+
+class Scene:
+    """The robot at rest at `start`, with every roller, on a stage.
+
+    `wheels` are the joints that motors drive.
+
+    Raises:
+        UnsupportedError: if dartpy does not simulate the rollers' shape, or as of `Stage`.
     """
 
     _NEAR = False
 
     def __init__(self, robot: Robot, config: PhysicsConfig, start: Pose2D) -> None:
         self._config = config
-        self._world = dart.simulation.World()
-        self._world.setTimeStep(config.dt_s)
-        self._world.setGravity(_gravity(config))
-        self._world.setCollisionDetector(dart.simulation.BULLET)
-        # A body that DART has put to sleep ignores a person who walks into it.
-        sleep = self._world.getDeactivationOptions()
-        sleep.mEnabled = False
-        self._world.setDeactivationOptions(sleep)
-        obstacles = () if self._NEAR else config.obstacles
-        self._surroundings = bodies.build_surroundings(robot, config, obstacles)
+        self.stage = Stage(robot, config, bare=self._NEAR)
         self.robot, self._joints = bodies.build_robot(robot, config, start, near=self._NEAR)
         self.wheels = self._joints[: len(WHEELS)]
-        self.person: Any = None
         self._servo: bool | None = None
-        self._world.addSkeleton(self._surroundings)
-        self._world.addSkeleton(self.robot)
-        self.step = self._world.step
+        self.stage.world.addSkeleton(self.robot)
         self._check_supported()
         rollers = [joint.getChildBodyNode() for joint in self._joints[len(WHEELS) :]]
         self._reach = Reach(robot, rollers)
@@ -74,6 +129,13 @@ class Scene:
     def joint_names(self) -> tuple[str, ...]:
         """The joints' names, in the order of `Motion`."""
         return tuple(joint.getName() for joint in self._joints)
+
+    def enter(self, stage: Stage) -> None:
+        """Go on, as it moves, on another stage."""
+        if stage is not self.stage:
+            self.stage.world.removeSkeleton(self.robot)
+            stage.world.addSkeleton(self.robot)
+            self.stage = stage
 
     def use_servo(self, *, servo: bool) -> None:
         """Take the wheels' commands as speeds [rad/s] or as torques [N·m]."""
@@ -118,37 +180,22 @@ class Scene:
         self.robot.setPositions(motion.base_position + motion.joint_position)
         self.robot.setVelocities(motion.base_velocity + motion.joint_velocity)
 
-    def place_person(self, x: float, y: float, velocity: Sequence[float]) -> None:
-        """Put the person at (x, y) [m], moving with `velocity` (2,) [m/s], all in the world."""
-        if self.person is None:
-            self.person = self._add_person()
-        self.person.setPositions([x, y])
-        self.person.setCommands(velocity)
-
-    def _add_person(self) -> Any:
-        person, body = bodies.build_person(self._config.person)
-        # Neither the ground nor an obstacle stops the person: they go where they are told.
-        collisions = self._world.getConstraintSolver().getCollisionOption().collisionFilter
-        for index in range(self._surroundings.getNumBodyNodes()):
-            collisions.addBodyNodePairToBlackList(body, self._surroundings.getBodyNode(index))
-        self._world.addSkeleton(person)
-        return person
-
     def _check_supported(self) -> None:
         """Press the robot a little into the ground and see that its four rollers feel it.
 
         The DART detector knows no contact of such a shape, FCL puts a sphere in its place;
         both without an error.
         """
-        detector = self._world.getCollisionDetector()
+        world = self.stage.world
+        detector = world.getCollisionDetector()
         group = detector.createCollisionGroup()
-        group.addShapeFramesOf(self._surroundings.getBodyNode(0))
+        group.addShapeFramesOf(self.stage.surroundings.getBodyNode(0))
         group.addShapeFramesOf(self.robot)
         result = dart.collision.CollisionResult()
         root = self.robot.getRootJoint()
         placed = root.getPositions()
         root.setPositions(placed - [0.0, 0.0, 0.0, 0.0, 0.0, _PROBE_DEPTH])
-        group.collide(self._world.getConstraintSolver().getCollisionOption(), result)
+        group.collide(world.getConstraintSolver().getCollisionOption(), result)
         root.setPositions(placed)
         depths = [contact.penetrationDepth for contact in result.getContacts()]
         wrong = [depth for depth in depths if abs(depth - _PROBE_DEPTH) > 0.1 * _PROBE_DEPTH]

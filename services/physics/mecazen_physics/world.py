@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from mecazen.geometry import Pose2D, Twist2D
@@ -14,14 +14,28 @@ from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import DivergedError
 from mecazen_physics.pid import WheelPid
 from mecazen_physics.plant import Plant
+from mecazen_physics.reach import Circle
+from mecazen_physics.scene import Stage, Walking
 
 Vector = tuple[float, float, float]
 
 
 Range = tuple[float, float]
 
-_LONGEST_S = 0.02
-"""Farther ahead the wheels' speeds cannot be foretold."""
+LONGEST_S = 0.02
+"""Farther ahead neither the wheels' speeds can be foretold nor what a robot meets."""
+
+
+class WheelCommand(NamedTuple):
+    """What the motors are to do: speeds [rad/s], or efforts [N·m], in the order of `WHEELS`."""
+
+    values: Sequence[float]
+    is_effort: bool = False
+
+
+def longest_chunk(config: PhysicsConfig) -> int:
+    """Return how many steps are simulated at most before robots look round again."""
+    return max(1, round(LONGEST_S / config.dt_s))
 
 
 class WorldState(NamedTuple):
@@ -45,7 +59,7 @@ class WorldState(NamedTuple):
 
 
 class World:
-    """A robot at rest at `start`, and what surrounds it.
+    """A robot at rest at `start`, and what surrounds it; other robots are in the `Arena`.
 
     Two worlds built from the same arguments and advanced alike have the same states to the
     last bit.
@@ -65,7 +79,7 @@ class World:
         # makes it ten times as fast as its motors can.
         self._fastest = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         self._bearing_friction = robot.rollers.bearing_friction_nms
-        self._longest = max(1, round(_LONGEST_S / config.dt_s))
+        self._longest = longest_chunk(config)
         self._hub_inertia = model.links(robot)[0].moments[1]
         self._plant = Plant(robot, config, start)
         self.joint_names = self._plant.joint_names
@@ -83,15 +97,7 @@ class World:
         Raises:
             DivergedError: if the state is no longer one of a robot on the ground.
         """
-        limit = self._max_speed
-        target = [min(max(speed, -limit), limit) for speed in command]
-        drive = self._drive_servo if self._config.drive == "velocity" else self._drive_pid
-
-        def expect(speeds: Sequence[float], duration: float) -> list[Range]:
-            del duration
-            return [(min(pair), max(pair)) for pair in zip(speeds, target, strict=True)]
-
-        self._advance(steps, expect, lambda chunk: drive(target, chunk))
+        advance_together([self], [WheelCommand(command)], steps)
 
     def advance_effort(self, command: Sequence[float], steps: int) -> None:
         """Simulate `steps` steps of `dt_s` with the wheel torques `command` [N·m].
@@ -102,91 +108,103 @@ class World:
         Raises:
             DivergedError: if the state is no longer one of a robot on the ground.
         """
+        advance_together([self], [WheelCommand(command, is_effort=True)], steps)
 
-        def expect(speeds: Sequence[float], duration: float) -> list[Range]:
-            gain = duration / self._hub_inertia
-            changes = [gain * min(abs(torque), self._max_torque) for torque in command]
-            return [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+    def place_person(self, pose: Pose2D, velocity: Twist2D, number: int = 0) -> None:
+        """Put a person at `pose` in the world frame, moving with `velocity` in their own.
 
-        self._advance(steps, expect, lambda chunk: self._drive_effort(command, chunk))
-
-    def place_person(self, pose: Pose2D, velocity: Twist2D) -> None:
-        """Put the person at `pose` in the world frame, moving with `velocity` in their own.
-
-        They keep that velocity until placed again. A world has no person before the first
-        call.
+        They keep that velocity until placed again. A world has no person of this number before
+        the first call.
         """
-        self._plant.place_person(pose, velocity)
+        self._plant.place_person(pose, velocity, number)
+
+    def share(self, stage: Stage | None) -> None:
+        """See `Plant`."""
+        self._plant.share(stage)
+
+    def circle(self) -> Circle:
+        """Return the robot from above."""
+        x, y, _ = self._state.position
+        return Circle(x, y, self._plant.outline.radius)
 
     def state(self) -> WorldState:
         """Return the present state."""
         return self._state
 
-    def _advance(
-        self,
-        steps: int,
-        expect: Callable[[Sequence[float], float], list[Range]],
-        drive: Callable[[int], None],
-    ) -> None:
-        """Simulate `steps` steps in chunks.
+    @property
+    def stage(self) -> Stage:
+        """Where the robot is now."""
+        return self._plant.scene.stage
 
-        Args:
-            steps: Of `dt_s`.
-            expect: Returns within what the wheels' speeds will stay that are now `speeds`, for
-                a duration [rad/s, s].
-            drive: Simulates some steps.
-        """
-        plant, dt = self._plant, self._config.dt_s
-        left = steps
-        while left > 0:
-            x, y, _ = self._state.position
-            qx, qy, _, _ = self._state.orientation
-            plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
-            chunk = min(left, self._longest)
-            chunk = plant.prepare(expect(plant.scene.speeds(), chunk * dt), chunk)
-            drive(chunk)
-            plant.settle(chunk)
-            self._steps += chunk
-            self._update()
-            left -= chunk
+    @property
+    def close_people(self) -> Mapping[int, Walking]:
+        """Those who may touch the robot soon, by their numbers."""
+        return self._plant.close_people
 
-    def _drive_servo(self, target: Sequence[float], steps: int) -> None:
+    def look_round(self) -> None:
+        """See `Plant`."""
+        x, y, _ = self._state.position
+        qx, qy, _, _ = self._state.orientation
+        self._plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
+
+    def prepare(self, command: WheelCommand, steps: int) -> int:
+        """Return how many of `steps` steps can be simulated before the next call."""
+        steps = min(steps, self._longest)
+        speeds = self._plant.scene.speeds()
+        if command.is_effort:
+            gain = steps * self._config.dt_s / self._hub_inertia
+            changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
+            expected = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+        else:
+            pairs = zip(speeds, self._within_limit(command.values), strict=True)
+            expected = [(min(pair), max(pair)) for pair in pairs]
+        return self._plant.prepare(expected, steps)
+
+    def _within_limit(self, speeds: Sequence[float]) -> list[float]:
+        limit = self._max_speed
+        return [min(max(speed, -limit), limit) for speed in speeds]
+
+    def begin(self, command: WheelCommand) -> Callable[[], None] | None:
+        """Give the motors a command; return what is to be done before each step, if anything."""
+        if command.is_effort:
+            self._use_servo(servo=False)
+            return lambda: self._push(command.values, self._wheel_speeds())
+        target = self._within_limit(command.values)
+        if self._config.drive == "effort":
+            self._use_servo(servo=False)
+            return lambda: self._control(target)
         self._use_servo(servo=True)
-        scene = self._plant.scene
-        for wheel, speed in zip(scene.wheels, target, strict=True):
+        for wheel, speed in zip(self._plant.scene.wheels, target, strict=True):
             wheel.setCommand(0, speed)
-        step = scene.step
-        for _ in range(steps):
-            step(False)
+        return None
 
-    def _drive_pid(self, target: Sequence[float], steps: int) -> None:
-        self._use_servo(servo=False)
+    def settle(self, steps: int) -> None:
+        """Take over the state after `steps` steps that were simulated."""
+        self._plant.settle(steps)
+        self._steps += steps
+        self._update()
+
+    def _control(self, target: Sequence[float]) -> None:
+        """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
+        speeds = self._wheel_speeds()
+        torques = [
+            pid.update(goal - speed)
+            for pid, goal, speed in zip(self._pids, target, speeds, strict=True)
+        ]
+        self._push(torques, speeds)
+
+    def _push(self, torques: Sequence[float], speeds: Sequence[float]) -> None:
+        """Set the wheels' torques [N·m], as far as motors give them at these speeds [rad/s]."""
         wheels = self._plant.scene.wheels
-        for _ in range(steps):
-            speeds = [wheel.getVelocity(0) for wheel in wheels]
-            self._step_effort(
-                [
-                    pid.update(goal - speed)
-                    for pid, goal, speed in zip(self._pids, target, speeds, strict=True)
-                ],
-                speeds,
-            )
-
-    def _drive_effort(self, command: Sequence[float], steps: int) -> None:
-        self._use_servo(servo=False)
-        wheels = self._plant.scene.wheels
-        for _ in range(steps):
-            self._step_effort(command, [wheel.getVelocity(0) for wheel in wheels])
-
-    def _step_effort(self, command: Sequence[float], speeds: list[float]) -> None:
-        scene = self._plant.scene
         limit, fastest = self._max_torque, self._max_speed
-        for index, (torque, speed) in enumerate(zip(command, speeds, strict=True)):
+        for index, (torque, speed) in enumerate(zip(torques, speeds, strict=True)):
             upper = limit if speed < fastest else 0.0
             lower = -limit if speed > -fastest else 0.0
             self._effort[index] = min(max(torque, lower), upper)
-            scene.wheels[index].setCommand(0, self._effort[index])
-        scene.step(False)
+            wheels[index].setCommand(0, self._effort[index])
+
+    def _wheel_speeds(self) -> list[float]:
+        return [wheel.getVelocity(0) for wheel in self._plant.scene.wheels]
 
     def _use_servo(self, *, servo: bool) -> None:
         self._plant.scene.use_servo(servo=servo)
@@ -245,6 +263,32 @@ class World:
                 f"wheels {good.joint_velocity[: len(WHEELS)]} rad/s"
             )
         self._state = state
+
+
+def advance_together(worlds: Sequence[World], commands: Sequence[WheelCommand], steps: int) -> None:
+    """Simulate `steps` steps of `dt_s` of one robot, or of several on a stage that they share.
+
+    Raises:
+        DivergedError: if a state is no longer one of a robot on the ground.
+    """
+    orders = list(zip(worlds, commands, strict=True))
+    left = steps
+    while left > 0:
+        for world in worlds:
+            world.look_round()
+        stage = worlds[0].stage
+        stage.show({number: who for world in worlds for number, who in world.close_people.items()})
+        chunk = min(world.prepare(command, left) for world, command in orders)
+        begun = [world.begin(command) for world, command in orders]
+        pushes = [push for push in begun if push is not None]
+        step = stage.step
+        for _ in range(chunk):
+            for push in pushes:
+                push()
+            step(False)
+        for world in worlds:
+            world.settle(chunk)
+        left -= chunk
 
 
 def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:

@@ -1,0 +1,77 @@
+"""Robots in one world: each by itself, and together those that may touch each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.robot import Robot
+
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.reach import NEAR_M
+from mecazen_physics.scene import Stage
+from mecazen_physics.world import WheelCommand, World, advance_together, longest_chunk
+
+
+class Arena:
+    """Robots, each at rest at its start, and what surrounds them.
+
+    A robot that is far from all others is simulated by itself and moves as if there were no
+    other, to the last bit. Those that are near another are simulated together, with all their
+    rollers as bodies.
+
+    Raises:
+        UnsupportedError: as of `World`, or if the robots' rollers have not all the same friction.
+    """
+
+    def __init__(self, robots: Sequence[tuple[Robot, Pose2D]], config: PhysicsConfig) -> None:
+        self.worlds = [World(robot, config, start) for robot, start in robots]
+        self._longest = longest_chunk(config)
+        first = robots[0][0]
+        if {robot.rollers.contact_friction for robot, _ in robots} != {
+            first.rollers.contact_friction
+        }:
+            raise UnsupportedError(
+                "robots that can meet need the same rollers.contact_friction: they share a ground"
+            )
+        self._stage = Stage(first, config)
+        self._met: set[int] = set()
+
+    def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
+        """Simulate `steps` steps of `dt_s`, with a command for each robot; see `World`.
+
+        Raises:
+            DivergedError: if a state is no longer one of a robot on the ground.
+        """
+        left = steps
+        while left > 0:
+            chunk = min(left, self._longest)
+            self._look_round()
+            met = sorted(self._met)
+            groups = [[number] for number in range(len(self.worlds)) if number not in self._met]
+            for group in [*groups, *([met] if met else [])]:
+                worlds = [self.worlds[number] for number in group]
+                advance_together(worlds, [commands[number] for number in group], chunk)
+            left -= chunk
+
+    def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
+        """Put the person `number` somewhere; see `World`."""
+        for world in self.worlds:
+            world.place_person(pose, velocity, number)
+
+    def _look_round(self) -> None:
+        """Let those meet that come near each other, and part that are far again."""
+        circles = [world.circle() for world in self.worlds]
+        met = set()
+        for one, other in combinations(range(len(circles)), 2):
+            # It takes more to part: nothing goes back and forth at the border.
+            margin = 1.5 if {one, other} <= self._met else 1.0
+            a, b = circles[one], circles[other]
+            if math.hypot(a.x - b.x, a.y - b.y) <= a.radius + b.radius + margin * NEAR_M:
+                met |= {one, other}
+        for number in sorted(met ^ self._met):
+            self.worlds[number].share(self._stage if number in met else None)
+        self._met = met
