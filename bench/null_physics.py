@@ -11,8 +11,9 @@ from typing import cast
 
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS, WHEELS, Robot, roller_joint
+from mecazen_physics.arena import Arena
 from mecazen_physics.service import PhysicsService
-from mecazen_physics.world import World, WorldState
+from mecazen_physics.world import WheelCommand, WorldState
 
 
 class NullWorld:
@@ -50,9 +51,6 @@ class NullWorld:
         ]
         self._state = self._make_state(self._state.time + elapsed, twist, angles, command)
 
-    def place_person(self, pose: Pose2D, velocity: Twist2D) -> None:
-        """Take no notice: there is nobody to touch."""
-
     def state(self) -> WorldState:
         """Return the present state."""
         return self._state
@@ -73,10 +71,27 @@ class NullWorld:
         )
 
 
+class NullArena:
+    """Robots that meet nobody, in the place of an `Arena`."""
+
+    def __init__(self, worlds: Sequence[NullWorld]) -> None:
+        self.worlds = worlds
+
+    def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
+        """Move each as commanded."""
+        for world, command in zip(self.worlds, commands, strict=True):
+            world.advance(command.values, steps)
+
+    def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
+        """Take no notice: there is nobody to touch."""
+
+
 class NullPhysics(PhysicsService):
     """The physics service with nothing to simulate."""
 
-    def make_world(self) -> World:
-        """Return the null world: it has all of a world that the service uses here."""
-        world = NullWorld(self.scenario.robot, self.config.dt_s, self.scenario.start.pose)
-        return cast(World, world)
+    def make_arena(self) -> Arena:
+        """Return the null arena: it has all of an arena that the service uses here."""
+        parts = [self.scenario.of(name) for name in self.scenario.names]
+        dt_s = self.config.dt_s
+        worlds = [NullWorld(part.robot, dt_s, part.start.pose) for part in parts]
+        return cast(Arena, NullArena(worlds))

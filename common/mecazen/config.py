@@ -7,13 +7,16 @@ through the entry points `mecazen.configs`.
 from __future__ import annotations
 
 import math
+import zlib
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, overlap
+from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
 
@@ -28,8 +31,16 @@ SECURE_ROUTER = "tls/127.0.0.1:7447"
 ONLOOKERS = ("viewer", "recorder")
 """Services that no tick waits for, and that nothing else needs."""
 
+COLLECTOR = "collector"
+"""The part that writes down a distributed run; physics waits for it as for the others."""
+SHARED = ("physics", *ONLOOKERS, COLLECTOR)
+"""Parts of which there is one for all robots; of any other, each robot has its own."""
+
+LIVELINESS = "mecazen"
+"""The tokens of services that are alive are `mecazen/<name>`."""
+
 RESERVED = ("sections", "others")
-"""Fields of `Scenario` that are no keys of a file: they hold sections by name."""
+"""Fields that are no keys of a file: they hold sections by name."""
 
 
 class SimConfig(Section):
@@ -135,6 +146,31 @@ class BusConfig(Section):
             return self.connect
         return (SECURE_ROUTER if self.keys else ROUTER,)
 
+    def within(self, name: str) -> BusConfig:
+        """Return the bus of one of several robots: its name ends the namespace."""
+        namespace = "/".join(filter(None, (self.namespace, name)))
+        return msgspec.structs.replace(self, namespace=namespace or None)
+
+
+class RobotConfig(Section):
+    """One of several robots; what is not said here is as the scenario has it for all."""
+
+    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
+    """Its namespace within the run's."""
+    robot: Robot | None = None
+    """Its robot file, relative to the scenario; or the same as a table."""
+    start: StartConfig | None = None
+    sensor: SensorConfig | None = None
+    sections: dict[str, Section] = msgspec.field(default_factory=dict)
+    """Sections of its own services that differ, whole, by name."""
+    others: dict[str, Any] = msgspec.field(default_factory=dict)
+    """The same of known services that are not installed here."""
+
+    def __post_init__(self) -> None:
+        taken = [*(topic.key for topic in TOPICS), *(call.key for call in CALLS), LIVELINESS]
+        if self.name in {key.partition("/")[0] for key in taken}:
+            raise ValueError(f"name = {self.name!r} begins a key of mecazen's own: take another")
+
 
 class Scenario(Section):
     """A whole scenario: the robot, who takes part, and every setting."""
@@ -150,6 +186,8 @@ class Scenario(Section):
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     bus: BusConfig = BusConfig()
+    robots: tuple[RobotConfig, ...] = ()
+    """Several robots in one world, each with services of its own; none: the one of `robot`."""
     sections: dict[str, Section] = msgspec.field(default_factory=dict)
     """The sections of the services that are installed here, by name."""
     others: dict[str, Any] = msgspec.field(default_factory=dict)
@@ -165,11 +203,67 @@ class Scenario(Section):
             )
         if len(set(self.services)) != len(self.services):
             raise ValueError("services: each at most once")
+        if len({robot.name for robot in self.robots}) != len(self.robots):
+            raise ValueError("robots: each name at most once")
+        places = {name: self.of(name) for name in self.names}
+        for (one, a), (other, b) in combinations(places.items(), 2):
+            if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
+                raise ValueError(f"robots: {one} and {other} overlap at their starts")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The robots' names; of a single one, which needs none, the empty one."""
+        return tuple(robot.name for robot in self.robots) or ("",)
+
+    @property
+    def processes(self) -> tuple[tuple[str, str], ...]:
+        """Who takes part: service and robot, of which those that are shared have none."""
+        return tuple(
+            (part, robot)
+            for part in self.services
+            for robot in (("",) if part in SHARED else self.names)
+        )
+
+    def of(self, name: str) -> Scenario:
+        """Return the scenario as the services of the robot `name` see it.
+
+        Raises:
+            ConfigError: There is no such robot.
+        """
+        if not self.robots and not name:
+            return self
+        for robot in self.robots:
+            if robot.name == name:
+                return msgspec.structs.replace(
+                    self,
+                    robot=robot.robot or self.robot,
+                    seed=seed_of(self.seed, name),
+                    start=robot.start or self.start,
+                    sensor=robot.sensor or self.sensor,
+                    bus=self.bus.within(name),
+                    robots=(),
+                    sections={**self.sections, **robot.sections},
+                    others={**self.others, **robot.others},
+                )
+        known = (
+            ", ".join(robot.name for robot in self.robots) or "none: there is one without a name"
+        )
+        raise ConfigError(f"{name!r}: no such robot in the scenario; its robots: {known}")
 
     def section(self, kind: type[SectionT], name: str) -> SectionT:
         """Return the section of service `name`, its defaults where the file says nothing."""
         section = self.sections.get(name)
         return kind() if section is None else cast(SectionT, section)
+
+
+def called(part: str, robot: str) -> str:
+    """Return what a part of the robot `robot` is called beside those of others."""
+    return f"{robot}/{part}" if robot else part
+
+
+def seed_of(seed: int, name: str) -> int:
+    """Return the seed of the robot `name` in a run of `seed`: another for each robot."""
+    return zlib.crc32(f"{seed}/{name}".encode()) if name else seed
 
 
 def whole_ticks(key: str, seconds: float, tick_s: float) -> int:

@@ -65,3 +65,20 @@ def rotate(x: float, y: float, yaw: float) -> tuple[float, float]:
     """Return the vector (x, y) turned by `yaw` [rad]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * x - s * y, s * x + c * y
+
+
+def overlap(a: Pose2D, half_a: tuple[float, float], b: Pose2D, half_b: tuple[float, float]) -> bool:
+    """Return whether two rectangles with their middles at `a` and `b` overlap.
+
+    Half their lengths and widths are given [m]. They are apart exactly if they are along an axis
+    of one of the two.
+    """
+    for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
+        c, s = math.cos(yaw), math.sin(yaw)
+        reach = 0.0
+        for pose, (length, width) in ((a, half_a), (b, half_b)):
+            turn = pose.yaw - yaw
+            reach += length * abs(math.cos(turn)) + width * abs(math.sin(turn))
+        if abs((b.x - a.x) * c + (b.y - a.y) * s) >= reach:
+            return False
+    return True

@@ -47,11 +47,13 @@ def main() -> None:
         f"{SETTINGS_VARIABLE} may change.",
     )
     parser.add_argument("service", help="its name, or router")
-    name = parser.parse_args().service
+    parser.add_argument("--robot", default="", metavar="NAME", help="of several, whose service")
+    options = parser.parse_args()
+    name = options.service
     try:
         path = scenario_path(os.environ.get(SCENARIO_VARIABLE, ""))
         settings = os.environ.get(SETTINGS_VARIABLE, "").split()
-        print(f"{name}: {health(name, load_bus(path, tuple(settings)))}")
+        print(f"{name}: {health(name, load_bus(path, tuple(settings)).within(options.robot))}")
     except MecazenError as error:
         print(f"error: {error}")
         sys.exit(1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
@@ -11,9 +12,10 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 import tomli_w
 
-from mecazen.config import RESERVED, BusConfig, Scenario
+from mecazen.config import RESERVED, SHARED, BusConfig, Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
+from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
 
 SectionT = TypeVar("SectionT", bound=Section)
@@ -88,28 +90,81 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         origin = origin._replace(robot=robot.resolve())
     for key, value in settings.items():
         _override(raw, key, value)
-    for name in RESERVED:
-        if name in raw:
-            raise ConfigError(f"{path}: unknown key '{name}'")
+    _refuse_reserved(raw, path)
     kinds = installed_sections()
-    sections = {
-        name: raw.pop(name) for name in {**kinds, **dict.fromkeys(KNOWN_SERVICES)} if name in raw
-    }
+    known = tuple({**kinds, **dict.fromkeys(KNOWN_SERVICES)})
+    sections = {name: raw.pop(name) for name in known if name in raw}
     decoded = {
         name: _convert(section, kinds[name], name, origin)
         for name, section in sections.items()
         if name in kinds
     }
+    own = [name for name in known if name not in SHARED]
+    differing = [
+        _take_own(robot, {**raw, **sections}, own, path) for robot in _tables(raw.get("robots"))
+    ]
     scenario = _convert(raw, Scenario, "", origin, extra=tuple(kinds))
     for part, program in scenario.programs.items():
         if ".py:" in program:
             # a file of one's own lies beside the scenario, wherever the process is started
             scenario.programs[part] = str((path.parent / program).resolve())
+    robots = tuple(
+        msgspec.structs.replace(
+            robot,
+            sections={
+                name: _convert(section, kinds[name], f"robots.{robot.name}.{name}", origin)
+                for name, section in tables.items()
+                if name in kinds
+            },
+            others={name: section for name, section in tables.items() if name not in kinds},
+        )
+        for robot, tables in zip(scenario.robots, differing, strict=True)
+    )
     return msgspec.structs.replace(
         scenario,
+        robots=robots,
         sections={name: decoded.get(name, kind()) for name, kind in sorted(kinds.items())},
         others={name: section for name, section in sections.items() if name not in kinds},
     )
+
+
+def _refuse_reserved(table: dict[str, Any], path: Path) -> None:
+    for name in RESERVED:
+        if name in table:
+            raise ConfigError(f"{path}: unknown key '{name}'")
+
+
+def _tables(value: Any) -> list[dict[str, Any]]:
+    """Return the tables in a list of them; what is none is refused when it is converted."""
+    return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
+
+
+def _take_own(
+    robot: dict[str, Any], everyone: dict[str, Any], names: Sequence[str], path: Path
+) -> dict[str, Any]:
+    """Take the sections `names` out of a robot's table, laid over those for `everyone`.
+
+    Of the table's other keys, the robot file is read, and the sensor is completed.
+    """
+    _refuse_reserved(robot, path)
+    if isinstance(robot.get("robot"), str):
+        file = path.parent / robot["robot"]
+        robot["robot"] = _read_toml(file)
+        _convert(robot["robot"], Robot, "", _Origin(file.resolve()))
+    if "sensor" in robot:
+        robot["sensor"] = _laid_over(everyone.get("sensor", {}), robot["sensor"])
+    return {
+        name: _laid_over(everyone.get(name, {}), robot.pop(name)) for name in names if name in robot
+    }
+
+
+def _laid_over(below: Any, above: Any) -> Any:
+    """Return tables in which what is `above` counts; one of another kind replaces the other."""
+    if not isinstance(below, dict) or not isinstance(above, dict):
+        return above
+    if above.get("kind", below.get("kind")) != below.get("kind"):
+        return above
+    return below | {key: _laid_over(below.get(key), value) for key, value in above.items()}
 
 
 def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
@@ -138,8 +193,9 @@ def load_table(path: Path, kind: type[SectionT]) -> SectionT:
 def effective(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain tables that load to the same scenario again."""
     tables = msgspec.to_builtins(scenario, enc_hook=str)
-    for name in RESERVED:
-        tables.update(tables.pop(name))
+    for tables_of in (tables, *tables["robots"]):
+        for name in RESERVED:
+            tables_of.update(tables_of.pop(name))
     return cast(dict[str, Any], _without_none(tables))
 
 
@@ -186,9 +242,13 @@ def _parse_override(override: str) -> tuple[str, Any]:
 def _override(raw: dict[str, Any], key: str, value: Any) -> None:
     *tables, last = key.split(".")
     for depth, name in enumerate(tables):
-        raw = raw.setdefault(name, {})
-        if not isinstance(raw, dict):
+        table = raw.setdefault(name, {})
+        if isinstance(table, list):
+            # each of several robots goes by its name
+            table = {str(robot.get("name")): robot for robot in _tables(table)}
+        if not isinstance(table, dict):
             raise ConfigError(f"--set {key}: {'.'.join(tables[: depth + 1])} is not a table")
+        raw = table
     raw[last] = value
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from mecazen.config import called
 from mecazen.errors import MecazenError
 
 STOP_TIMEOUT_S = 5.0
@@ -50,6 +51,8 @@ class _Part:
     """A process, and what it takes to start it again."""
 
     process: subprocess.Popen[str]
+    arguments: Sequence[str]
+    """What says which one it is: its service, and its robot where there are several."""
     needed: bool
     has_run: bool = False
     """Whether it has ever got so far as to work."""
@@ -90,12 +93,17 @@ class Supervisor:
         """The process of each name that was started."""
         return {name: part.process.pid for name, part in self._parts.items()}
 
-    def start(self, name: str, *, needed: bool = True) -> None:
-        """Start a service, or the `router`; where it is not `needed`, its end is no error."""
-        self._parts[name] = _Part(self._spawn(name), needed)
+    def start(self, service: str, robot: str = "", *, needed: bool = True) -> None:
+        """Start a service, of one of several robots, or the `router`.
 
-    def _spawn(self, name: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "mecazen.runtime", name, *self._arguments]
+        Where it is not `needed`, its end is no error.
+        """
+        name = called(service, robot)
+        arguments = (service, f"--robot={robot}")
+        self._parts[name] = _Part(self._spawn(name, arguments), arguments, needed)
+
+    def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "mecazen.runtime", *arguments, *self._arguments]
         process = subprocess.Popen(
             [*command, "--until-orphaned"],
             stdin=subprocess.PIPE,
@@ -149,7 +157,7 @@ class Supervisor:
         now = time.monotonic()
         for name, part in self._parts.items():
             if part.restart_s is not None and part.restart_s <= now:
-                part.process = self._spawn(name)
+                part.process = self._spawn(name, part.arguments)
                 part.begin_s, part.restart_s = math.inf, None
         return min(
             (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf

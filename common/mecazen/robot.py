@@ -101,6 +101,13 @@ class Robot(Section):
         return self.wheels.track_m / 2
 
     @property
+    def footprint(self) -> tuple[float, float]:
+        """Half the length and half the width of the robot seen from above [m]."""
+        length = max(self.half_wheelbase + self.wheels.radius_m, self.base.length_m / 2)
+        width = max(self.half_track + self.wheels.hub_width_m / 2, self.base.width_m / 2)
+        return length, width
+
+    @property
     def roller_angle(self) -> float:
         """Angle between a roller's axis and the wheel's axle [rad]."""
         return math.radians(self.rollers.angle_deg)

@@ -17,9 +17,9 @@ from pathlib import Path
 from types import ModuleType
 
 from mecazen import log
-from mecazen.bus.base import StoppedError
+from mecazen.bus.base import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import ONLOOKERS, BusConfig, Scenario
+from mecazen.config import ONLOOKERS, SHARED, BusConfig, Scenario, called
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.service import NS_PER_S, Service
@@ -80,20 +80,22 @@ def _checked(found: object, program: str) -> type[Service]:
     return found
 
 
-def run_service(kind: type[Service], scenario: Scenario) -> None:
-    """Run a service on Zenoh until a signal ends it.
+def run_service(kind: type[Service], scenario: Scenario, robot: str = "") -> None:
+    """Run a service on Zenoh until a signal ends it; with a name, that of one of several robots.
 
     Raises:
         MecazenError: Its name is taken, the bus can't be opened, or the service failed.
     """
+    scenario = part_of(kind.NAME, scenario, robot)
     service: Service | None = None
-    log.set_up(kind.NAME, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
+    name = called(kind.NAME, robot)
+    log.set_up(name, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
     _refuse_taken_name(kind.NAME, scenario.bus)
     bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep", name=kind.NAME)
     stop_on_signals(bus.stop)
     try:
         service = kind(bus, scenario)
-        bus.declare_alive(kind.NAME)
+        declare_alive(bus, kind.NAME, scenario)
         announce_readiness(bus, kind.NAME, scenario)
         # what is loaded stays: the garbage collector need not look through it in mid-tick
         gc.collect()
@@ -106,6 +108,17 @@ def run_service(kind: type[Service], scenario: Scenario) -> None:
         if service is not None:
             service.close()
         bus.close()
+
+
+def part_of(name: str, scenario: Scenario, robot: str) -> Scenario:
+    """Return the scenario as the part `name` sees it: whole, or as one of several robots does.
+
+    Raises:
+        ConfigError: There is no such robot, or a robot must be named, or none.
+    """
+    if name in SHARED and robot:
+        raise ConfigError(f"--robot {robot}: there is one {name} for all robots")
+    return scenario if name in SHARED else scenario.of(robot)
 
 
 def _refuse_taken_name(name: str, config: BusConfig) -> None:
@@ -164,7 +177,17 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
         signal.signal(number, lambda *_: stop())
 
 
-def announce_readiness(bus: ZenohBus, name: str, scenario: Scenario) -> None:
+def declare_alive(bus: Bus, name: str, scenario: Scenario) -> None:
+    """Hold a part's token: of one that several robots share, also in the namespace of each."""
+    for robot in _namespaces(scenario):
+        bus.beside(robot).declare_alive(name)
+
+
+def _namespaces(scenario: Scenario) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(("", *scenario.names)))
+
+
+def announce_readiness(bus: Bus, name: str, scenario: Scenario) -> None:
     """Declare `<name>/ready` once every other service of the scenario is seen alive.
 
     In real time onlookers are not waited for: they are never needed.
@@ -175,7 +198,13 @@ def announce_readiness(bus: ZenohBus, name: str, scenario: Scenario) -> None:
     others = set(scenario.services) - {name}
     if scenario.sim.mode == "real_time":
         others -= set(ONLOOKERS)
+    for robot in _namespaces(scenario):
+        # where there are several robots, only what they share is in no one's namespace
+        here = others & set(SHARED) if scenario.robots and not robot else others
+        _announce_readiness(bus.beside(robot), name, here)
 
+
+def _announce_readiness(bus: Bus, name: str, others: set[str]) -> None:
     def check() -> None:
         if others <= bus.presence.names:
             bus.presence.on_change = lambda: None
@@ -185,8 +214,10 @@ def announce_readiness(bus: ZenohBus, name: str, scenario: Scenario) -> None:
     check()
 
 
-def run_named(name: str, scenario: Scenario, *, until_orphaned: bool = False) -> None:
-    """Run a service, or the `router`, by name; see `find_service`.
+def run_named(
+    name: str, scenario: Scenario, robot: str = "", *, until_orphaned: bool = False
+) -> None:
+    """Run a service, of one of several robots, or the `router`, by name; see `find_service`.
 
     With `until_orphaned` it also ends when standard input closes, as it does when the
     process that started it dies in whatever way.
@@ -196,7 +227,7 @@ def run_named(name: str, scenario: Scenario, *, until_orphaned: bool = False) ->
     if name == "router":
         run_router(scenario)
     else:
-        run_service(find_service(name, scenario), scenario)
+        run_service(find_service(name, scenario), scenario, robot)
 
 
 def _end_with_stdin() -> None:
@@ -213,12 +244,14 @@ def main(name: str | None = None) -> None:
         parser.add_argument("service", help="an installed service, router, or file.py:Class")
     parser.add_argument("scenario", help="a scenario's name or its TOML file")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings")
+    parser.add_argument("--robot", default="", metavar="NAME", help="of several, whose service")
     parser.add_argument("--until-orphaned", action="store_true", help="end with standard input")
     options = parser.parse_args()
 
     def run() -> None:
         scenario = load_scenario(scenario_path(options.scenario), tuple(options.settings))
-        run_named(name or options.service, scenario, until_orphaned=options.until_orphaned)
+        part = name or options.service
+        run_named(part, scenario, options.robot, until_orphaned=options.until_orphaned)
 
     exit_with(run)
 

@@ -10,7 +10,7 @@ from typing import ClassVar, TypeVar
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.bus.base import Handler
-from mecazen.config import Scenario
+from mecazen.config import Scenario, called
 from mecazen.keys import Topic
 from mecazen.messages import (
     DiagnosticArray,
@@ -93,13 +93,15 @@ class Service(ABC):
         *,
         every: bool = False,
         tells_time: bool = True,
+        robot: str = "",
     ) -> None:
         """Deliver samples of this run; one of a new run resets the service first.
 
         Where `tells_time` is false, as on a key that anyone writes, samples of another run
-        are dropped: they can't end this one.
+        are dropped: they can't end this one. With the name of a `robot`, one of several, it
+        is its topic.
         """
-        heard = self._inputs.setdefault(topic.key, _Input())
+        heard = self._inputs.setdefault(called(topic.key, robot), _Input())
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is None or (
@@ -109,7 +111,7 @@ class Service(ABC):
                 heard.newest_ns = (stamp or self.stamp).time_ns
                 handler(message, stamp)
 
-        self.bus.subscribe(topic, deliver, every=every)
+        self.bus.beside(robot).subscribe(topic, deliver, every=every)
 
     def answer_every_tick(
         self, topic: Topic[MessageT], handler: Callable[[MessageT, Stamp], None]
@@ -162,9 +164,11 @@ class Service(ABC):
         values = {**self.diagnostics(), **self._inputs_health(), "refused_payloads": refused}
         for key, count in self.bus.refused.items():
             values[f"refused/{key}"] = count
-        for name in self.scenario.services:
-            if name in self.bus.presence.returns:
-                values[f"restarts/{name}"] = self.bus.presence.returns[name]
+        for robot in dict.fromkeys(("", *self.scenario.names)):
+            returns = self.bus.beside(robot).presence.returns
+            for name in self.scenario.services:
+                if name in returns:
+                    values[f"restarts/{called(name, robot)}"] = returns[name]
         status = DiagnosticStatus(
             level=1 if refused else 0,
             name=self.NAME,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, cast
@@ -14,7 +14,7 @@ import msgspec
 
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ONLOOKERS, Scenario
+from mecazen.config import COLLECTOR, ONLOOKERS, Scenario, called
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
 from mecazen.processes import (
@@ -23,9 +23,9 @@ from mecazen.processes import (
     on_one_core,
     private_meeting_point,
 )
-from mecazen.runtime import announce_readiness, find_service
+from mecazen.runtime import announce_readiness, declare_alive, find_service, part_of
 from mecazen.service import NS_PER_S
-from mecazen.trajectory import Trajectory
+from mecazen.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
 """Is told, now and then, how many ticks are done."""
@@ -34,11 +34,8 @@ PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
 """How long to wait for a sample before asking whether all processes still live."""
 
-COLLECTOR = "collector"
-"""The part that writes down a distributed run; physics waits for it as for the others."""
 
-
-class Result(msgspec.Struct, frozen=True):
+class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     """What `mecazen simulate --json` prints."""
 
     scenario: str
@@ -50,7 +47,10 @@ class Result(msgspec.Struct, frozen=True):
     """Real-time factor: simulated over wall time, without the start."""
     d_err_m: float | None
     theta_err_deg: float | None
+    """Both measures of several robots are their means."""
     trajectory_sha256: str
+    robots: dict[str, Scores] = {}
+    """The measures of each of several robots, by its name."""
 
 
 def in_lockstep(scenario: Scenario) -> Scenario:
@@ -73,9 +73,11 @@ def simulate(
     bus = LocalBus()
     trajectory = _trajectory(bus, scenario, scenario.services)
     kinds = {part: find_service(part, scenario) for part in scenario.services}
-    parts = {part: kind(bus, scenario) for part, kind in kinds.items()}
-    for name_of_part in parts:
-        bus.declare_alive(name_of_part)
+    parts = {}
+    for role, robot in scenario.processes:
+        seen = part_of(role, scenario, robot)
+        parts[called(role, robot)] = kinds[role](bus.beside(robot), seen)
+        declare_alive(bus.beside(robot), role, seen)
     # Physics is the one part that is not driven by samples alone; its class is not known here.
     physics = cast(Any, parts["physics"])
     begin = time.perf_counter()
@@ -97,12 +99,16 @@ def simulate(
 
 def _trajectory(bus: Bus, scenario: Scenario, parts: Sequence[str]) -> Trajectory:
     """Return the trajectory to be; how often the odometry comes is the controller's to know."""
-    per_odom = getattr(scenario.sections.get("controller"), "ticks_per_update", lambda _: 1)
     sim = scenario.sim
-    try:
-        return Trajectory(bus, sim.tick_ns, sim.ticks, parts, per_odom(sim.tick_s))
-    except ValueError as error:
-        raise ConfigError(f"controller.{error}") from None
+    per_odom = {}
+    for robot in scenario.names:
+        controller = scenario.of(robot).sections.get("controller")
+        ticks_per_update = getattr(controller, "ticks_per_update", lambda _: 1)
+        try:
+            per_odom[robot] = ticks_per_update(sim.tick_s)
+        except ValueError as error:
+            raise ConfigError(f"controller.{error}") from None
+    return Trajectory(bus, sim.tick_ns, sim.ticks, parts, per_odom)
 
 
 def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float) -> Result:
@@ -113,8 +119,10 @@ def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float)
     """
     if not trajectory.complete:
         raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
-    standoff_m, heading_rad = wanted_view(scenario)
-    scores = trajectory.scores(standoff_m, heading_rad)
+    scores = {
+        robot: trajectory.scores(*wanted_view(scenario.of(robot)), robot)
+        for robot in scenario.names
+    }
     duration_s = scenario.sim.ticks * scenario.sim.tick_ns / NS_PER_S
     return Result(
         scenario=name,
@@ -123,10 +131,16 @@ def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float)
         duration_s=duration_s,
         wall_s=wall_s,
         rtf=duration_s / wall_s,
-        d_err_m=scores.d_err_m,
-        theta_err_deg=scores.theta_err_deg,
+        d_err_m=_mean(of.d_err_m for of in scores.values()),
+        theta_err_deg=_mean(of.theta_err_deg for of in scores.values()),
         trajectory_sha256=trajectory.sha256(),
+        robots=scores if scenario.robots else {},
     )
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return math.fsum(known) / len(known) if known else None
 
 
 def wanted_view(scenario: Scenario) -> tuple[float, float]:
@@ -170,10 +184,12 @@ def simulate_distributed(
             bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)
         with closing(bus):
             trajectory = _join(bus, scenario)
-            for part in _collected(scenario):
+            for part, robot in scenario.processes:
+                if part == COLLECTOR:
+                    continue
                 # who no tick waits for keeps off the core of those that it does
                 with beside_that_core() if part in ONLOOKERS else on_one_core():
-                    supervisor.start(part)
+                    supervisor.start(part, robot)
             with beside_that_core():
                 wall_s = _collect(trajectory, bus, lambda: supervisor.poll(0.0), progress)
     finally:
@@ -199,12 +215,17 @@ def collect(
             f"to collect, the services and this need sim.mode=lockstep, and {COLLECTOR!r} "
             "among `services`"
         )
-    seen: set[str] = set()
+    seen: set[tuple[str, str]] = set()
 
     def check() -> None:
-        seen.update(bus.presence.names & set(scenario.services))
-        if gone := seen - bus.presence.names:
-            raise MecazenError(f"{', '.join(sorted(gone))}: gone after {trajectory.done} ticks")
+        alive = {
+            (part, robot)
+            for robot in scenario.names
+            for part in bus.beside(robot).presence.names & set(scenario.services)
+        }
+        seen.update(alive)
+        if gone := sorted({called(*part) for part in seen - alive}):
+            raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
 
     with closing(ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)) as bus:
         trajectory = _join(bus, scenario)
@@ -219,7 +240,7 @@ def _collected(scenario: Scenario) -> list[str]:
 def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
     """Take part in a run as its collector; return the trajectory to be."""
     trajectory = _trajectory(bus, scenario, _collected(scenario))
-    bus.declare_alive(COLLECTOR)
+    declare_alive(bus, COLLECTOR, scenario)
     announce_readiness(bus, COLLECTOR, scenario)
     return trajectory
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import dropwhile
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 import msgspec
 
 from mecazen import keys
 from mecazen.bus import Bus
+from mecazen.config import called
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.wire import Stamp
@@ -61,25 +64,40 @@ class Trajectory:
         tick_ns: The control period [ns].
         ticks: The number of rows of a whole run.
         services: Who takes part; columns of those who do not stay empty.
-        ticks_per_odom: From one odometry, and the command that answers it, to the next.
+        ticks_per_odom: From one odometry, and the command that answers it, to the next; by the
+            names of the robots, each in its own namespace.
     """
 
     def __init__(
-        self, bus: Bus, tick_ns: int, ticks: int, services: Sequence[str], ticks_per_odom: int = 1
+        self,
+        bus: Bus,
+        tick_ns: int,
+        ticks: int,
+        services: Sequence[str],
+        ticks_per_odom: Mapping[str, int] = MappingProxyType({"": 1}),
     ) -> None:
         self._tick_ns = tick_ns
         self._ticks = ticks
-        self._columns: dict[str, dict[int, Row]] = {}
-        self._needed: dict[str, int] = {}
-        self._follow(bus, keys.GROUND_TRUTH, _motion)
-        if "controller" in services:
-            self._follow(bus, keys.ODOM, _pose, ticks_per_odom)
-        if "target" in services:
-            self._follow(bus, keys.TARGET_ODOM, _motion)
-        if "follower" in services:
-            # a follower of one's own need not tell its state; ours does so before it commands
-            self._follow(bus, keys.FOLLOWER_STATE, _estimate, None)
-            self._follow(bus, keys.CMD_VEL, _twist, ticks_per_odom)
+        self._robots = tuple(ticks_per_odom)
+        self._columns: dict[tuple[str, str], dict[int, Row]] = {}
+        self._needed: dict[tuple[str, str], int] = {}
+        for robot, every in ticks_per_odom.items():
+            follow = partial(self._follow, bus, robot)
+            follow(keys.GROUND_TRUTH, _motion)
+            if "controller" in services:
+                follow(keys.ODOM, _pose, every)
+            if "target" in services:
+                follow(keys.TARGET_ODOM, _motion)
+            if "follower" in services:
+                # a follower of one's own need not tell its state; ours does so before it commands
+                follow(keys.FOLLOWER_STATE, _estimate, None)
+                follow(keys.CMD_VEL, _twist, every)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of what a row holds: `COLUMNS`; of several robots, those of each."""
+        time, *others = COLUMNS
+        return time, *(called(name, robot) for robot in self._robots for name in others)
 
     @property
     def complete(self) -> bool:
@@ -93,7 +111,7 @@ class Trajectory:
         return min(self._ticks, *rows)
 
     def rows(self) -> list[Row]:
-        """Return the rows in the order of `COLUMNS`; None where there is nothing."""
+        """Return the rows in the order of `columns`; None where there is nothing."""
         width = {
             keys.GROUND_TRUTH.key: len(POSE) + len(TWIST),
             keys.ODOM.key: len(POSE),
@@ -101,7 +119,11 @@ class Trajectory:
             keys.FOLLOWER_STATE.key: len(_NO_ESTIMATE) + 1,
             keys.CMD_VEL.key: len(TWIST),
         }
-        columns = [(self._columns.get(key, {}), (None,) * count) for key, count in width.items()]
+        columns = [
+            (self._columns.get((robot, key), {}), (None,) * count)
+            for robot in self._robots
+            for key, count in width.items()
+        ]
         return [
             (
                 tick * self._tick_ns / 1e9,
@@ -112,7 +134,7 @@ class Trajectory:
 
     def csv(self) -> bytes:
         """Return the rows as CSV, each number with all its digits."""
-        lines = [",".join(COLUMNS)]
+        lines = [",".join(self.columns)]
         lines += [
             ",".join("" if value is None else str(value) for value in row) for row in self.rows()
         ]
@@ -126,10 +148,10 @@ class Trajectory:
         """Return the hash of the CSV: equal exactly when every number is."""
         return hashlib.sha256(self.csv()).hexdigest()
 
-    def scores(self, standoff_m: float, heading_rad: float) -> Scores:
-        """Return the measures for a distance and a difference of headings to keep."""
-        robots = self._columns[keys.GROUND_TRUTH.key]
-        persons = self._columns.get(keys.TARGET_ODOM.key, {})
+    def scores(self, standoff_m: float, heading_rad: float, robot: str = "") -> Scores:
+        """Return a robot's measures for a distance and a difference of headings to keep."""
+        robots = self._columns[robot, keys.GROUND_TRUTH.key]
+        persons = self._columns.get((robot, keys.TARGET_ODOM.key), {})
         pairs = [
             (_planar(robots[tick]), _planar(persons[tick]))
             for tick in range(self.done)
@@ -146,17 +168,22 @@ class Trajectory:
         )
 
     def _follow(
-        self, bus: Bus, topic: keys.Topic[Any], read: Callable[[Any], Row], every: int | None = 1
+        self,
+        bus: Bus,
+        robot: str,
+        topic: keys.Topic[Any],
+        read: Callable[[Any], Row],
+        every: int | None = 1,
     ) -> None:
-        column = self._columns.setdefault(topic.key, {})
+        column = self._columns.setdefault((robot, topic.key), {})
         if every is not None:
-            self._needed[topic.key] = every
+            self._needed[robot, topic.key] = every
 
         def take(message: Message, stamp: Stamp | None) -> None:
             if stamp is not None:
                 column.setdefault(stamp.time_ns // self._tick_ns, read(message))
 
-        bus.subscribe(topic, take, every=True)
+        bus.beside(robot).subscribe(topic, take, every=True)
 
 
 def _planar(row: Row) -> Pose2D:

@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
@@ -87,6 +87,25 @@ class Bus(ABC):
         self.refused: Counter[str] = Counter()
         self.presence = Presence()
         self._last_report: dict[str, float] = {}
+        self._prefix = ""
+        self._beside: dict[str, Self] = {}
+
+    def beside(self, name: str) -> Self:
+        """Return the bus of a namespace within this one's, or this bus where it has no name.
+
+        What arrives on either is delivered by the `spin_once` of any; both end together.
+        """
+        if not name:
+            return self
+        if name not in self._beside:
+            bus = self._make_beside()
+            bus._prefix, bus.refused = f"{self._prefix}{name}/", self.refused
+            self._beside[name] = bus
+        return self._beside[name]
+
+    @abstractmethod
+    def _make_beside(self) -> Self:
+        """Return a new bus that shares what this one waits for."""
 
     @abstractmethod
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
@@ -157,6 +176,7 @@ class Bus(ABC):
 
     def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count what came on `key` as refused, and log it at most once a second."""
+        key = self._prefix + key
         self.refused[key] += count
         now = time.monotonic()
         if now - self._last_report.get(key, -1.0) >= 1.0:

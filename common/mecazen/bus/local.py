@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from functools import partial
+from threading import Event
 from typing import Any, TypeVar
 
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
@@ -33,7 +34,13 @@ class LocalBus(Bus):
         self._topics: dict[str, Topic[Any]] = {}
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
         self._files: dict[str, bytes] = {}
-        self._stopped = False
+        self._stopped = Event()
+
+    def _make_beside(self) -> LocalBus:
+        """Return a bus of the same queue."""
+        bus = LocalBus()
+        bus._pending, bus._stopped = self._pending, self._stopped
+        return bus
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic."""
@@ -115,7 +122,7 @@ class LocalBus(Bus):
     def spin_once(self, timeout_s: float | None = None) -> bool:
         """Deliver the oldest pending sample; there is nothing to wait for in one thread."""
         del timeout_s
-        if self._stopped:
+        if self._stopped.is_set():
             raise StoppedError
         if not self._pending:
             return False
@@ -129,7 +136,7 @@ class LocalBus(Bus):
 
     def stop(self) -> None:
         """Make the next `spin_once` raise StoppedError."""
-        self._stopped = True
+        self._stopped.set()
 
     def close(self) -> None:
         """Drop what is pending."""

@@ -11,6 +11,7 @@ import re
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from copy import copy
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar
@@ -20,7 +21,7 @@ import zenoh
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
 from mecazen.bus.endpoints import is_open
 from mecazen.certificates import AUTHORITY, OPERATOR
-from mecazen.config import BusConfig
+from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Call, Topic
 from mecazen.messages import Message
@@ -41,8 +42,6 @@ AnswerT = TypeVar("AnswerT", bound=Message)
 logger = logging.getLogger(__name__)
 
 Mode = Literal["router", "peer", "client"]
-LIVELINESS_PREFIX = "mecazen/"
-
 SAMPLE_BYTES = 500
 """About what a sample that waits needs besides its payload."""
 BACKLOG_BYTES = 1 << 26
@@ -263,11 +262,19 @@ class ZenohBus(Bus):
         self._session = open_session(config, mode or config.mode, name)
         self._tokens: list[zenoh.LivelinessToken] = []
 
+    def _make_beside(self) -> ZenohBus:
+        """Return a bus of the same session and queue."""
+        bus = copy(self)
+        Bus.__init__(bus)
+        bus._tokens = []
+        bus._refusals = _Refusals(self._queue, bus.refuse)
+        return bus
+
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic."""
         return _ZenohPublisher(
             self._session.declare_publisher(
-                topic.key,
+                self._prefix + topic.key,
                 encoding=ENCODINGS[self._format],
                 congestion_control=self._congestion,
             ),
@@ -278,9 +285,10 @@ class ZenohBus(Bus):
         self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
     ) -> None:
         """Deliver samples of a topic to `handler`, the latest or every one."""
+        key = self._prefix + topic.key
 
         def check(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
-            if str(sample.key_expr) != topic.key:
+            if str(sample.key_expr) != key:
                 # an expression that holds this key may be allowed to who may not put on it
                 raise RefusedError("put on another key expression")
             return decode_sample(
@@ -335,16 +343,15 @@ class ZenohBus(Bus):
 
         def take(sample: zenoh.Sample) -> None:
             attachment = None if sample.attachment is None else sample.attachment.to_bytes()
-            handler(
-                str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding), attachment
-            )
+            name = str(sample.key_expr).removeprefix(self._prefix)
+            handler(name, sample.payload.to_bytes(), str(sample.encoding), attachment)
 
         full = partial(self._refusals.add, key, f"more than {backlog_bytes:.0f} bytes wait")
         self._declare_subscriber(key, _Backlog(self._queue, take, backlog_bytes, full).receive)
 
     def _declare_subscriber(self, key: str, receive: Callable[[zenoh.Sample], None]) -> None:
         try:
-            self._session.declare_subscriber(key, _direct(receive))
+            self._session.declare_subscriber(self._prefix + key, _direct(receive))
         except zenoh.ZError as error:
             raise BusError(f"{key!r} is not a key expression: {_reason(error)}") from None
 
@@ -353,7 +360,7 @@ class ZenohBus(Bus):
     ) -> None:
         """Publish bytes on any key."""
         self._session.put(
-            key,
+            self._prefix + key,
             payload,
             encoding=encoding or None,
             attachment=attachment,
@@ -364,6 +371,7 @@ class ZenohBus(Bus):
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
     ) -> None:
         """Answer queries on a call's key."""
+        key = self._prefix + call.key
         waiting = threading.Semaphore(WAITING_QUERIES)
 
         def receive(query: zenoh.Query) -> None:
@@ -372,11 +380,11 @@ class ZenohBus(Bus):
             else:
                 reason = f"{WAITING_QUERIES} queries wait"
                 self._refusals.add(call.key, reason)
-                _ZenohReply(query, call.key, self._format).refuse(reason)
+                _ZenohReply(query, key, self._format).refuse(reason)
 
         def take(query: zenoh.Query) -> None:
             waiting.release()
-            reply: _ZenohReply[AnswerT] = _ZenohReply(query, call.key, self._format)
+            reply: _ZenohReply[AnswerT] = _ZenohReply(query, key, self._format)
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
                 request = self._decode_request(call, payload)
@@ -385,7 +393,7 @@ class ZenohBus(Bus):
             else:
                 handler(request, reply)
 
-        self._session.declare_queryable(call.key, _direct(receive))
+        self._session.declare_queryable(key, _direct(receive))
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
         """Answer queries on `prefix/<path>` with a file's bytes."""
@@ -393,19 +401,20 @@ class ZenohBus(Bus):
         def answer(query: zenoh.Query) -> None:
             with query:
                 for path, data in files.items():
-                    key = f"{prefix}/{path}"
+                    key = f"{self._prefix}{prefix}/{path}"
                     if query.key_expr.intersects(zenoh.KeyExpr(key)):
                         query.reply(key, data, encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM)
 
         self._session.declare_queryable(
-            f"{prefix}/**", _direct(lambda query: self._queue.put(partial(answer, query)))
+            f"{self._prefix}{prefix}/**",
+            _direct(lambda query: self._queue.put(partial(answer, query))),
         )
 
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
         """Return the served files that a key expression selects, by key."""
-        replies = self._session.get(selector, timeout=timeout_s)
+        replies = self._session.get(self._prefix + selector, timeout=timeout_s)
         return {
-            str(reply.ok.key_expr): reply.ok.payload.to_bytes()
+            str(reply.ok.key_expr).removeprefix(self._prefix): reply.ok.payload.to_bytes()
             for reply in replies
             if reply.ok is not None
         }
@@ -415,7 +424,7 @@ class ZenohBus(Bus):
     ) -> AnswerT:
         """Query a key and return the answer."""
         replies = self._session.get(
-            call.key,
+            self._prefix + call.key,
             payload=encode(request, self._format),
             encoding=ENCODINGS[self._format],
             timeout=timeout_s,
@@ -440,15 +449,19 @@ class ZenohBus(Bus):
         """
         if not self._tokens:
             self._session.liveliness().declare_subscriber(
-                f"{LIVELINESS_PREFIX}**", _direct(self._on_liveliness), history=True
+                f"{self._alive_prefix}**", _direct(self._on_liveliness), history=True
             )
-        self._tokens.append(self._session.liveliness().declare_token(f"{LIVELINESS_PREFIX}{name}"))
+        self._tokens.append(self._session.liveliness().declare_token(f"{self._alive_prefix}{name}"))
+
+    @property
+    def _alive_prefix(self) -> str:
+        return f"{self._prefix}{LIVELINESS}/"
 
     def alive(self, timeout_s: float = 1.0) -> set[str]:
         """Ask the network who holds a token; names with a slash are marks of readiness."""
-        replies = self._session.liveliness().get(f"{LIVELINESS_PREFIX}**", timeout=timeout_s)
+        replies = self._session.liveliness().get(f"{self._alive_prefix}**", timeout=timeout_s)
         return {
-            str(reply.ok.key_expr).removeprefix(LIVELINESS_PREFIX)
+            str(reply.ok.key_expr).removeprefix(self._alive_prefix)
             for reply in replies
             if reply.ok is not None
         }
@@ -483,7 +496,7 @@ class ZenohBus(Bus):
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
-        name = str(sample.key_expr).removeprefix(LIVELINESS_PREFIX)
+        name = str(sample.key_expr).removeprefix(self._alive_prefix)
         alive = sample.kind == zenoh.SampleKind.PUT
         self._queue.put(partial(self.presence.update, name, alive=alive))
 

@@ -1,46 +1,32 @@
-"""Physics: the robot in its world, and the owner of simulated time."""
+"""Physics: robots in their world, and the owner of simulated time."""
 
 from __future__ import annotations
 
 import logging
-import math
 import secrets
 import time
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import ONLOOKERS, Scenario, whole_ticks
-from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import StepTimeoutError
-from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import to_toml
 from mecazen.messages import (
     Clock,
     Empty,
-    Header,
-    JointState,
-    Odometry,
-    Point,
-    Pose,
-    PoseWithCovariance,
-    Quaternion,
     ResetRequest,
     SimState,
     SpeedRequest,
     StepRequest,
     String,
-    Twist,
-    TwistWithCovariance,
-    Vector3,
 )
-from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.service import NS_PER_S, Service
 from mecazen.wire import Stamp
 
+from mecazen_physics.arena import Arena
 from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.member import Member
 from mecazen_physics.schedule import Schedule
-from mecazen_physics.urdf import build_urdf, meshes
-from mecazen_physics.world import World
 
 logger = logging.getLogger(__name__)
 
@@ -52,20 +38,13 @@ PRESENCE_POLL_S = 0.25
 ARRIVED_AT_MOST = 100
 """Samples that are still taken when a tick is due: many more than make up a tick."""
 
-FARTHEST_M = 1e6
-"""Largest coordinate of a person: beyond it collisions are no numbers."""
-FASTEST_M_S = 10.0
-"""At most this fast a person pushes the robot, however fast they are said to be."""
-
-SLOW_DOWN_S = 1.0
-"""Over this time the wheels are brought to rest when their controller has gone."""
-
 
 class PhysicsService(Service):
-    """The robot with every roller, and simulated time: lockstep or real time.
+    """Robots with every roller, and simulated time: lockstep or real time.
 
     At every tick physics publishes `clock`, `joint_states` and `ground_truth/odom`, waits for
-    the tick's `joint_command` and `target/odom`, and simulates the next control period.
+    the tick's `joint_command` and `target/odom`, and simulates the next control period. Of
+    several robots it does so in the namespace of each.
     """
 
     NAME = "physics"
@@ -75,19 +54,21 @@ class PhysicsService(Service):
         self.config = scenario.section(PhysicsConfig, "physics")
         self.steps_per_tick = whole_ticks("sim.tick_s", scenario.sim.tick_s, self.config.dt_s)
         self.lockstep = scenario.sim.mode == "lockstep"
-        self.answers = {"controller", "target"} & set(scenario.services)
+        self.members = [
+            Member(name, bus.beside(name), scenario.of(name)) for name in scenario.names
+        ]
         self.schedule = Schedule(scenario.sim.tick_s, scenario.sim.speed)
         self.paused = False
         self.steps_left = 0
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         self.missed_deadlines = 0
-        self.clock = bus.publisher(keys.CLOCK)
-        self.joint_states = bus.publisher(keys.JOINT_STATES)
-        self.ground_truth = bus.publisher(keys.GROUND_TRUTH)
+        self.clock = bus.publisher(keys.CLOCK) if scenario.robots else None
+        """Simulated time for all robots together, in no one's namespace."""
         super().__init__(bus, scenario)
-        self.subscribe(keys.JOINT_COMMAND, self.on_joint_command)
-        self.subscribe(keys.TARGET_ODOM, self.on_target_odom)
+        for member in self.members:
+            self.subscribe(keys.JOINT_COMMAND, member.on_joint_command, robot=member.name)
+            self.subscribe(keys.TARGET_ODOM, member.on_target_odom, robot=member.name)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         configuration = to_toml(scenario)
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
@@ -96,25 +77,19 @@ class PhysicsService(Service):
         bus.serve(keys.SIM_STEP, self.on_step)
         bus.serve(keys.SIM_RESET, self.on_reset)
         bus.serve(keys.SIM_SPEED, self.on_speed)
-        serve_description(bus, RobotDescription(build_urdf(scenario.robot), meshes(scenario.robot)))
 
     def reset(self, seed: int) -> None:
-        """Put the robot back to the start, in a world made anew, and begin a run."""
-        self.world = self.make_world()
+        """Put the robots back to the start, in a world made anew, and begin a run."""
+        self.arena = self.make_arena()
         self.tick = 0
         self.stamp = Stamp(0, secrets.randbits(32), seed)
-        self.command: tuple[float, ...] = (0.0,) * len(WHEELS)
-        self.last_command = self.command
-        self.command_is_effort = False
-        self.command_tick = 0
-        self.walking: Pose2D | None = None
-        """Where the person was said to be, as long as somebody says it again and again."""
-        self.person_tick = 0
-        self.awaited = set(self.answers)
+        for number, member in enumerate(self.members):
+            member.reset(self.arena, number, self.stamp)
 
-    def make_world(self) -> World:
+    def make_arena(self) -> Arena:
         """Return the world of a new run."""
-        return World(self.scenario.robot, self.config, self.scenario.start.pose)
+        parts = [self.scenario.of(name) for name in self.scenario.names]
+        return Arena([(part.robot, part.start.pose) for part in parts], self.config)
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready; then simulate until stopped."""
@@ -140,15 +115,12 @@ class PhysicsService(Service):
         if self.asked_reset is not None:
             self._reset_as_asked(*self.asked_reset)
             return
-        self._stop_if_commands_are_gone()
-        self._stop_person_if_gone()
-        if self.command_is_effort:
-            self.world.advance_effort(self.command, self.steps_per_tick)
-        else:
-            self.world.advance(self.command, self.steps_per_tick)
+        commands = [member.end_tick() for member in self.members]
+        self.arena.advance(commands, self.steps_per_tick)
         self.tick += 1
         self.stamp = self.stamp._replace(time_ns=self.tick * self.tick_ns)
-        self.awaited = set(self.answers)
+        for member in self.members:
+            member.begin_tick(self.tick, self.stamp)
         self._publish()
         if self.paused and self.steps_left:
             self.steps_left -= 1
@@ -172,37 +144,6 @@ class PhysicsService(Service):
             self.schedule.restart(self.tick)
         else:
             self._await_due()
-
-    def on_joint_command(self, joints: JointState, stamp: Stamp | None) -> None:
-        """Take velocities [rad/s] or efforts [N·m] of the wheels, by name."""
-        if self._is_intrusion("controller", stamp):
-            return
-        efforts = bool(joints.effort) and not joints.velocity
-        values = dict(zip(joints.name, joints.effort if efforts else joints.velocity, strict=False))
-        if any(name not in values for name in WHEEL_JOINTS):
-            self.bus.refuse(
-                keys.JOINT_COMMAND.key, f"needs a velocity or an effort of {WHEEL_JOINTS}"
-            )
-            return
-        self.command = tuple(values[name] for name in WHEEL_JOINTS)
-        self.command_is_effort = efforts
-        self.command_tick = self.tick
-        if stamp is not None and stamp.time_ns == self.stamp.time_ns:
-            self.awaited.discard("controller")
-
-    def on_target_odom(self, person: Odometry, stamp: Stamp | None) -> None:
-        """Place the person's body."""
-        if self._is_intrusion("target", stamp):
-            return
-        pose, twist = person.pose.pose.to_planar(), person.twist.twist.to_planar()
-        if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
-            self.bus.refuse(keys.TARGET_ODOM.key, f"pose out of range: {tuple(pose)}")
-            return
-        slower = FASTEST_M_S / max(math.hypot(twist.x, twist.y), FASTEST_M_S)
-        self.world.place_person(pose, Twist2D(twist.x * slower, twist.y * slower))
-        self.walking, self.person_tick = pose, self.tick
-        if stamp is not None and stamp.time_ns == self.stamp.time_ns:
-            self.awaited.discard("target")
 
     def on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
         """Hold simulated time at this tick."""
@@ -268,6 +209,16 @@ class PhysicsService(Service):
             "paused": self.paused,
         }
 
+    @property
+    def is_answered(self) -> bool:
+        """Whether all answers to this tick have come."""
+        return not any(member.awaited for member in self.members)
+
+    @property
+    def awaited(self) -> list[str]:
+        """Services whose answer to this tick is still to come."""
+        return [member.called(part) for member in self.members for part in sorted(member.awaited)]
+
     def _await_services(self) -> None:
         others = set(self.scenario.services) - {self.NAME}
         onlookers = set() if self.lockstep else others & set(ONLOOKERS)
@@ -279,22 +230,27 @@ class PhysicsService(Service):
             logger.warning("msg=%r", f"going on without {', '.join(missing)}")
 
     def _await_ready(self, names: set[str], timeout_s: float) -> list[str]:
-        """Wait until services are ready, and return those that are not in time."""
+        """Wait until services of each robot are ready, and return those that are not in time."""
         deadline = time.monotonic() + timeout_s
         while True:
-            missing = [n for n in sorted(names) if f"{n}/ready" not in self.bus.presence.names]
+            missing = [
+                member.called(name)
+                for member in self.members
+                for name in sorted(names)
+                if f"{name}/ready" not in member.bus.presence.names
+            ]
             if not missing or (left_s := deadline - time.monotonic()) <= 0.0:
                 return missing
             self.bus.spin_once(left_s)
 
     def _await_all(self) -> None:
         deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
-        while self.awaited and self.asked_reset is None:
+        while not self.is_answered and self.asked_reset is None:
             if self.bus.spin_once(PRESENCE_POLL_S):
                 continue
-            gone = self.awaited - self.bus.presence.names
+            gone = [member.called(part) for member in self.members for part in sorted(member.gone)]
             if self.lockstep and (gone or time.monotonic() > deadline):
-                missing = ", ".join(sorted(gone or self.awaited))
+                missing = ", ".join(gone or self.awaited)
                 raise StepTimeoutError(
                     f"{missing} did not answer tick {self.tick} (t = {self.stamp.time_ns / 1e9} s)"
                 )
@@ -303,20 +259,16 @@ class PhysicsService(Service):
 
     def _await_due(self) -> None:
         while self.asked_reset is None and not self.paused:
-            wait_s = self.schedule.wait_s(self.tick, answered=not self.awaited)
+            wait_s = self.schedule.wait_s(self.tick, answered=self.is_answered)
             if wait_s <= 0.0:
                 # what has arrived by now still counts, but a flood has no end
                 for _ in range(ARRIVED_AT_MOST):
-                    if not (self.awaited and self.bus.spin_once(0.0)):
+                    if self.is_answered or not self.bus.spin_once(0.0):
                         break
                 break
             self.bus.spin_once(wait_s)
-        if self.awaited and self.asked_reset is None and not self.paused:
+        if not self.is_answered and self.asked_reset is None and not self.paused:
             self.missed_deadlines += 1
-
-    def _is_intrusion(self, name: str, stamp: Stamp | None) -> bool:
-        """Return whether an outsider speaks in lockstep for a service that takes part."""
-        return self.lockstep and stamp is None and name in self.answers
 
     @property
     def _at_the_end(self) -> bool:
@@ -344,61 +296,11 @@ class PhysicsService(Service):
             self.step_reply.refuse(reason)
             self.step_reply = None
 
-    def _stop_if_commands_are_gone(self) -> None:
-        """Let the wheels slow down to rest when nobody commands them any more."""
-        silent_s = (self.tick - self.command_tick) * self.scenario.sim.tick_s
-        if silent_s <= self.config.watchdog_s:
-            self.last_command = self.command
-            return
-        if self.command_is_effort:
-            self.last_command = tuple(self.world.state().joint_velocity[: len(WHEELS)])
-            self.command_is_effort = False
-        left = max(0.0, 1.0 - (silent_s - self.config.watchdog_s) / SLOW_DOWN_S)
-        self.command = tuple(speed * left for speed in self.last_command)
-
-    def _stop_person_if_gone(self) -> None:
-        """Let the person stand where they were last said to be, when nobody says more."""
-        silent_s = (self.tick - self.person_tick) * self.scenario.sim.tick_s
-        if self.walking is not None and silent_s > self.config.watchdog_s:
-            self.world.place_person(self.walking, Twist2D())
-            self.walking = None
-
     def _publish(self) -> None:
-        state = self.world.state()
-        stamp = self.stamp
-        self.clock.put(Clock(clock=stamp.time), stamp)
-        self.joint_states.put(
-            JointState(
-                header=Header(stamp=stamp.time, frame_id="base_link"),
-                name=self.world.joint_names,
-                position=tuple(state.joint_position),
-                velocity=tuple(state.joint_velocity),
-                effort=tuple(state.joint_effort),
-            ),
-            stamp,
-        )
-        x, y, z = state.position
-        qx, qy, qz, qw = state.orientation
-        self.ground_truth.put(
-            Odometry(
-                header=Header(stamp=stamp.time, frame_id="world"),
-                child_frame_id="base_link",
-                pose=PoseWithCovariance(
-                    pose=Pose(
-                        position=Point(x=x, y=y, z=z),
-                        orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
-                    )
-                ),
-                twist=TwistWithCovariance(
-                    twist=Twist(linear=_vector(state.linear), angular=_vector(state.angular))
-                ),
-            ),
-            stamp,
-        )
+        if self.clock is not None:
+            self.clock.put(Clock(clock=self.stamp.time), self.stamp)
+        for member in self.members:
+            member.publish()
         self.schedule.published(self.tick)
-        if stamp.time_ns % NS_PER_S < self.tick_ns:
+        if self.stamp.time_ns % NS_PER_S < self.tick_ns:
             self.publish_diagnostics()
-
-
-def _vector(values: tuple[float, float, float]) -> Vector3:
-    return Vector3(x=values[0], y=values[1], z=values[2])
