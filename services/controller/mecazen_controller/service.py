@@ -44,6 +44,7 @@ class ControllerService(Service):
     """
 
     NAME = "controller"
+    PRIORITY = 3
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         config = scenario.section(ControllerConfig, "controller")

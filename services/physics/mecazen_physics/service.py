@@ -69,6 +69,7 @@ class PhysicsService(Service):
     """
 
     NAME = "physics"
+    PRIORITY = 1
     OWNS_TIME = True
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
