@@ -17,6 +17,7 @@ from mecazen_follower.estimators.turn_rate import (
     SEEN,
     SIZE,
     YAW,
+    Walks,
     estimate_of,
     jacobian,
     move,
@@ -148,7 +149,7 @@ class CtrvParams(TurnRateParams):
     """Of the turn rate."""
 
     @property
-    def walks(self) -> tuple[float, float, float, float, float]:
+    def walks(self) -> Walks:
         """The random walks, as `turn_rate.process_noise` wants them."""
         acceleration, turning = self.acceleration_std_m_s2, self.yaw_acceleration_std_rad_s2
         return self.sway_m_sqrt_m, STEADY, 0.0, acceleration, turning
@@ -172,7 +173,7 @@ class Unscented:
     in Dynamic State-Space Models (2004).
     """
 
-    def __init__(self, walks: Array, state: Array, covariance: Array) -> None:
+    def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
         from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
             MerweScaledSigmaPoints,
             UnscentedKalmanFilter,
@@ -225,7 +226,7 @@ class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):
     """An unscented Kalman filter of constant turn rate and velocity."""
 
     def __init__(self, params: CtrvParams) -> None:
-        self._walks = np.array(params.walks)
+        self._walks = params.walks
         super().__init__(params)
 
     def _begin(self, state: Array, covariance: Array) -> StateFilter:

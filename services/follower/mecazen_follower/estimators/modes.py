@@ -10,6 +10,7 @@ from mecazen_follower.estimators.base import Array
 from mecazen_follower.estimators.turn_rate import (
     SEEN,
     SIZE,
+    Walks,
     jacobian,
     move,
     process_noise,
@@ -22,7 +23,7 @@ LEAST = 1e-100
 class Mode(NamedTuple):
     """A way to move."""
 
-    walks: tuple[float, float, float, float, float]
+    walks: Walks
     """See `process_noise`."""
     moves: bool = True
     """Whether the speed lasts; else it is 0 but for its random walk."""
@@ -47,12 +48,14 @@ class ModeBank:
 
     def __init__(self, modes: tuple[Mode, ...], state: Array, covariance: Array) -> None:
         n = len(modes)
-        self._walks = np.array([mode.walks for mode in modes])
+        self._walks = [mode.walks for mode in modes]
+        self._variances = np.square(self._walks)
+        self._stays = np.eye(n)
         self._keeps = np.ones((n, SIZE))
         self._keeps[:, 3:] = [(mode.moves, mode.turns) for mode in modes]
         leaves = np.array([1.0 / mode.lasts for mode in modes])
-        others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - np.eye(n))
-        self._rates = leaves[:, None] * (others - np.eye(n)) if n > 1 else np.zeros((1, 1))
+        others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - self._stays)
+        self._rates = leaves[:, None] * (others - self._stays) if n > 1 else np.zeros((1, 1))
         self.probabilities = np.full(n, 1.0 / n)
         self._x = np.tile(state, (n, 1))
         self._P = np.tile(covariance, (n, 1, 1))
@@ -61,7 +64,7 @@ class ModeBank:
 
     def predict(self, dt: float) -> None:
         """Mix the modes and move each by `dt` [s]."""
-        joint = self.probabilities[:, None] * (np.eye(len(self._x)) + self._rates * dt)
+        joint = self.probabilities[:, None] * (self._stays + self._rates * dt)
         self.probabilities = joint.sum(axis=0)
         weights = joint / self.probabilities
         x = weights.T @ self._x
@@ -70,9 +73,10 @@ class ModeBank:
         P = (weights[..., None, None] * spread).sum(axis=0)
 
         x *= self._keeps
-        F = jacobian(x, dt) * self._keeps[:, None]
-        self._x = move(x, dt)
-        self._P = F @ P @ F.swapaxes(1, 2) + process_noise(self._walks, x, dt)
+        F = np.array([jacobian(state, dt) for state in x]) * self._keeps[:, None]
+        Q = np.array([process_noise(*mode, dt) for mode in zip(self._walks, x, strict=True)])
+        self._x = np.array([move(state, dt) for state in x])
+        self._P = F @ P @ F.swapaxes(1, 2) + Q
         self._combine()
 
     def update(self, observation: Array, noise: Array) -> None:
@@ -106,6 +110,6 @@ class ModeBank:
     def ahead(self, dt: float) -> tuple[Array, Array]:
         """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
         F = jacobian(self.state, dt)
-        walks = np.sqrt(self.probabilities @ np.square(self._walks))
+        walks = np.sqrt(self.probabilities @ self._variances).tolist()
         Q = process_noise(walks, self.state, dt)
         return move(self.state, dt), F @ self.covariance @ F.T + Q
