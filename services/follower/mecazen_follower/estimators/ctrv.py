@@ -14,7 +14,9 @@ from mecazen_follower.estimators.adaptive import NoiseScale
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
+    IDENTITY,
     SEEN,
+    SEES,
     SIZE,
     YAW,
     Walks,
@@ -208,8 +210,7 @@ class Unscented:
         kf.compute_process_sigmas(0.0)  # of the present, even if nothing moved since
         prediction = kf.P
         kf.update(observation, R=noise)
-        keeps = np.eye(SIZE)
-        keeps[:, :SEEN] -= kf.K
+        keeps = IDENTITY - kf.K @ SEES
         # Joseph's form, since what is seen is linear in the state: see ModeBank
         P = keeps @ prediction @ keeps.T + kf.K @ noise @ kf.K.T
         kf.P = (P + P.T) / 2.0

@@ -8,7 +8,9 @@ import numpy as np
 
 from mecazen_follower.estimators.base import Array
 from mecazen_follower.estimators.turn_rate import (
+    IDENTITY,
     SEEN,
+    SEES,
     SIZE,
     Walks,
     jacobian,
@@ -76,7 +78,7 @@ class ModeBank:
         F = np.array([jacobian(state, dt) for state in x]) * self._keeps[:, None]
         Q = np.array([process_noise(*mode, dt) for mode in zip(self._walks, x, strict=True)])
         self._x = np.array([move(state, dt) for state in x])
-        self._P = F @ P @ F.swapaxes(1, 2) + Q
+        self._P = F @ P @ F.mT + Q
         self._combine()
 
     def update(self, observation: Array, noise: Array) -> None:
@@ -86,14 +88,12 @@ class ModeBank:
         S = PH[:, :SEEN] + noise
         inverse = np.linalg.inv(S)
         K = PH @ inverse
-        whitened = (inverse @ innovation[..., None])[..., 0]
-        squared = (innovation * whitened).sum(axis=1)
-        self._x = self._x + (PH @ whitened[..., None])[..., 0]
-        keeps = np.tile(np.eye(SIZE), (len(K), 1, 1))
-        keeps[:, :, :SEEN] -= K
+        squared = (innovation * (inverse @ innovation[..., None])[..., 0]).sum(axis=1)
+        self._x = self._x + (K @ innovation[..., None])[..., 0]
+        keeps = IDENTITY - K @ SEES
         # Joseph's form: P - K S K' comes out negative when a prediction was hopeless
-        P = keeps @ self._P @ keeps.swapaxes(1, 2) + K @ noise @ K.swapaxes(1, 2)
-        self._P = (P + P.swapaxes(1, 2)) / 2.0  # what rounding makes unequal would grow
+        P = keeps @ self._P @ keeps.mT + K @ noise @ K.mT
+        self._P = (P + P.mT) / 2.0  # what rounding makes unequal would grow
         likelihood = np.exp((squared.min() - squared) / 2.0) / np.sqrt(np.linalg.det(S))
         self.nis = float((self.probabilities * squared).sum())
         # none dies of underflow: after two hopeless observations in a row all might

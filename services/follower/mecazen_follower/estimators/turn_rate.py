@@ -29,6 +29,8 @@ Walks = tuple[float, float, float, float, float]
 """Random walks, see `process_noise`."""
 
 IDENTITY: Array = np.eye(SIZE)
+SEES: Array = np.eye(SEEN, SIZE)
+"""What turns a state into what is seen of it (3, 5)."""
 NEAR_0 = 1e-3
 """Angle [rad] below which the derivative of sin(a)/a is the first term of its series."""
 
@@ -77,16 +79,15 @@ def process_noise(walks: Walks, state: Array, dt: float) -> Array:
     _, _, yaw, v, _ = state.tolist()
     position = sway * abs(v) + step
     c, s = math.cos(yaw), math.sin(yaw)
-    cube, square = dt * dt / 3.0, dt / 2.0
+    way, ahead = speed * dt * dt / 3.0, speed * dt / 2.0
     Q = np.zeros((SIZE, SIZE))
-    Q[X, X] = position + speed * cube * c * c
-    Q[Y, Y] = position + speed * cube * s * s
-    Q[X, Y] = Q[Y, X] = speed * cube * c * s
-    Q[X, V] = Q[V, X] = speed * square * c
-    Q[Y, V] = Q[V, Y] = speed * square * s
+    Q[X, X], Q[Y, Y] = position + way * c * c, position + way * s * s
+    Q[X, Y] = Q[Y, X] = way * c * s
+    Q[X, V] = Q[V, X] = ahead * c
+    Q[Y, V] = Q[V, Y] = ahead * s
     Q[V, V] = speed
-    Q[YAW, YAW] = heading + rate * cube
-    Q[YAW, W] = Q[W, YAW] = rate * square
+    Q[YAW, YAW] = heading + rate * dt * dt / 3.0
+    Q[YAW, W] = Q[W, YAW] = rate * dt / 2.0
     Q[W, W] = rate
     return Q
 
