@@ -31,9 +31,8 @@ class Standoff(NamedTuple):
 
     def goal(self, person: Pose2D) -> Pose2D:
         """Return the pose that the robot should have, in the frame in which `person` is."""
-        x = self.distance * math.cos(self.bearing)
-        y = self.distance * math.sin(self.bearing)
-        return person.compose(Pose2D(x, y, self.heading))
+        x, y = rotate(self.distance, 0.0, person.yaw + self.bearing)
+        return Pose2D(person.x + x, person.y + y, wrap(person.yaw + self.heading))
 
     def person(self, goal: Pose2D) -> Pose2D:
         """Return the person whose place `goal` is; the reverse of `goal`."""
@@ -46,12 +45,8 @@ class Standoff(NamedTuple):
 
         `velocity` and the result are in the axes of the frame in which `person` is.
         """
-        goal = self.goal(person)
-        return Twist2D(
-            velocity.x - velocity.yaw * (goal.y - person.y),
-            velocity.y + velocity.yaw * (goal.x - person.x),
-            velocity.yaw,
-        )
+        x, y = rotate(self.distance, 0.0, person.yaw + self.bearing)
+        return Twist2D(velocity.x - velocity.yaw * y, velocity.y + velocity.yaw * x, velocity.yaw)
 
     def errors(self, person: Pose2D, robot: Pose2D) -> Errors:
         """Return actual less wanted distance, bearing and heading of `robot`."""

@@ -62,24 +62,20 @@ class ModeBank:
         self._x = np.tile(state, (n, 1))
         self._P = np.tile(covariance, (n, 1, 1))
         self.nis = 0.0
-        self._combine()
+        self.state, self.covariance = state, covariance
 
     def predict(self, dt: float) -> None:
         """Mix the modes and move each by `dt` [s]."""
         joint = self.probabilities[:, None] * (self._stays + self._rates * dt)
         self.probabilities = joint.sum(axis=0)
-        weights = joint / self.probabilities
-        x = weights.T @ self._x
-        apart = self._x[:, None] - x  # from, to, state
-        spread = self._P[:, None] + apart[..., :, None] * apart[..., None, :]
-        P = (weights[..., None, None] * spread).sum(axis=0)
+        x, P = _mixture((joint / self.probabilities).T, self._x, self._P)
 
         x *= self._keeps
         F = np.array([jacobian(state, dt) for state in x]) * self._keeps[:, None]
         Q = np.array([process_noise(*mode, dt) for mode in zip(self._walks, x, strict=True)])
         self._x = np.array([move(state, dt) for state in x])
         self._P = F @ P @ F.mT + Q
-        self._combine()
+        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
 
     def update(self, observation: Array, noise: Array) -> None:
         """Take in an observation (3) with its covariance (3, 3)."""
@@ -95,17 +91,11 @@ class ModeBank:
         P = keeps @ self._P @ keeps.mT + K @ noise @ K.mT
         self._P = (P + P.mT) / 2.0  # what rounding makes unequal would grow
         likelihood = np.exp((squared.min() - squared) / 2.0) / np.sqrt(np.linalg.det(S))
-        self.nis = float((self.probabilities * squared).sum())
+        self.nis = float(self.probabilities @ squared)
         # none dies of underflow: after two hopeless observations in a row all might
         self.probabilities = np.maximum(self.probabilities * likelihood, LEAST)
         self.probabilities /= self.probabilities.sum()
-        self._combine()
-
-    def _combine(self) -> None:
-        self.state: Array = self.probabilities @ self._x
-        apart = self._x - self.state
-        spread = self._P + apart[:, :, None] * apart[:, None, :]
-        self.covariance: Array = (self.probabilities[:, None, None] * spread).sum(axis=0)
+        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
 
     def ahead(self, dt: float) -> tuple[Array, Array]:
         """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
@@ -113,3 +103,17 @@ class ModeBank:
         walks = np.sqrt(self.probabilities @ self._variances).tolist()
         Q = process_noise(walks, self.state, dt)
         return move(self.state, dt), F @ self.covariance @ F.T + Q
+
+
+def _mixture(weights: Array, x: Array, P: Array) -> tuple[Array, Array]:
+    """Return means (..., 5) and covariances (..., 5, 5) of mixtures of n Gaussians.
+
+    Args:
+        weights: How much of each there is (..., n).
+        x: The means of the Gaussians (n, 5).
+        P: Their covariances (n, 5, 5).
+    """
+    mean = weights @ x
+    apart = x - mean[..., None, :]
+    within = (weights @ P.reshape(len(P), -1)).reshape(*mean.shape, SIZE)
+    return mean, within + apart.mT @ (weights[..., None] * apart)
