@@ -50,7 +50,8 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     """
     velocity, acceleration = state
     aim = min(max(reference, -limits.velocity), limits.velocity)
-    if velocity * aim < 0.0 and limits.acceleration != limits.deceleration:
+    reverses = velocity < 0.0 < aim or aim < 0.0 < velocity
+    if reverses and limits.acceleration != limits.deceleration:
         aim = 0.0
 
     rise = limits.deceleration if velocity < 0.0 else limits.acceleration
