@@ -61,10 +61,11 @@ class Sensor:
         capture = max(tick - self._latency, 0)
         captured, robot, person = self._past[0]
         row = tick // self._ticks_per_frame % NOISE_FRAMES
-        seen = captured == tick - self._latency and self._sees(capture, robot.between(person))
+        relative = robot.between(person)
+        seen = captured == tick - self._latency and self._sees(capture, relative)
         if not seen or self._dropped[row]:
             return Frame(capture, None)
-        pose = person if self._config.frame == "world" else robot.between(person)
+        pose = person if self._config.frame == "world" else relative
         x, y, yaw = self._noise[row].tolist()
         return Frame(capture, Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw)))
 
