@@ -31,8 +31,9 @@ class Standoff(NamedTuple):
 
     def goal(self, person: Pose2D) -> Pose2D:
         """Return the pose that the robot should have, in the frame in which `person` is."""
-        x, y = rotate(self.distance, 0.0, person.yaw + self.bearing)
-        return Pose2D(person.x + x, person.y + y, wrap(person.yaw + self.heading))
+        x = self.distance * math.cos(self.bearing)
+        y = self.distance * math.sin(self.bearing)
+        return person.compose(Pose2D(x, y, self.heading))
 
     def person(self, goal: Pose2D) -> Pose2D:
         """Return the person whose place `goal` is; the reverse of `goal`."""
