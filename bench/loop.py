@@ -1,12 +1,23 @@
-"""The whole loop: in one process, as processes over Zenoh, and its messages alone."""
+"""The whole loop: in one process, as processes over Zenoh, its messages alone, and its parts."""
 
 from __future__ import annotations
 
+import time
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar, cast
 
+from mecazen.bus import Bus, LocalBus
+from mecazen.bus.base import Handler, Publisher
+from mecazen.config import Scenario
+from mecazen.keys import Topic
 from mecazen.loading import load_scenario
-from mecazen.simulate import Result, simulate, simulate_distributed
+from mecazen.messages import Message
+from mecazen.runtime import find_service
+from mecazen.simulate import Result, in_lockstep, simulate, simulate_distributed
+from mecazen.trajectory import Trajectory
+from mecazen.wire import Stamp
 
 from bench.figures import Figure, Group, Row, Target
 from bench.scenarios import SCENARIOS
@@ -16,12 +27,26 @@ DURATION_S = 20.0
 STEPS = ("physics.dt_s=0.001",)
 NULL_PHYSICS = Path(__file__).with_name("null_physics.py")
 
-DISTRIBUTED = Target.at_least(700.0)
-MESSAGING = Target.at_least(2000.0)
+REAL_TIMES = Target.at_least(25.0)
+DISTRIBUTED_REAL_TIMES = Target.at_least(12.0)
+MESSAGING_TICKS = Target.at_least(4000.0)
+SHARE = Target.below(10.0)
+
+BUS = "messages and bus"
+HEAVY = ("physics", "follower")
+"""Parts whose share has no bound: what they compute is what the loop is for."""
+TICKS_PER_SAMPLE = 100
+"""So many that each sample has as many frames of the sensor as any other."""
+
+MessageT = TypeVar("MessageT", bound=Message)
 
 
 def run(duration_s: float = DURATION_S, repetitions: int = REPETITIONS) -> list[Group]:
-    """Run the scenario `back` in each of the three ways, in turns."""
+    """Run the scenario `back` in each of the ways in turns, and take a tick to its parts."""
+    return [_ways(duration_s, repetitions), _parts(duration_s, repetitions)]
+
+
+def _ways(duration_s: float, repetitions: int) -> Group:
     path = SCENARIOS / "back.toml"
     settings = (*STEPS, f"sim.duration_s={duration_s}")
     nothing = (*settings, f'programs.physics="{NULL_PHYSICS}:NullPhysics"')
@@ -32,7 +57,13 @@ def run(duration_s: float = DURATION_S, repetitions: int = REPETITIONS) -> list[
             path, nothing, path.stem
         ),
     }
-    targets = dict(zip(ways, (None, DISTRIBUTED, MESSAGING), strict=True))
+    targets = dict(
+        zip(
+            ways,
+            ((None, REAL_TIMES), (None, DISTRIBUTED_REAL_TIMES), (MESSAGING_TICKS, None)),
+            strict=True,
+        )
+    )
     results: dict[str, list[Result]] = {name: [] for name in ways}
     for _ in range(repetitions):
         for name, way in ways.items():
@@ -41,8 +72,8 @@ def run(duration_s: float = DURATION_S, repetitions: int = REPETITIONS) -> list[
         Row(
             name,
             {
-                "ticks/s": Figure.median([r.ticks / r.wall_s for r in found], targets[name]),
-                "× real time": Figure.median([r.rtf for r in found]),
+                "ticks/s": Figure.median([r.ticks / r.wall_s for r in found], targets[name][0]),
+                "× real time": Figure.median([r.rtf for r in found], targets[name][1]),
             },
         )
         for name, found in results.items()
@@ -51,4 +82,110 @@ def run(duration_s: float = DURATION_S, repetitions: int = REPETITIONS) -> list[
         f"lockstep, physics at 1 ms; medians (quartiles) of {repetitions} runs of "
         f"{duration_s:g} s in turns, without their start"
     )
-    return [Group("The loop: scenario back", how, tuple(rows))]
+    return Group("The loop: scenario back", how, tuple(rows))
+
+
+class Stopwatch:
+    """Adds up how long each part of a run has been at work; one is at any time."""
+
+    def __init__(self) -> None:
+        self.ns: defaultdict[str, int] = defaultdict(int)
+        self._part = BUS
+        self._since = time.perf_counter_ns()
+
+    def turn_to(self, part: str) -> None:
+        """Let `part` be at work from now on."""
+        now = time.perf_counter_ns()
+        self.ns[self._part] += now - self._since
+        self._part, self._since = part, now
+
+
+class TimedBus:
+    """A bus as one part of the loop sees it: its handlers count as the part's time.
+
+    Publishing counts as the bus's, and so does all that is between two handlers.
+    """
+
+    def __init__(self, bus: LocalBus, watch: Stopwatch, part: str) -> None:
+        self._bus, self._watch, self._part = bus, watch, part
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._bus, name)
+
+    def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
+        """Return what publishes on a topic, timed."""
+        return _TimedPublisher(self._bus.publisher(topic), self._watch, self._part)
+
+    def subscribe(
+        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+    ) -> None:
+        """Deliver samples of a topic to `handler`, timed."""
+
+        def timed(message: MessageT, stamp: Stamp | None) -> None:
+            self._watch.turn_to(self._part)
+            handler(message, stamp)
+            self._watch.turn_to(BUS)
+
+        self._bus.subscribe(topic, timed, every=every)
+
+
+class _TimedPublisher(Publisher[MessageT]):
+    def __init__(self, publisher: Publisher[MessageT], watch: Stopwatch, part: str) -> None:
+        self._publisher, self._watch, self._part = publisher, watch, part
+
+    def put(self, message: MessageT, stamp: Stamp) -> None:
+        self._watch.turn_to(BUS)
+        self._publisher.put(message, stamp)
+        self._watch.turn_to(self._part)
+
+
+def _parts(duration_s: float, repetitions: int) -> Group:
+    settings = (*STEPS, f"sim.duration_s={duration_s}")
+    scenario = in_lockstep(load_scenario(SCENARIOS / "back.toml", settings))
+    samples = [sample for _ in range(repetitions) for sample in _timed_run(scenario)]
+    totals = [sum(sample.values()) for sample in samples]
+    rows = [
+        Row(
+            part,
+            {
+                "µs/tick": Figure.median([sample[part] / 1e3 for sample in samples]),
+                "% of the tick": Figure.median(
+                    [100.0 * s[part] / total for s, total in zip(samples, totals, strict=True)],
+                    None if part in HEAVY else SHARE,
+                ),
+            },
+        )
+        for part in (*scenario.services, "trajectory", BUS)
+    ]
+    rows.append(Row("all", {"µs/tick": Figure.median([total / 1e3 for total in totals])}))
+    how = (
+        f"in one process, physics at 1 ms; medians (quartiles) over samples of {TICKS_PER_SAMPLE} "
+        "ticks; a part's handlers with the messages that they make, and the stopwatch's own time"
+    )
+    return Group("A tick, part by part: scenario back", how, tuple(rows))
+
+
+def _timed_run(scenario: Scenario) -> list[dict[str, float]]:
+    """Return the time [ns] of each part in a tick, as means over `TICKS_PER_SAMPLE`."""
+    bus, watch = LocalBus(), Stopwatch()
+
+    def seen_by(part: str) -> Bus:
+        return cast(Bus, TimedBus(bus, watch, part))
+
+    sim, services = scenario.sim, scenario.services
+    Trajectory(seen_by("trajectory"), sim.tick_ns, sim.ticks, services)
+    parts = {part: find_service(part, scenario)(seen_by(part), scenario) for part in services}
+    for part in parts:
+        bus.declare_alive(part)
+    physics = cast(Any, parts["physics"])
+    physics.begin()
+    samples = []
+    for _ in range(sim.ticks // TICKS_PER_SAMPLE):
+        watch.ns.clear()
+        for _ in range(TICKS_PER_SAMPLE):
+            watch.turn_to(BUS)
+            physics.await_answers()
+            watch.turn_to("physics")
+            physics.step()  # which has nothing to wait for any more
+        samples.append({part: ns / TICKS_PER_SAMPLE for part, ns in watch.ns.items()})
+    return samples

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from bench import experiments, flood, latency, loop, malformed, physics, recorder, viewer
+from bench import experiments, flood, latency, malformed, physics, recorder, viewer
 from bench.__main__ import Report
 from bench.figures import Figure, Group, Target
 from bench.machine import Machine
@@ -60,14 +60,6 @@ def test_experiments_run_with_one_worker_and_with_two() -> None:
     one, two = figures(experiments.run(duration_s=0.5, repetitions=1)).values()
     assert one["runs/min"].value > 0.0
     assert two["120 runs, min"].value == pytest.approx(120 / two["runs/min"].value)
-
-
-def test_the_loop_runs_in_all_three_ways() -> None:
-    rows = figures(loop.run(duration_s=0.3, repetitions=1))
-    assert len(rows) == 3
-    for row in rows.values():
-        assert row["ticks/s"].value == pytest.approx(100.0 * row["× real time"].value)
-        assert row["ticks/s"].value > 1.0
 
 
 def test_every_command_is_answered_in_real_time() -> None:

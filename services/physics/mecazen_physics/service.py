@@ -6,6 +6,7 @@ import logging
 import math
 import secrets
 import time
+from operator import itemgetter
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
@@ -148,7 +149,7 @@ class PhysicsService(Service):
         else:
             self.world.advance(self.command, self.steps_per_tick)
         self.tick += 1
-        self.stamp = self.stamp._replace(time_ns=self.tick * self.tick_ns)
+        self.stamp = Stamp(self.tick * self.tick_ns, self.stamp.run, self.stamp.seed)
         self.awaited = set(self.answers)
         self._publish()
         if self.paused and self.steps_left:
@@ -180,12 +181,13 @@ class PhysicsService(Service):
             return
         efforts = bool(joints.effort) and not joints.velocity
         values = dict(zip(joints.name, joints.effort if efforts else joints.velocity, strict=False))
-        if any(name not in values for name in WHEEL_JOINTS):
+        try:
+            self.command = _of_wheels(values)
+        except KeyError:
             self.bus.refuse(
                 keys.JOINT_COMMAND.key, f"needs a velocity or an effort of {WHEEL_JOINTS}"
             )
             return
-        self.command = tuple(values[name] for name in WHEEL_JOINTS)
         self.command_is_effort = efforts
         self.command_tick = self.tick
         if stamp is not None and stamp.time_ns == self.stamp.time_ns:
@@ -366,11 +368,11 @@ class PhysicsService(Service):
 
     def _publish(self) -> None:
         state = self.world.state()
-        stamp = self.stamp
-        self.clock.put(Clock(clock=stamp.time), stamp)
+        stamp, now = self.stamp, self.stamp.time
+        self.clock.put(Clock(clock=now), stamp)
         self.joint_states.put(
             JointState(
-                header=Header(stamp=stamp.time, frame_id="base_link"),
+                header=Header(stamp=now, frame_id="base_link"),
                 name=self.world.joint_names,
                 position=tuple(state.joint_position),
                 velocity=tuple(state.joint_velocity),
@@ -382,7 +384,7 @@ class PhysicsService(Service):
         qx, qy, qz, qw = state.orientation
         self.ground_truth.put(
             Odometry(
-                header=Header(stamp=stamp.time, frame_id="world"),
+                header=Header(stamp=now, frame_id="world"),
                 child_frame_id="base_link",
                 pose=PoseWithCovariance(
                     pose=Pose(
@@ -399,6 +401,10 @@ class PhysicsService(Service):
         self.schedule.published(self.tick)
         if stamp.time_ns % NS_PER_S < self.tick_ns:
             self.publish_diagnostics()
+
+
+_of_wheels = itemgetter(*WHEEL_JOINTS)
+"""Takes the four wheels' values, in their order, from those of any joints by name."""
 
 
 def _vector(values: tuple[float, float, float]) -> Vector3:
