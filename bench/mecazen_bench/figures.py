@@ -84,13 +84,17 @@ class Figure(msgspec.Struct, frozen=True):
         return abs(value - self.better)
 
     def texts(self) -> tuple[str, str, str]:
-        """Return value, quartiles and target as tables show them; empty where there is none."""
+        """Return value, quartiles and target as tables show them.
+
+        Without a target, or quartiles that differ as they are shown, there is an empty text.
+        """
         quartiles = target = ""
         if self.quartiles is not None:
-            quartiles = "{:.4g} to {:.4g}".format(*self.quartiles)
+            low, high = map(_number, self.quartiles)
+            quartiles = f"{low} to {high}" if low != high else ""
         if self.target is not None:
             target = f"{'✓' if self.met else '✗'} {self.target.text}"
-        return f"{self.value:.4g}", quartiles, target
+        return _number(self.value), quartiles, target
 
 
 class Row(msgspec.Struct, frozen=True):
@@ -167,6 +171,9 @@ def _cell(texts: tuple[str, ...]) -> str:
     if not texts:
         return ""
     value, quartiles, target = texts
-    low, _, high = quartiles.partition(" to ")
-    spread = f" ({low}–{high})" if low != high else ""  # what does not scatter as it is shown
+    spread = f" ({quartiles})" if quartiles else ""
     return f"{value}{spread} {target}".rstrip()
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"

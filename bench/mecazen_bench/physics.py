@@ -150,7 +150,7 @@ def _figures(engine: Engine, seconds: float, found: Accuracy) -> dict[str, Figur
         "× real time": Figure.of(engine.dt_s / seconds, RTF if held and exact else "more"),
         "ripple % of R": Figure.of(percent, RIPPLE_PERCENT if exact else "less"),
         "forward": Figure.of(found.forward, GAIN),
-        "lateral": Figure.of(found.lateral, LATERAL),
+        "lateral": Figure(found.lateral, lateral, target=LATERAL),
         "lateral / predicted": Figure.of(found.lateral / lateral, GAIN),
         "yaw / predicted": Figure.of(found.yaw / yaw, GAIN),
         "energy %/s": Figure.of(100.0 * found.energy, 0.0),

@@ -64,7 +64,7 @@ def _write(recording: Recording, encoding: Encoding) -> Row:
     messages: list[Message] = [
         sample.message(topic.type) for sample in samples if (topic := topic_of(sample.key))
     ]
-    path = recording.path.with_name("again.mcap")
+    path = recording.path.with_name(f"alone-{encoding}.mcap")
     writer = RecordingWriter(path, encoding)
     begin = time.perf_counter()
     for sample, message in zip(samples, messages, strict=True):

@@ -186,7 +186,7 @@ def test_results_are_printed_as_a_documents_tables(tmp_path: Path) -> None:
     shown = CliRunner().invoke(app, ["bench", "markdown", str(path)])
     assert shown.exit_code == 0
     assert "### Physics\n\n| | µs/step | gain |\n| --- | --- | --- |\n" in shown.output
-    assert "| nexus | 80 (79–81) | 0.9991 ✓ 1 ± 0.01 |\n\nSo.\n" in shown.output
+    assert "| nexus | 80 (79 to 81) | 0.9991 ✓ 1 ± 0.01 |\n\nSo.\n" in shown.output
 
 
 @pytest.mark.parametrize(
