@@ -111,7 +111,7 @@ gazebo:
 bench/build/gazebo-peer: bench/gazebo/gazebo_peer.cpp
 	@mkdir -p $(@D)
 	@echo "building $@"
-	@g++ -O2 -std=c++17 $< -o $@ -DENGINES='"'$$(pkg-config --variable=libdir ignition-physics5)/ign-physics-5/engine-plugins'"' \
+	@g++ -O2 -std=c++17 -rdynamic $< -o $@ -DENGINES='"'$$(pkg-config --variable=libdir ignition-physics5)/ign-physics-5/engine-plugins'"' \
 		$$(pkg-config --cflags --libs $(GAZEBO_MODULES))
 
 clean:

@@ -50,6 +50,13 @@ using Model = physics::Model3dPtr<Features>;
 using Link = physics::Link3dPtr<Features>;
 using Joint = physics::Joint3dPtr<Features>;
 
+// Debian builds the engine with a profiler that listens on a port of all addresses. It gets none
+// here, and its calls do nothing.
+extern "C" int _rmt_CreateGlobalInstance(void **profiler) {
+    *profiler = nullptr;
+    return 0;
+}
+
 namespace {
 
 constexpr auto plugin = ENGINES "/libignition-physics-dartsim-plugin.so";

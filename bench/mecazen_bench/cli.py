@@ -59,14 +59,15 @@ def run(
     }
     with Console(stderr=True).status("") as status:
         found = parts.measure(chosen, lambda what: status.update(f"measuring {what} …"))
-    path = json or results.default_path(found.machine, list(chosen) if only else [])
-    results.write(found, path)
     console = _console()
     console.print(found.table())
     for group in found.groups:
         console.print(f"[dim]{group.title}: {group.how}[/]")
     took = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in found.seconds.items())
-    console.print(f"{found.text()}\ntook {took}; figures: {path}")
+    console.print(f"{found.text()}\ntook {took}")
+    path = json or results.default_path(found.machine, list(chosen) if only else [])
+    results.write(found, path)
+    console.print(f"figures: {path}")
 
 
 @app.command()

@@ -35,7 +35,7 @@ class Machine(msgspec.Struct, frozen=True):
         return cls(
             cpu=_cpu(),
             cores=len(os.sched_getaffinity(0)),
-            kernel=platform.release(),
+            kernel=".".join(platform.release().split(".")[:2]),
             python=platform.python_version(),
             libraries={name: found for name in LIBRARIES if (found := _version(name))},
         )
@@ -50,7 +50,8 @@ class Machine(msgspec.Struct, frozen=True):
     def text(self) -> str:
         """Return the machine in one line."""
         libraries = ", ".join(f"{name} {found}" for name, found in self.libraries.items())
-        return f"{self.cpu}, {self.cores} cores; Python {self.python}, {libraries}"
+        system = f"Linux {self.kernel}, Python {self.python}"
+        return f"{self.cpu}, {self.cores} cores; {system}, {libraries}"
 
 
 class OtherWork(msgspec.Struct, frozen=True):

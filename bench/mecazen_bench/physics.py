@@ -28,7 +28,7 @@ PEERS_STEP_S = 0.001
 """Gazebo's own, unless a world asks for another."""
 BLOCKS = 5
 OURS: dict[str, dict[str, Any]] = {"all rollers": {}}
-"""The settings of physics that are compared, by name."""
+"""Settings of physics that are measured beside each other, by name."""
 
 RTF = Target.at_least(12.0)
 """Of our `nexus` at 1 ms."""
@@ -41,7 +41,7 @@ LATERAL = Target.around(1.0, 0.035)
 class DartEngine:
     """The world of our physics service."""
 
-    def __init__(self, robot: Robot, dt_s: float, rollers: str = "all rollers") -> None:
+    def __init__(self, robot: Robot, dt_s: float, rollers: str) -> None:
         self.name = f"mecazen, {rollers}"
         self.robot = robot
         self.dt_s = dt_s
