@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import time
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -81,7 +82,7 @@ class Others:
 
     def __init__(self) -> None:
         self._load = os.getloadavg()
-        self._begin_s, self._begin_all_s = time.monotonic(), self._processor_s()
+        self._begin_s, self._begin_all_s = time.monotonic(), _processor_s()
         self._spent: dict[tuple[int, float], tuple[str, float, float]] = {}
         self._first = True
         self.look()
@@ -112,18 +113,22 @@ class Others:
         return OtherWork(
             load=self._load,
             # the two clocks are not read at one instant
-            cores=max(0.0, (self._processor_s() - self._begin_all_s) / elapsed),
+            cores=max(0.0, (_processor_s() - self._begin_all_s) / elapsed),
             busiest={name: share for name, share in busiest if share >= LEAST_SHARE},
         )
 
-    @staticmethod
-    def _processor_s() -> float:
-        """Return the processor time of all others; a hypervisor's other guests are some."""
-        machine = psutil.cpu_times()
-        own = os.times()
-        # guest is in user already
-        busy = machine.user + machine.nice + machine.system + machine.irq + machine.softirq
-        return float(busy + machine.steal) - sum(own[:4])
+
+def _processor_s() -> float:
+    """Return the processor time of all others; a hypervisor's other guests are some."""
+    machine = psutil.cpu_times()
+    # guest is in user already
+    busy = machine.user + machine.nice + machine.system + machine.irq + machine.softirq
+    own = sum(os.times()[:4])  # with the children that have ended
+    for child in psutil.Process().children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            spent = child.cpu_times()
+            own += spent.user + spent.system
+    return float(busy + machine.steal - own)
 
 
 def _cpu() -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 from mecazen.cli.app import app
-from mecazen_bench import results
+from mecazen_bench import machine, results
 from mecazen_bench.compare import Change, compare, notes
 from mecazen_bench.figures import Better, Figure, Group, Row, Target, merged
 from mecazen_bench.machine import Machine, Others, OtherWork
@@ -114,14 +116,37 @@ def test_a_machine_is_named_by_its_processor_and_cores() -> None:
     assert here.name.strip("-abcdefghijklmnopqrstuvwxyz0123456789") == ""
 
 
-def test_what_others_do_is_seen_and_what_we_do_is_not() -> None:
+def test_what_others_do_is_seen_and_what_we_do_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, all_s = 100.0, 50.0
+    spent = {(7, "make", 5.0): 1.0, (8, "cc1plus", 6.0): 2.0, (os.getpid(), "we", 7.0): 3.0}
+
+    def processes(_: list[str]) -> list[SimpleNamespace]:
+        return [
+            SimpleNamespace(
+                pid=pid,
+                info={
+                    "name": name,
+                    "create_time": begin,
+                    "cpu_times": SimpleNamespace(user=seconds, system=0.0),
+                },
+            )
+            for (pid, name, begin), seconds in spent.items()
+        ]
+
+    monkeypatch.setattr(machine.psutil, "process_iter", processes)
+    monkeypatch.setattr(machine.time, "monotonic", lambda: now_s)
+    monkeypatch.setattr(machine, "_processor_s", lambda: all_s)
     others = Others()
-    sum(range(3_000_000))
+    # in 10 s: cc1plus 3 s and ends; another of it 2 s; make next to nothing; we a lot
+    now_s, all_s = 110.0, 56.0
+    spent |= {(8, "cc1plus", 6.0): 5.0, (os.getpid(), "we", 7.0): 12.0, (7, "make", 5.0): 1.01}
+    others.look()
+    del spent[8, "cc1plus", 6.0]
+    spent[9, "cc1plus", 105.0] = 2.0
     work = others.work()
-    assert len(work.load) == 3
-    assert work.cores >= 0.0
-    assert all(share >= 0.01 for share in work.busiest.values())
-    assert "meanwhile others took" in work.text()
+    assert work.cores == pytest.approx(0.6)
+    assert work.busiest == pytest.approx({"cc1plus": 0.5})
+    assert work.text().endswith("meanwhile others took 0.60 cores: cc1plus 0.50")
 
 
 @pytest.mark.parametrize(
