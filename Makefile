@@ -106,7 +106,7 @@ gazebo:
 	@dpkg -s $(GAZEBO) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
 		apt-get install -y -qq --no-install-recommends $(GAZEBO); } >/dev/null 2>&1 || \
 		echo "without $(GAZEBO) the rows of Gazebo's physics are left out"
-	@! pkg-config --exists $(GAZEBO_MODULES) 2>/dev/null || $(MAKE) --no-print-directory bench/build/gazebo-peer
+	@! pkg-config --exists $(GAZEBO_MODULES) 2>/dev/null || $(MAKE) -s bench/build/gazebo-peer
 
 bench/build/gazebo-peer: bench/gazebo/gazebo_peer.cpp
 	@mkdir -p $(@D)

@@ -118,7 +118,9 @@ class Group(msgspec.Struct, frozen=True):
         for row in self.rows:
             cells = (row.figures[title].texts() if title in row.figures else () for title in titles)
             lines.append([row.subject, *map(_cell, cells)])
-        table = "\n".join(f"| {' | '.join(line)} |".replace("|  |", "| |") for line in lines)
+        table = "\n".join(
+            f"|{''.join(f' {cell} |' if cell else ' |' for cell in line)}" for line in lines
+        )
         return f"### {self.title}\n\n{table}\n\n{self.how[:1].upper()}{self.how[1:]}.\n"
 
 

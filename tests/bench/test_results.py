@@ -256,3 +256,9 @@ def test_an_unknown_part_is_refused() -> None:
     assert isinstance(done.exception, MecazenError)
     assert "no such part; there are physics, loop" in str(done.exception)
     assert json.dumps(str(done.exception)).count("\\n") == 0
+
+
+def test_a_figure_that_a_row_lacks_is_an_empty_cell() -> None:
+    one, two = Figure.of(12_345.6, "more"), Figure.of(0.25, "less")
+    group = Group("T", "so", (Row("a", {"x": one, "y": two}), Row("b", {"x": two})))
+    assert "| a | 12,346 | 0.25 |\n| b | 0.25 | |\n" in group.markdown()
