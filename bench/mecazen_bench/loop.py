@@ -19,11 +19,10 @@ from mecazen.simulate import Result, in_lockstep, simulate, simulate_distributed
 from mecazen.trajectory import Trajectory
 from mecazen.wire import Stamp
 
-from bench.figures import Figure, Group, Row, Target
-from bench.scenarios import SCENARIOS
+from mecazen_bench.figures import Better, Figure, Group, Row, Target
+from mecazen_bench.scenarios import SCENARIOS
 
-REPETITIONS = 3
-DURATION_S = 20.0
+DURATION_S = 10.0
 STEPS = ("physics.dt_s=0.001",)
 NULL_PHYSICS = Path(__file__).with_name("null_physics.py")
 
@@ -35,18 +34,16 @@ SHARE = Target.below(10.0)
 BUS = "messages and bus"
 HEAVY = ("physics", "follower")
 """Parts whose share has no bound: what they compute is what the loop is for."""
-TICKS_PER_SAMPLE = 100
-"""So many that each sample has as many frames of the sensor as any other."""
 
 MessageT = TypeVar("MessageT", bound=Message)
 
 
-def run(duration_s: float = DURATION_S, repetitions: int = REPETITIONS) -> list[Group]:
-    """Run the scenario `back` in each of the ways in turns, and take a tick to its parts."""
-    return [_ways(duration_s, repetitions), _parts(duration_s, repetitions)]
+def run(duration_s: float = DURATION_S) -> list[Group]:
+    """Run the scenario `back` in each of the ways, and take a tick to its parts."""
+    return [_ways(duration_s), _parts(duration_s)]
 
 
-def _ways(duration_s: float, repetitions: int) -> Group:
+def _ways(duration_s: float) -> Group:
     path = SCENARIOS / "back.toml"
     settings = (*STEPS, f"sim.duration_s={duration_s}")
     nothing = (*settings, f'programs.physics="{NULL_PHYSICS}:NullPhysics"')
@@ -57,31 +54,20 @@ def _ways(duration_s: float, repetitions: int) -> Group:
             path, nothing, path.stem
         ),
     }
-    targets = dict(
-        zip(
-            ways,
-            ((None, REAL_TIMES), (None, DISTRIBUTED_REAL_TIMES), (MESSAGING_TICKS, None)),
-            strict=True,
-        )
+    goals: tuple[tuple[Target | Better, Target | Better], ...] = (
+        ("more", REAL_TIMES),
+        ("more", DISTRIBUTED_REAL_TIMES),
+        (MESSAGING_TICKS, "more"),
     )
-    results: dict[str, list[Result]] = {name: [] for name in ways}
-    for _ in range(repetitions):
-        for name, way in ways.items():
-            results[name].append(way()[0])
-    rows = (
-        Row(
-            name,
-            {
-                "ticks/s": Figure.median([r.ticks / r.wall_s for r in found], targets[name][0]),
-                "× real time": Figure.median([r.rtf for r in found], targets[name][1]),
-            },
-        )
-        for name, found in results.items()
-    )
-    how = (
-        f"lockstep, physics at 1 ms; medians (quartiles) of {repetitions} runs of "
-        f"{duration_s:g} s in turns, without their start"
-    )
+    rows = []
+    for (name, way), (ticks, real_times) in zip(ways.items(), goals, strict=True):
+        result, _ = way()
+        figures = {
+            "ticks/s": Figure.of(result.ticks / result.wall_s, ticks),
+            "× real time": Figure.of(result.rtf, real_times),
+        }
+        rows.append(Row(name, figures))
+    how = f"lockstep, physics at 1 ms; {duration_s:g} s, without the start"
     return Group("The loop: scenario back", how, tuple(rows))
 
 
@@ -139,34 +125,33 @@ class _TimedPublisher(Publisher[MessageT]):
         self._watch.turn_to(self._part)
 
 
-def _parts(duration_s: float, repetitions: int) -> Group:
+def _parts(duration_s: float) -> Group:
     settings = (*STEPS, f"sim.duration_s={duration_s}")
     scenario = in_lockstep(load_scenario(SCENARIOS / "back.toml", settings))
-    samples = [sample for _ in range(repetitions) for sample in _timed_run(scenario)]
-    totals = [sum(sample.values()) for sample in samples]
+    ns = _timed_run(scenario)
+    total = sum(ns.values())
     rows = [
         Row(
             part,
             {
-                "µs/tick": Figure.median([sample[part] / 1e3 for sample in samples]),
-                "% of the tick": Figure.median(
-                    [100.0 * s[part] / total for s, total in zip(samples, totals, strict=True)],
-                    None if part in HEAVY else SHARE,
+                "µs/tick": Figure.of(ns[part] / 1e3, "less"),
+                "% of the tick": Figure.of(
+                    100.0 * ns[part] / total, "less" if part in HEAVY else SHARE
                 ),
             },
         )
         for part in (*scenario.services, "trajectory", BUS)
     ]
-    rows.append(Row("all", {"µs/tick": Figure.median([total / 1e3 for total in totals])}))
+    rows.append(Row("all", {"µs/tick": Figure.of(total / 1e3, "less")}))
     how = (
-        f"in one process, physics at 1 ms; medians (quartiles) over samples of {TICKS_PER_SAMPLE} "
-        "ticks; a part's handlers with the messages that they make, and the stopwatch's own time"
+        f"in one process, physics at 1 ms; means over {duration_s:g} s of a part's handlers with "
+        "the messages that they make, and the stopwatch's own time"
     )
     return Group("A tick, part by part: scenario back", how, tuple(rows))
 
 
-def _timed_run(scenario: Scenario) -> list[dict[str, float]]:
-    """Return the time [ns] of each part in a tick, as means over `TICKS_PER_SAMPLE`."""
+def _timed_run(scenario: Scenario) -> dict[str, float]:
+    """Return the mean time of each part in a tick [ns]."""
     bus, watch = LocalBus(), Stopwatch()
 
     def seen_by(part: str) -> Bus:
@@ -179,13 +164,11 @@ def _timed_run(scenario: Scenario) -> list[dict[str, float]]:
         bus.declare_alive(part)
     physics = cast(Any, parts["physics"])
     physics.begin()
-    samples = []
-    for _ in range(sim.ticks // TICKS_PER_SAMPLE):
-        watch.ns.clear()
-        for _ in range(TICKS_PER_SAMPLE):
-            watch.turn_to(BUS)
-            physics.await_answers()
-            watch.turn_to("physics")
-            physics.step()  # which has nothing to wait for any more
-        samples.append({part: ns / TICKS_PER_SAMPLE for part, ns in watch.ns.items()})
-    return samples
+    watch.ns.clear()
+    for _ in range(sim.ticks - 1):
+        watch.turn_to(BUS)
+        physics.await_answers()
+        watch.turn_to("physics")
+        physics.step()  # which has nothing to wait for any more
+    watch.turn_to(BUS)
+    return {part: ns / (sim.ticks - 1) for part, ns in watch.ns.items()}
