@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 SERVICES := physics controller target follower viewer recorder
 SCENARIO ?= back
 HOURS ?= 2
-WORKSPACE := common $(SERVICES:%=services/%) experiments
+WORKSPACE := common $(SERVICES:%=services/%) experiments bench
 
 # uv where it is present, else pip: the same versions from constraints.txt
 define make_venv
@@ -23,7 +23,11 @@ endef
 # what draws without a screen or a graphics card: tests that need it skip where it can't be had
 DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 
-.PHONY: help install drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system test-chaos test-compose soak
+# the engine of Gazebo Fortress, and what a program needs to use it
+GAZEBO := g++ pkg-config libignition-physics-dev
+GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
+
+.PHONY: help install gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-experiments test-bench test-system test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -32,7 +36,8 @@ help:
 	@echo "make lint         style, types and import rules"
 	@echo "make test-chaos   a hundred kills at random moments: following goes on"
 	@echo "make soak         hours of simulated time: memory, ticks, schedule (HOURS=0.5)"
-	@echo "make bench        speed and accuracy, beside MuJoCo"
+	@echo "make bench        speed and accuracy, in 5 minutes; mecazen bench compare shows what changed"
+	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make picture      docs/viewer.png, from a run in the viewer"
 	@echo "make install      only prepare .venv"
 
@@ -76,7 +81,7 @@ test-chaos: .venv/ready
 	.venv/bin/python -m pytest -s tests/chaos
 
 soak: .venv/ready
-	.venv/bin/python -m bench.soak --hours $(HOURS)
+	.venv/bin/python -m mecazen_bench.soak --hours $(HOURS)
 
 test-compose: .venv/ready
 	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose
@@ -92,7 +97,22 @@ format: .venv/ready
 	.venv/bin/ruff format .
 
 bench: .venv/ready
-	.venv/bin/python -m bench $(BENCH)
+	@.venv/bin/mecazen bench run $(BENCH)
+
+bench-peers: .venv/ready gazebo
+	@.venv/bin/mecazen bench run --only peers $(BENCH)
+
+gazebo:
+	@dpkg -s $(GAZEBO) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
+		apt-get install -y -qq --no-install-recommends $(GAZEBO); } >/dev/null 2>&1 || \
+		echo "without $(GAZEBO) the rows of Gazebo's physics are left out"
+	@! pkg-config --exists $(GAZEBO_MODULES) 2>/dev/null || $(MAKE) -s bench/build/gazebo-peer
+
+bench/build/gazebo-peer: bench/gazebo/gazebo_peer.cpp
+	@mkdir -p $(@D)
+	@echo "building $@"
+	@g++ -O2 -std=c++17 -rdynamic $< -o $@ -DENGINES='"'$$(pkg-config --variable=libdir ignition-physics5)/ign-physics-5/engine-plugins'"' \
+		$$(pkg-config --cflags --libs $(GAZEBO_MODULES))
 
 clean:
 	rm -rf .venv .venv-*

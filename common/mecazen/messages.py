@@ -142,8 +142,8 @@ class Pose(Message):
         """
         q = self.orientation
         x, y, z, w = q.x, q.y, q.z, q.w
-        longest = max(abs(x), abs(y), abs(z), abs(w))
-        if longest > 1e100:  # whose square may be infinite
+        if math.hypot(x, y, z, w) > 1e100:  # whose square may be infinite
+            longest = max(abs(x), abs(y), abs(z), abs(w))
             x, y, z, w = x / longest, y / longest, z / longest, w / longest
         yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
         return Pose2D(self.position.x, self.position.y, yaw)

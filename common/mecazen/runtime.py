@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -90,6 +91,7 @@ def run_service(kind: type[Service], scenario: Scenario, robot: str = "") -> Non
     service: Service | None = None
     name = called(kind.NAME, robot)
     log.set_up(name, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
+    _take_precedence(kind, scenario)
     _refuse_taken_name(kind.NAME, scenario.bus)
     bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep", name=kind.NAME)
     stop_on_signals(bus.stop)
@@ -119,6 +121,18 @@ def part_of(name: str, scenario: Scenario, robot: str) -> Scenario:
     if name in SHARED and robot:
         raise ConfigError(f"--robot {robot}: there is one {name} for all robots")
     return scenario if name in SHARED else scenario.of(robot)
+
+
+def _take_precedence(kind: type[Service], scenario: Scenario) -> None:
+    """Let a service of real time go before what else the machine does, where that is allowed.
+
+    As ros2_control's controller manager does. Threads that are started later, Zenoh's among
+    them, do likewise. Faster than real time a service may never rest, and would lock out all
+    others.
+    """
+    if kind.PRIORITY and scenario.sim.mode == "real_time" and scenario.sim.speed <= 1.0:
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(kind.PRIORITY))
 
 
 def _refuse_taken_name(name: str, config: BusConfig) -> None:

@@ -52,6 +52,10 @@ class Service(ABC):
     OWNS_TIME: ClassVar[bool] = False
     """Whether this service makes the ticks and the runs that all others follow."""
 
+    PRIORITY: ClassVar[int] = 0
+    """Among processes that go before all others, the higher first; 0 is not one of them. For
+    what works so briefly that it keeps nobody waiting."""
+
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         self.bus = bus
         self.scenario = scenario

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import dropwhile
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -175,13 +176,14 @@ class Trajectory:
         read: Callable[[Any], Row],
         every: int | None = 1,
     ) -> None:
+        tick_ns = self._tick_ns
         column = self._columns.setdefault((robot, topic.key), {})
         if every is not None:
             self._needed[robot, topic.key] = every
 
         def take(message: Message, stamp: Stamp | None) -> None:
             if stamp is not None:
-                column.setdefault(stamp.time_ns // self._tick_ns, read(message))
+                column.setdefault(stamp.time_ns // tick_ns, read(message))
 
         bus.beside(robot).subscribe(topic, take, every=True)
 
@@ -191,7 +193,7 @@ def _planar(row: Row) -> Pose2D:
 
 
 def _pose(odometry: Odometry) -> Row:
-    return tuple(odometry.pose.pose.to_planar())
+    return odometry.pose.pose.to_planar()
 
 
 def _motion(odometry: Odometry) -> Row:
@@ -199,17 +201,16 @@ def _motion(odometry: Odometry) -> Row:
 
 
 _NO_ESTIMATE = (None,) * len(_PARTS["estimate"])
-_TRIANGLE = (0, 1, 5, 7, 11, 35)
-"""Where COVARIANCE lies in ROS's row-major 6x6."""
+_triangle = itemgetter(0, 1, 5, 7, 11, 35)
+"""Takes COVARIANCE out of ROS's row-major 6x6."""
 
 
 def _estimate(state: FollowerState) -> Row:
     if not state.estimate:
         return *_NO_ESTIMATE, state.tracking
     person = state.estimate[0]
-    covariance = person.pose.covariance
-    return *_motion(person), *(covariance[i] for i in _TRIANGLE), state.tracking
+    return *_motion(person), *_triangle(person.pose.covariance), state.tracking
 
 
 def _twist(twist: Twist) -> Row:
-    return tuple(twist.to_planar())
+    return twist.to_planar()

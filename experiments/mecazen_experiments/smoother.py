@@ -18,6 +18,7 @@ from mecazen_follower.estimators.turn_rate import (
     SEEN,
     SIZE,
     YAW,
+    Walks,
     X,
     Y,
     jacobian,
@@ -40,7 +41,7 @@ class Sight(NamedTuple):
 
 
 def smooth(
-    sights: Sequence[Sight], walks: tuple[float, ...], speed_std: float = 1.0, rate_std: float = 0.5
+    sights: Sequence[Sight], walks: Walks, speed_std: float = 1.0, rate_std: float = 0.5
 ) -> Array:
     """Return the smoothed states (n, 5) of `turn_rate` at the times of `sights`.
 
@@ -53,7 +54,6 @@ def smooth(
         speed_std: Uncertainty of the speed at the first observation [m/s].
         rate_std: That of the turn rate [rad/s].
     """
-    noise = np.array(walks)
     x = np.array([*sights[0].pose, 0.0, 0.0])
     P = np.zeros((SIZE, SIZE))
     P[:SEEN, :SEEN] = sights[0].covariance
@@ -62,7 +62,7 @@ def smooth(
     for last, sight in pairwise(sights):
         dt = sight.time - last.time
         F = jacobian(x, dt)
-        P = F @ P @ F.T + process_noise(noise, x, dt)
+        P = F @ P @ F.T + process_noise(walks, x, dt)
         x = move(x, dt)
         predicted.append((x, P, F))
         K = P[:, :SEEN] @ np.linalg.inv(P[:SEEN, :SEEN] + sight.covariance)

@@ -1,11 +1,13 @@
 """A service as a process: how it is found, how it ends, and what it says when it can't begin."""
 
+import os
 import re
 import secrets
 import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from mecazen import runtime
@@ -32,6 +34,11 @@ class Toy(Service):
 
     def reset(self, seed):
         pass
+
+
+class Prompt(Toy):
+    NAME = "prompt"
+    PRIORITY = 2
 
 
 class Broken(Toy):
@@ -64,9 +71,10 @@ def start(write_scenario):
     scenario = write_scenario("services = ['toy']\n")
 
     @contextmanager
-    def start(name, settings, *options):
+    def start(name, settings, *options, before=()):
         process = subprocess.Popen(
             [
+                *before,
                 *(sys.executable, "-m", "mecazen.runtime", str(name), str(scenario)),
                 *(f"--set={setting}" for setting in settings),
                 *options,
@@ -190,6 +198,44 @@ def test_a_signal_ends_the_router_cleanly(start, free_port, number):
         _, err = process.communicate(timeout=GUARD_S)
     assert process.returncode == 0
     assert err == ""
+
+
+@pytest.fixture
+def precedence():
+    """Skip where a process may not go before all others."""
+    ask = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))"
+    if subprocess.run([sys.executable, "-c", ask], capture_output=True, check=False).returncode:
+        pytest.skip("needs root, or a limit of real-time priority (ulimit -r) of at least 2")
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "expected"),
+    [
+        ("Prompt", "sim.mode=real_time", (os.SCHED_RR, 2)),
+        ("Prompt", "sim.speed=2.0", (os.SCHED_OTHER, 0)),
+        ("Prompt", "sim.mode=lockstep", (os.SCHED_OTHER, 0)),
+        ("Toy", "sim.mode=real_time", (os.SCHED_OTHER, 0)),
+    ],
+)
+@pytest.mark.usefixtures("precedence")
+def test_in_real_time_all_threads_of_what_works_briefly_go_before_others(
+    start, toy_file, settings, name, setting, expected
+):
+    with start(f"{toy_file}:{name}", [*settings, setting]) as process:
+        await_start(process)
+        threads = [int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir()]
+        found = {(os.sched_getscheduler(t), os.sched_getparam(t).sched_priority) for t in threads}
+    assert len(threads) > 1
+    assert found == {expected}
+
+
+def test_where_precedence_is_not_allowed_a_service_works_without(
+    start, toy_file, settings, precedence
+):
+    drop = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice"]
+    with start(f"{toy_file}:Prompt", settings, before=drop) as process:
+        await_start(process)
+        assert os.sched_getscheduler(process.pid) == os.SCHED_OTHER
 
 
 def test_a_service_logs_with_simulated_time(start, toy_file, settings, open_bus, wait_until):

@@ -16,8 +16,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError, MecazenError
-
-from bench.compose import Compose, command, docker
+from mecazen_bench.compose import Compose, command, docker
 
 GUARD_S = 120.0
 """Far beyond what anything here takes: only a hang gets there."""

@@ -12,10 +12,9 @@ import msgspec
 from mecazen import keys
 from mecazen.loading import load_scenario
 from mecazen.simulate import simulate
+from mecazen_bench import containers
+from mecazen_bench.compose import docker
 from mecazen_recorder.reader import Recording
-
-from bench import containers
-from bench.compose import docker
 
 ROOT = Path(__file__).parents[2]
 IMAGE_BYTES = 450e6
@@ -92,7 +91,7 @@ def test_a_recording_outlives_its_recorder(stacks, tmp_path: Path) -> None:
 
 
 def test_the_bench_compares_containers_with_processes(images: tuple[str, ...]) -> None:
-    (group,) = containers.run(puts=20, rounds=1)
+    (group,) = containers.run(puts=20)
     assert [row.subject for row in group.rows] == ["processes", "containers"]
     for row in group.rows:
         assert 0.0 < row.figures["median ms"].value <= row.figures["p99 ms"].value < 1000.0

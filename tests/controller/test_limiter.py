@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mecazen.geometry import Twist2D
 from mecazen_controller.limiter import LimiterState, Limits, limit, limit_twist
@@ -113,6 +113,8 @@ def test_the_same_tick_can_be_computed_again_with_another_reference():
     assert limit(state, 1.0, limits, DT) == first
 
 
+# a reversal from so low a speed that the product of both speeds is 0
+@example(Limits(acceleration=1.0, deceleration=2.0), [(-5e-324, 1), (0.5, 1)])
 @given(any_limits, reference_runs)
 def test_every_tick_is_within_the_limits(limits, runs):
     assert_within(drive(runs, limits), limits)

@@ -13,8 +13,7 @@ from mecazen.messages import Empty
 from mecazen.simulate import simulate
 from mecazen.trajectory import Trajectory
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES
-
-from bench.malformed import CALLS, Loop, Malformed
+from mecazen_bench.malformed import CALLS, Loop, Malformed
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 BACK = SCENARIOS / "back.toml"

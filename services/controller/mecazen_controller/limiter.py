@@ -50,7 +50,8 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     """
     velocity, acceleration = state
     aim = min(max(reference, -limits.velocity), limits.velocity)
-    if velocity * aim < 0.0 and limits.acceleration != limits.deceleration:
+    reverses = velocity < 0.0 < aim or aim < 0.0 < velocity
+    if reverses and limits.acceleration != limits.deceleration:
         aim = 0.0
 
     rise = limits.deceleration if velocity < 0.0 else limits.acceleration
@@ -80,8 +81,11 @@ def limit_twist(
     dt: float,
 ) -> tuple[LimiterState, LimiterState, LimiterState]:
     """Return `limit` of each axis: x, y, yaw."""
-    x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
-    return x, y, yaw
+    return (
+        limit(state[0], reference.x, limits[0], dt),
+        limit(state[1], reference.y, limits[1], dt),
+        limit(state[2], reference.yaw, limits[2], dt),
+    )
 
 
 def _let_off(missing: float, step: float, dt: float) -> float:

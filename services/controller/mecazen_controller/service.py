@@ -44,6 +44,7 @@ class ControllerService(Service):
     """
 
     NAME = "controller"
+    PRIORITY = 3
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         config = scenario.section(ControllerConfig, "controller")
@@ -55,6 +56,7 @@ class ControllerService(Service):
             raise ConfigError(f"controller.{error}") from None
         self.kinematics = config.kinematics(scenario.robot)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
+        self.limits = config.limits.limits
         self.timeout_ticks = math.floor(config.reference_timeout_s / self.dt + 1e-9)
         self.pose_covariance = diagonal_covariance(config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(config.twist_covariance_diagonal)
@@ -87,9 +89,8 @@ class ControllerService(Service):
 
     def on_joint_states(self, joints: JointState, stamp: Stamp) -> None:
         """Publish the odometry of a tick from the wheels' measured speeds."""
-        speeds = dict(zip(joints.name, joints.velocity, strict=False))
         try:
-            measured = WheelSpeeds(*(speeds[name] for name in self.config.wheel_joints))
+            measured = WheelSpeeds(*[_velocity(joints, name) for name in self.config.wheel_joints])
         except KeyError as missing:
             problem = f"controller.wheel_joints: joint_states has no velocity of {missing}"
             if self.joints_known:
@@ -183,10 +184,9 @@ class ControllerService(Service):
     def _command(self) -> None:
         """Publish the wheel command of this tick; again, when the reference has changed."""
         self.awaiting_reference = False
-        self.next_velocity = limit_twist(
-            self.velocity, self._wanted(), self.config.limits.limits, self.dt
-        )
-        wanted = Twist2D(*(axis.velocity for axis in self.next_velocity))
+        self.next_velocity = limit_twist(self.velocity, self._wanted(), self.limits, self.dt)
+        x, y, yaw = self.next_velocity
+        wanted = Twist2D(x.velocity, y.velocity, yaw.velocity)
         speeds = self.kinematics.inverse(wanted).desaturate(self.max_speed)
         self.joint_command.put(
             JointState(
@@ -208,6 +208,14 @@ class ControllerService(Service):
         if self.reference_tick is None:
             return {"reference": "none yet"}
         return {"reference_age_s": round((self.tick - self.reference_tick) * self.dt, 6)}
+
+
+def _velocity(joints: JointState, name: str) -> float:
+    """Return the velocity of a joint; wheels come first, so a search is shorter than a table."""
+    try:
+        return joints.velocity[joints.name.index(name)]
+    except (ValueError, IndexError):
+        raise KeyError(name) from None
 
 
 def _plausible(values: Iterable[float]) -> bool:

@@ -14,9 +14,9 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.tracking import TrackingState
 
-MAX_STEP = 0.5, 0.5
+MAX_STEP = 0.5
 """Farther [m], or turned by more [rad], than this ..."""
-MAX_SPEED = 10.0, 10.0
+MAX_SPEED = 10.0
 """... and than at this speed [m/s, rad/s], nothing moves: the odometry was set anew."""
 
 
@@ -115,8 +115,5 @@ class Following:
 
 
 def _jumped(moved: Pose2D, dt: float) -> bool:
-    amounts = math.hypot(moved.x, moved.y), abs(moved.yaw)
-    return any(
-        amount > max(step, speed * dt)
-        for amount, step, speed in zip(amounts, MAX_STEP, MAX_SPEED, strict=True)
-    )
+    most = max(MAX_STEP, MAX_SPEED * dt)
+    return math.hypot(moved.x, moved.y) > most or abs(moved.yaw) > most

@@ -46,12 +46,8 @@ class Standoff(NamedTuple):
 
         `velocity` and the result are in the axes of the frame in which `person` is.
         """
-        goal = self.goal(person)
-        return Twist2D(
-            velocity.x - velocity.yaw * (goal.y - person.y),
-            velocity.y + velocity.yaw * (goal.x - person.x),
-            velocity.yaw,
-        )
+        x, y = rotate(self.distance, 0.0, person.yaw + self.bearing)
+        return Twist2D(velocity.x - velocity.yaw * y, velocity.y + velocity.yaw * x, velocity.yaw)
 
     def errors(self, person: Pose2D, robot: Pose2D) -> Errors:
         """Return actual less wanted distance, bearing and heading of `robot`."""

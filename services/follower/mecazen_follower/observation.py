@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 
 import numpy as np
 from mecazen.geometry import Pose2D
@@ -11,8 +12,8 @@ from mecazen.messages import PoseWithCovariance
 from mecazen_follower.estimators import MAX_DISTANCE, Covariance
 from mecazen_follower.following import Sighting
 
-PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
-"""Rows and columns of x, y and yaw in ROS's 6x6."""
+PLANAR = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+"""Takes rows and columns of x, y and yaw out of ROS's row-major 6x6."""
 
 
 def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
@@ -25,7 +26,7 @@ def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
         ValueError: Numbers so large that they can't be turned.
     """
     pose = seen.pose.to_planar()
-    covariance = np.asarray(seen.covariance).reshape(6, 6)[PLANAR]
+    covariance = np.reshape(PLANAR(seen.covariance), (3, 3))
     if max(abs(pose.x), abs(pose.y), np.abs(covariance).max()) > MAX_DISTANCE**2:
         raise ValueError("observation is out of range")
     if frame_id != "base_link":
@@ -37,7 +38,6 @@ def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
 
 def ros_covariance(covariance: Covariance) -> tuple[float, ...]:
     """Return ROS's row-major 6x6 of a 3x3 covariance of (x, y, yaw)."""
-    full = [0.0] * 36
-    for row, values in zip((0, 1, 5), covariance, strict=True):
-        full[6 * row], full[6 * row + 1], full[6 * row + 5] = values
-    return tuple(full)
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+    none = 0.0, 0.0, 0.0
+    return (xx, xy, *none, xw, yx, yy, *none, yw, *6 * none, wx, wy, *none, ww)

@@ -77,9 +77,10 @@ class PolarController:
         around = distance * turn + self._linear.rate(distance * wrap(wanted - bearing))
 
         x, y = rotate(*with_person, -robot.yaw)
-        out_x, out_y = rotate(out, 0.0, bearing - robot.yaw)
-        around_x, around_y = rotate(0.0, around, bearing - robot.yaw)
-        x, y = _within(x + out_x, y + out_y, self._max_speed)
+        along = bearing - robot.yaw  # of the line to the robot, in base_link
+        c, s = math.cos(along), math.sin(along)
+        around_x, around_y = -s * around, c * around
+        x, y = _within(x + c * out, y + s * out, self._max_speed)
         share = _share(x, y, around_x, around_y, self._max_speed)
         yaw = turn + self._heading.rate(wrap(goal.yaw - robot.yaw))
         return Twist2D(

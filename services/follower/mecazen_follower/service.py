@@ -36,6 +36,8 @@ class FollowerService(Follower):
     the robot's pose at its capture, however late it comes.
     """
 
+    PRIORITY = 2
+
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.section(FollowerConfig, "follower")
         self.history_ticks = HISTORY_TICKS + round(scenario.sensor.latency_s / scenario.sim.tick_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 
 from mecazen import keys
 from mecazen.bus import Bus
@@ -94,12 +95,13 @@ class Member:
             return
         efforts = bool(joints.effort) and not joints.velocity
         values = dict(zip(joints.name, joints.effort if efforts else joints.velocity, strict=False))
-        if any(name not in values for name in WHEEL_JOINTS):
+        try:
+            self.command = _of_wheels(values)
+        except KeyError:
             self.bus.refuse(
                 keys.JOINT_COMMAND.key, f"needs a velocity or an effort of {WHEEL_JOINTS}"
             )
             return
-        self.command = tuple(values[name] for name in WHEEL_JOINTS)
         self.command_is_effort = efforts
         self.command_tick = self.tick
         if stamp is not None and stamp.time_ns == self.stamp.time_ns:
@@ -154,11 +156,11 @@ class Member:
     def publish(self) -> None:
         """Publish the state of this tick."""
         state = self.world.state()
-        stamp = self.stamp
-        self.clock.put(Clock(clock=stamp.time), stamp)
+        stamp, now = self.stamp, self.stamp.time
+        self.clock.put(Clock(clock=now), stamp)
         self.joint_states.put(
             JointState(
-                header=Header(stamp=stamp.time, frame_id="base_link"),
+                header=Header(stamp=now, frame_id="base_link"),
                 name=self.world.joint_names,
                 position=tuple(state.joint_position),
                 velocity=tuple(state.joint_velocity),
@@ -170,7 +172,7 @@ class Member:
         qx, qy, qz, qw = state.orientation
         self.ground_truth.put(
             Odometry(
-                header=Header(stamp=stamp.time, frame_id="world"),
+                header=Header(stamp=now, frame_id="world"),
                 child_frame_id="base_link",
                 pose=PoseWithCovariance(
                     pose=Pose(
@@ -184,6 +186,10 @@ class Member:
             ),
             stamp,
         )
+
+
+_of_wheels = itemgetter(*WHEEL_JOINTS)
+"""Takes the four wheels' values, in their order, from those of any joints by name."""
 
 
 def _vector(values: tuple[float, float, float]) -> Vector3:

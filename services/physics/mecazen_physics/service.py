@@ -48,6 +48,7 @@ class PhysicsService(Service):
     """
 
     NAME = "physics"
+    PRIORITY = 1
     OWNS_TIME = True
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
@@ -118,7 +119,7 @@ class PhysicsService(Service):
         commands = [member.end_tick() for member in self.members]
         self.arena.advance(commands, self.steps_per_tick)
         self.tick += 1
-        self.stamp = self.stamp._replace(time_ns=self.tick * self.tick_ns)
+        self.stamp = Stamp(self.tick * self.tick_ns, self.stamp.run, self.stamp.seed)
         for member in self.members:
             member.begin_tick(self.tick, self.stamp)
         self._publish()

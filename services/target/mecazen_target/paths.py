@@ -50,8 +50,8 @@ class Placed:
 
     def at(self, t: float) -> Motion:
         """Return the motion at the time `t` [s], the pose in the world."""
-        motion = self._path.at(t - self._start_after)
-        return motion._replace(pose=self._start.compose(motion.pose))
+        pose, twist, distance = self._path.at(t - self._start_after)
+        return Motion(self._start.compose(pose), twist, distance)
 
 
 def start_pose(path: config.Walk | config.Driven) -> Pose2D:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from mecazen.config import SensorConfig, whole_ticks
 from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import diagonal_covariance
 
 NOISE_FRAMES = 2**16
 """Frames after which the noise repeats: 44 minutes at 25 Hz."""
@@ -43,19 +44,11 @@ class Sensor:
         ]
         self._past: deque[tuple[int, Pose2D, Pose2D]] = deque(maxlen=self._latency + 1)
         random = np.random.Generator(np.random.PCG64(seed))
-        std = (config.position_std_m, config.position_std_m, math.radians(config.yaw_std_deg))
-        self._noise = random.standard_normal((NOISE_FRAMES, 3)) * std
+        position, yaw = config.position_std_m, math.radians(config.yaw_std_deg)
+        self._noise = random.standard_normal((NOISE_FRAMES, 3)) * (position, position, yaw)
         self._dropped = random.random(NOISE_FRAMES) < config.dropout_probability
-
-    @property
-    def covariance(self) -> tuple[float, ...]:
-        """The 6 by 6 covariance of x, y, z, roll, pitch, yaw as ROS has it, row by row.
-
-        In m², rad² and m·rad; the entries of what is not measured are 0.
-        """
-        position, yaw = self._config.position_std_m, math.radians(self._config.yaw_std_deg)
-        diagonal = (position**2, position**2, 0.0, 0.0, 0.0, yaw**2)
-        return tuple(diagonal[i] if i == j else 0.0 for i in range(6) for j in range(6))
+        self.covariance = diagonal_covariance((position**2, position**2, 0.0, 0.0, 0.0, yaw**2))
+        """Of a seen pose, as ROS has it; the entries of what is not measured are 0."""
 
     def observe(self, tick: int, robot: Pose2D, person: Pose2D) -> Frame | None:
         """Take the true poses in the world at `tick`; return the frame that arrives then.
@@ -68,10 +61,11 @@ class Sensor:
         capture = max(tick - self._latency, 0)
         captured, robot, person = self._past[0]
         row = tick // self._ticks_per_frame % NOISE_FRAMES
-        seen = captured == tick - self._latency and self._sees(capture, robot.between(person))
+        relative = robot.between(person)
+        seen = captured == tick - self._latency and self._sees(capture, relative)
         if not seen or self._dropped[row]:
             return Frame(capture, None)
-        pose = person if self._config.frame == "world" else robot.between(person)
+        pose = person if self._config.frame == "world" else relative
         x, y, yaw = self._noise[row].tolist()
         return Frame(capture, Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw)))
 

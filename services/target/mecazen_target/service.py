@@ -35,6 +35,7 @@ class TargetService(Service):
     """
 
     NAME = "target"
+    PRIORITY = 2
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         config = scenario.section(TargetConfig, "target")

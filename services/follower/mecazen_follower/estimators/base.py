@@ -14,12 +14,12 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.schema import Positive, Section
 
 Array = npt.NDArray[np.float64]
-Covariance = tuple[tuple[float, float, float], ...]
+Covariance = tuple[tuple[float, ...], ...]
 """3x3, of x [m], y [m] and yaw [rad]."""
 
 MAX_DISTANCE = 1e6
 """Largest coordinate of an observation [m]: beyond it the arithmetic loses millimetres."""
-MIN_VARIANCE = 1e-12
+LEAST_NOISE: Array = 2e-12 * np.eye(3)
 """Added to an observation's [m², rad²]: a perfect sensor must not make a matrix singular."""
 
 
@@ -88,14 +88,12 @@ class Estimator(ABC):
 
     def _noise(self, covariance: npt.ArrayLike | None) -> Array:
         noise = self._default_noise if covariance is None else np.asarray(covariance, float)
-        if noise.shape != (3, 3) or not (np.abs(noise) <= MAX_DISTANCE**2).all():
+        if noise.shape != (3, 3) or not np.abs(noise).max() <= MAX_DISTANCE**2:
             raise ValueError("covariance of an observation must be 3x3 and finite")
         if not noise.any():
             return self._default_noise
-        positive = noise + 2 * MIN_VARIANCE * np.eye(3)
-        if (np.abs(noise - noise.T) > 1e-5 * np.abs(noise) + 1e-8).any() or not _is_positive(
-            positive
-        ):
+        positive = noise + LEAST_NOISE
+        if not (_is_symmetric(noise) and _is_positive(positive)):
             raise ValueError("covariance of an observation must be symmetric and not negative")
         return positive
 
@@ -119,6 +117,15 @@ class Estimator(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Forget the person."""
+
+
+def _is_symmetric(matrix: Array) -> bool:
+    """Return whether a 3x3 matrix is symmetric, but for the digits of a single float."""
+    (_, xy, xw), (yx, _, yw), (wx, wy, _) = matrix.tolist()
+    return all(
+        math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-8)
+        for one, other in ((xy, yx), (xw, wx), (yw, wy))
+    )
 
 
 def _is_positive(matrix: Array) -> bool:

@@ -14,9 +14,12 @@ from mecazen_follower.estimators.adaptive import NoiseScale
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
+    IDENTITY,
     SEEN,
+    SEES,
     SIZE,
     YAW,
+    Walks,
     estimate_of,
     jacobian,
     move,
@@ -148,7 +151,7 @@ class CtrvParams(TurnRateParams):
     """Of the turn rate."""
 
     @property
-    def walks(self) -> tuple[float, float, float, float, float]:
+    def walks(self) -> Walks:
         """The random walks, as `turn_rate.process_noise` wants them."""
         acceleration, turning = self.acceleration_std_m_s2, self.yaw_acceleration_std_rad_s2
         return self.sway_m_sqrt_m, STEADY, 0.0, acceleration, turning
@@ -172,7 +175,7 @@ class Unscented:
     in Dynamic State-Space Models (2004).
     """
 
-    def __init__(self, walks: Array, state: Array, covariance: Array) -> None:
+    def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
         from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
             MerweScaledSigmaPoints,
             UnscentedKalmanFilter,
@@ -207,8 +210,7 @@ class Unscented:
         kf.compute_process_sigmas(0.0)  # of the present, even if nothing moved since
         prediction = kf.P
         kf.update(observation, R=noise)
-        keeps = np.eye(SIZE)
-        keeps[:, :SEEN] -= kf.K
+        keeps = IDENTITY - kf.K @ SEES
         # Joseph's form, since what is seen is linear in the state: see ModeBank
         P = keeps @ prediction @ keeps.T + kf.K @ noise @ kf.K.T
         kf.P = (P + P.T) / 2.0
@@ -225,7 +227,7 @@ class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):
     """An unscented Kalman filter of constant turn rate and velocity."""
 
     def __init__(self, params: CtrvParams) -> None:
-        self._walks = np.array(params.walks)
+        self._walks = params.walks
         super().__init__(params)
 
     def _begin(self, state: Array, covariance: Array) -> StateFilter:

@@ -24,4 +24,5 @@ def nis_of(kf: Any) -> float:
 
 def as_tuple(matrix: Array) -> Covariance:
     """Return a 3x3 covariance as plain numbers."""
-    return tuple((x, y, yaw) for x, y, yaw in matrix.tolist())
+    x, y, yaw = map(tuple, matrix.tolist())
+    return x, y, yaw

@@ -8,8 +8,11 @@ import numpy as np
 
 from mecazen_follower.estimators.base import Array
 from mecazen_follower.estimators.turn_rate import (
+    IDENTITY,
     SEEN,
+    SEES,
     SIZE,
+    Walks,
     jacobian,
     move,
     process_noise,
@@ -22,7 +25,7 @@ LEAST = 1e-100
 class Mode(NamedTuple):
     """A way to move."""
 
-    walks: tuple[float, float, float, float, float]
+    walks: Walks
     """See `process_noise`."""
     moves: bool = True
     """Whether the speed lasts; else it is 0 but for its random walk."""
@@ -47,33 +50,32 @@ class ModeBank:
 
     def __init__(self, modes: tuple[Mode, ...], state: Array, covariance: Array) -> None:
         n = len(modes)
-        self._walks = np.array([mode.walks for mode in modes])
+        self._walks = [mode.walks for mode in modes]
+        self._variances = np.square(self._walks)
+        self._stays = np.eye(n)
         self._keeps = np.ones((n, SIZE))
         self._keeps[:, 3:] = [(mode.moves, mode.turns) for mode in modes]
         leaves = np.array([1.0 / mode.lasts for mode in modes])
-        others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - np.eye(n))
-        self._rates = leaves[:, None] * (others - np.eye(n)) if n > 1 else np.zeros((1, 1))
+        others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - self._stays)
+        self._rates = leaves[:, None] * (others - self._stays) if n > 1 else np.zeros((1, 1))
         self.probabilities = np.full(n, 1.0 / n)
         self._x = np.tile(state, (n, 1))
         self._P = np.tile(covariance, (n, 1, 1))
         self.nis = 0.0
-        self._combine()
+        self.state, self.covariance = state, covariance
 
     def predict(self, dt: float) -> None:
         """Mix the modes and move each by `dt` [s]."""
-        joint = self.probabilities[:, None] * (np.eye(len(self._x)) + self._rates * dt)
+        joint = self.probabilities[:, None] * (self._stays + self._rates * dt)
         self.probabilities = joint.sum(axis=0)
-        weights = joint / self.probabilities
-        x = weights.T @ self._x
-        apart = self._x[:, None] - x  # from, to, state
-        spread = self._P[:, None] + apart[..., :, None] * apart[..., None, :]
-        P = (weights[..., None, None] * spread).sum(axis=0)
+        x, P = _mixture((joint / self.probabilities).T, self._x, self._P)
 
         x *= self._keeps
-        F = jacobian(x, dt) * self._keeps[:, None]
-        self._x = move(x, dt)
-        self._P = F @ P @ F.swapaxes(1, 2) + process_noise(self._walks, x, dt)
-        self._combine()
+        F = np.array([jacobian(state, dt) for state in x]) * self._keeps[:, None]
+        Q = np.array([process_noise(*mode, dt) for mode in zip(self._walks, x, strict=True)])
+        self._x = np.array([move(state, dt) for state in x])
+        self._P = F @ P @ F.mT + Q
+        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
 
     def update(self, observation: Array, noise: Array) -> None:
         """Take in an observation (3) with its covariance (3, 3)."""
@@ -82,30 +84,36 @@ class ModeBank:
         S = PH[:, :SEEN] + noise
         inverse = np.linalg.inv(S)
         K = PH @ inverse
-        whitened = (inverse @ innovation[..., None])[..., 0]
-        squared = (innovation * whitened).sum(axis=1)
-        self._x = self._x + (PH @ whitened[..., None])[..., 0]
-        keeps = np.tile(np.eye(SIZE), (len(K), 1, 1))
-        keeps[:, :, :SEEN] -= K
+        squared = (innovation * (inverse @ innovation[..., None])[..., 0]).sum(axis=1)
+        self._x = self._x + (K @ innovation[..., None])[..., 0]
+        keeps = IDENTITY - K @ SEES
         # Joseph's form: P - K S K' comes out negative when a prediction was hopeless
-        P = keeps @ self._P @ keeps.swapaxes(1, 2) + K @ noise @ K.swapaxes(1, 2)
-        self._P = (P + P.swapaxes(1, 2)) / 2.0  # what rounding makes unequal would grow
+        P = keeps @ self._P @ keeps.mT + K @ noise @ K.mT
+        self._P = (P + P.mT) / 2.0  # what rounding makes unequal would grow
         likelihood = np.exp((squared.min() - squared) / 2.0) / np.sqrt(np.linalg.det(S))
-        self.nis = float((self.probabilities * squared).sum())
+        self.nis = float(self.probabilities @ squared)
         # none dies of underflow: after two hopeless observations in a row all might
         self.probabilities = np.maximum(self.probabilities * likelihood, LEAST)
         self.probabilities /= self.probabilities.sum()
-        self._combine()
-
-    def _combine(self) -> None:
-        self.state: Array = self.probabilities @ self._x
-        apart = self._x - self.state
-        spread = self._P + apart[:, :, None] * apart[:, None, :]
-        self.covariance: Array = (self.probabilities[:, None, None] * spread).sum(axis=0)
+        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
 
     def ahead(self, dt: float) -> tuple[Array, Array]:
         """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
         F = jacobian(self.state, dt)
-        walks = np.sqrt(self.probabilities @ np.square(self._walks))
+        walks = np.sqrt(self.probabilities @ self._variances).tolist()
         Q = process_noise(walks, self.state, dt)
         return move(self.state, dt), F @ self.covariance @ F.T + Q
+
+
+def _mixture(weights: Array, x: Array, P: Array) -> tuple[Array, Array]:
+    """Return means (..., 5) and covariances (..., 5, 5) of mixtures of n Gaussians.
+
+    Args:
+        weights: How much of each there is (..., n).
+        x: The means of the Gaussians (n, 5).
+        P: Their covariances (n, 5, 5).
+    """
+    mean = weights @ x
+    apart = x - mean[..., None, :]
+    within = (weights @ P.reshape(len(P), -1)).reshape(*mean.shape, SIZE)
+    return mean, within + apart.mT @ (weights[..., None] * apart)

@@ -8,7 +8,6 @@ the direction of the motion tells the heading, and the heading the motion.
 The model is of Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and
 Navigation, section 11.7, written with the chord of the arc that is walked:
 x += c·cos(yaw + w dt/2), y += c·sin(yaw + w dt/2), c = v dt·sin(w dt/2)/(w dt/2).
-Functions take one state or many: arrays (..., 5).
 """
 
 from __future__ import annotations
@@ -26,65 +25,70 @@ X, Y, YAW, V, W = range(SIZE)
 SEEN = 3
 """The observation is the first three of the state."""
 
+Walks = tuple[float, float, float, float, float]
+"""Random walks, see `process_noise`."""
 
-def move(states: Array, dt: float) -> Array:
-    """Return the states (..., 5) after `dt` [s]."""
-    half = states[..., W] * (dt / 2.0)
-    chord = states[..., V] * dt * np.sinc(half / math.pi)
-    along = states[..., YAW] + half
-    moved = states.copy()
-    moved[..., X] += chord * np.cos(along)
-    moved[..., Y] += chord * np.sin(along)
-    moved[..., YAW] += 2.0 * half
-    return moved
+IDENTITY: Array = np.eye(SIZE)
+SEES: Array = np.eye(SEEN, SIZE)
+"""What turns a state into what is seen of it (3, 5)."""
+NEAR_0 = 1e-3
+"""Angle [rad] below which the derivative of sin(a)/a is the first term of its series."""
 
 
-def jacobian(states: Array, dt: float) -> Array:
-    """Return the derivatives (..., 5, 5) of `move` by the state."""
-    half = states[..., W] * (dt / 2.0)
-    sinc = np.sinc(half / math.pi)
-    near_0 = np.abs(half) < 1e-3
-    safe = np.where(near_0, 1.0, half)
-    slope = np.where(near_0, -half / 3.0, (np.cos(half) - sinc) / safe)
-    along = states[..., YAW] + half
-    c, s = np.cos(along), np.sin(along)
-    chord = states[..., V] * dt * sinc
-    bend = states[..., V] * (dt * dt / 2.0)
-    F = np.zeros((*states.shape, SIZE))
-    F[..., range(SIZE), range(SIZE)] = 1.0
-    F[..., X, YAW], F[..., Y, YAW] = -chord * s, chord * c
-    F[..., X, V], F[..., Y, V] = dt * sinc * c, dt * sinc * s
-    F[..., X, W] = bend * (slope * c - sinc * s)
-    F[..., Y, W] = bend * (slope * s + sinc * c)
-    F[..., YAW, W] = dt
+def move(state: Array, dt: float) -> Array:
+    """Return the state (5) after `dt` [s]."""
+    x, y, yaw, v, w = state.tolist()
+    half = w * dt / 2.0
+    chord = v * dt * _sinc(half)
+    along = yaw + half
+    return np.array([x + chord * math.cos(along), y + chord * math.sin(along), yaw + w * dt, v, w])
+
+
+def jacobian(state: Array, dt: float) -> Array:
+    """Return the derivatives (5, 5) of `move` by the state."""
+    _, _, yaw, v, w = state.tolist()
+    half = w * dt / 2.0
+    sinc = _sinc(half)
+    slope = -half / 3.0 if abs(half) < NEAR_0 else (math.cos(half) - sinc) / half
+    c, s = math.cos(yaw + half), math.sin(yaw + half)
+    chord, bend = v * dt * sinc, v * dt * dt / 2.0
+    F = IDENTITY.copy()
+    F[X, YAW], F[Y, YAW] = -chord * s, chord * c
+    F[X, V], F[Y, V] = dt * sinc * c, dt * sinc * s
+    F[X, W], F[Y, W] = bend * (slope * c - sinc * s), bend * (slope * s + sinc * c)
+    F[YAW, W] = dt
     return F
 
 
-def process_noise(walks: Array, states: Array, dt: float) -> Array:
-    """Return the covariances (..., 5, 5) that random walks add in `dt` [s].
+def _sinc(angle: float) -> float:
+    return math.sin(angle) / angle if angle else 1.0
+
+
+def process_noise(walks: Walks, state: Array, dt: float) -> Array:
+    """Return the covariance (5, 5) that random walks add in `dt` [s].
 
     Args:
-        walks: What disturbs position, heading, speed and turn rate (..., 5), each as the
+        walks: What disturbs position, heading, speed and turn rate, each as the
             standard deviation that its random walk has after 1 s. That of the position, to
             all sides, comes twice: after 1 m walked, since who walks faster sways more
             often, and after 1 s.
-        states: Where the walks begin (..., 5).
+        state: Where the walks begin (5).
         dt: Time [s]; to first order in it.
     """
-    sway, step, heading, speed, rate = np.moveaxis(np.square(walks), -1, 0) * dt
-    position = sway * np.abs(states[..., V]) + step
-    c, s = np.cos(states[..., YAW]), np.sin(states[..., YAW])
-    cube, square = dt**2 / 3.0, dt / 2.0
-    Q = np.zeros((*position.shape, SIZE, SIZE))
-    Q[..., X, X] = position + speed * cube * c * c
-    Q[..., Y, Y] = position + speed * cube * s * s
-    Q[..., X, Y] = Q[..., Y, X] = speed * cube * c * s
-    Q[..., X, V] = Q[..., V, X] = speed * square * c
-    Q[..., Y, V] = Q[..., V, Y] = speed * square * s
-    Q[..., V, V] = speed
-    Q[..., YAW, YAW] = heading + rate * cube
-    Q[..., YAW, W] = Q[..., W, YAW] = rate * square
-    Q[..., W, W] = rate
+    sway, step, heading, speed, rate = (walk * walk * dt for walk in walks)
+    _, _, yaw, v, _ = state.tolist()
+    position = sway * abs(v) + step
+    c, s = math.cos(yaw), math.sin(yaw)
+    way, ahead = speed * dt * dt / 3.0, speed * dt / 2.0
+    Q = np.zeros((SIZE, SIZE))
+    Q[X, X], Q[Y, Y] = position + way * c * c, position + way * s * s
+    Q[X, Y] = Q[Y, X] = way * c * s
+    Q[X, V] = Q[V, X] = ahead * c
+    Q[Y, V] = Q[V, Y] = ahead * s
+    Q[V, V] = speed
+    Q[YAW, YAW] = heading + rate * dt * dt / 3.0
+    Q[YAW, W] = Q[W, YAW] = rate * dt / 2.0
+    Q[W, W] = rate
     return Q
 
 

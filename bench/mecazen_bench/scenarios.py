@@ -7,7 +7,7 @@ from pathlib import Path
 from mecazen.loading import load_scenario
 from mecazen.robot import Robot
 
-SCENARIOS = Path(__file__).parents[1] / "configs" / "scenarios"
+SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 
 
 def robot(name: str) -> Robot:

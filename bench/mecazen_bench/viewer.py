@@ -12,10 +12,10 @@ from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen.processes import Supervisor, private_meeting_point
 
-from bench.figures import Figure, Group, Row, Target
-from bench.scenarios import SCENARIOS
+from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.scenarios import SCENARIOS
 
-WINDOW_S = 20.0
+WINDOW_S = 6.0
 """Over which processor time is measured; a run is warm after a quarter of it."""
 START_S = 30.0
 SERVING = "msg=serving"
@@ -53,10 +53,10 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
         supervisor.poll(0.0)
     finally:
         supervisor.stop()
-    rows = [
-        Row(name, {"% of a core": Figure.of(cpu[name]), "MB": Figure.of(memory[name])})
-        for name in both
-    ]
+    rows = []
+    for name in both:
+        share, size = Figure.of(cpu[name], "less"), Figure.of(memory[name], "less")
+        rows.append(Row(name, {"% of a core": share, "MB": size}))
     total = {
         "% of a core": Figure.of(sum(cpu.values()), CPU_PERCENT),
         "MB": Figure.of(sum(memory.values()), MEMORY_MB),

@@ -22,8 +22,8 @@ from mecazen.messages import Clock, Empty, JointState
 from mecazen.processes import Supervisor, private_meeting_point
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, Stamp
 
-from bench.figures import Figure, Group, Row, Target
-from bench.scenarios import SCENARIOS
+from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.scenarios import SCENARIOS
 
 WINDOW_S = 10.0
 START_S = 30.0
@@ -130,10 +130,10 @@ def measure(flood: Flood, window_s: float, folder: Path) -> dict[str, Figure]:
     median, p99 = np.percentile(watch.latencies_ms, (50, 99)).tolist()
     growth = max(after[name] - before[name] for name in before)
     return {
-        "puts/s": Figure.of(rate),
-        "median ms": Figure.of(median),
+        "puts/s": Figure.of(rate, "more"),
+        "median ms": Figure.of(median, "less"),
         "p99 ms": Figure.of(p99, P99_MS),
-        "ticks missed %": Figure.of(100 * missed / (100 * window_s)),
+        "ticks missed %": Figure.of(100 * missed / (100 * window_s), "less"),
         "growth MB": Figure.of(growth, GROWTH_MB),
     }
 

@@ -14,47 +14,36 @@ from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.schedule import run_all
 from mecazen_experiments.store import Store
 
-from bench.figures import Figure, Group, Row, Target
+from mecazen_bench.figures import Figure, Group, Row, Target
 
 DURATION_S = 85.0
 WORKERS = 1, 2
 RUNS = 3
-"""Of each worker in a round: with fewer, its start would weigh too much."""
+"""Of each worker: with fewer, its start would weigh too much."""
 TABLE2_RUNS = 120
 IN_MINUTES = Target.below(8.0)
 MEMORY = Target.below(400.0)
 
 
-def run(duration_s: float = DURATION_S, repetitions: int = 2) -> list[Group]:
-    """Run one case of Table II by one worker and by two, in turns."""
+def run(duration_s: float = DURATION_S) -> list[Group]:
+    """Run one case of Table II by one worker and by two."""
     path = experiment_path("table2")
     (series,) = expand(
         load_table(path, Experiment).cases[:1],
-        range(1, RUNS * sum(WORKERS) * repetitions + 1),
+        range(1, RUNS * sum(WORKERS) + 1),
         (f"sim.duration_s={duration_s}",),
     )
-    rates: dict[int, list[float]] = {count: [] for count in WORKERS}
-    memory: dict[int, list[float]] = {count: [] for count in WORKERS}
     jobs = list(series.jobs)
-    for _ in range(repetitions):
-        for count in WORKERS:
-            todo = [jobs.pop() for _ in range(RUNS * count)]
-            rate, peak = _measure(todo, count)
-            rates[count].append(rate)
-            memory[count].append(peak)
     rows = []
     for count in WORKERS:
-        figures = {
-            "runs/min": Figure.median(rates[count]),
-            "MB a worker": Figure.of(max(memory[count]), MEMORY),
-        }
+        rate, peak = _measure([jobs.pop() for _ in range(RUNS * count)], count)
+        figures = {"runs/min": Figure.of(rate, "more"), "MB a worker": Figure.of(peak, MEMORY)}
         if count == max(WORKERS):
-            minutes = [TABLE2_RUNS / rate for rate in rates[count]]
-            figures[f"{TABLE2_RUNS} runs, min"] = Figure.median(minutes, IN_MINUTES)
+            figures[f"{TABLE2_RUNS} runs, min"] = Figure.of(TABLE2_RUNS / rate, IN_MINUTES)
         rows.append(Row(f"{count} worker" + "s" * (count > 1), figures))
     how = (
-        f"back view without optimisation, {duration_s:g} s with every roller; medians (quartiles) "
-        f"of {repetitions} rounds of {RUNS} runs a worker in turns, with the workers' start"
+        f"back view without optimisation, {duration_s:g} s with every roller; {RUNS} runs a "
+        "worker, with the workers' start"
     )
     return [Group("Experiments", how, tuple(rows))]
 

@@ -1,4 +1,4 @@
-"""Hours of simulated time: memory, ticks, and the schedule: `python -m bench.soak --hours 2`."""
+"""Hours of simulated time: memory, ticks, and the schedule: `make soak HOURS=2`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mecazen.processes import Supervisor, beside_that_core, on_one_core, private
 from mecazen.runtime import announce_readiness
 from mecazen.wire import Stamp
 
-from bench.scenarios import SCENARIOS
+from mecazen_bench.scenarios import SCENARIOS
 
 WITNESS = "witness"
 """The part that counts ticks; in lockstep physics begins when it is ready, too."""
@@ -169,7 +169,7 @@ def drift(minutes: float) -> bool:
 
 def main() -> None:
     """Soak, and say by the exit code whether all is as it should be."""
-    parser = argparse.ArgumentParser(prog="python -m bench.soak", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m mecazen_bench.soak", description=__doc__)
     parser.add_argument("--hours", type=float, default=2.0, help="simulated, in lockstep")
     parser.add_argument("--minutes", type=float, default=10.0, help="in real time")
     options = parser.parse_args()

@@ -21,28 +21,27 @@ from mecazen_recorder.reader import Recording
 from mecazen_recorder.replay import publish
 from mecazen_recorder.writer import RecordingWriter
 
-from bench.figures import Figure, Group, Row
-from bench.scenarios import SCENARIOS
+from mecazen_bench.figures import Figure, Group, Row
+from mecazen_bench.scenarios import SCENARIOS
 
-REPETITIONS = 5
-DURATION_S = 20.0
+DURATION_S = 10.0
 SPEED = 10.0
 """Of the replay that the recorder listens to, times real time."""
 START_S = 20.0
 ENCODINGS: tuple[Encoding, ...] = ("cdr", "json")
 
 
-def run(duration_s: float = DURATION_S, repetitions: int = REPETITIONS) -> list[Group]:
+def run(duration_s: float = DURATION_S) -> list[Group]:
     """Write a run of the scenario `back` again, alone and as another process hears it."""
     with TemporaryDirectory() as folder:
         recording = _recording(Path(folder) / "run.mcap", duration_s)
         rows = [
-            *(_write(recording, encoding, repetitions) for encoding in ENCODINGS),
+            *(_write(recording, encoding) for encoding in ENCODINGS),
             *(_listen(recording, encoding) for encoding in ENCODINGS),
         ]
     how = (
-        f"the messages of {duration_s:g} s; alone: medians (quartiles) of {repetitions} files; "
-        f"as a process: replayed at {SPEED:g} × real time by another"
+        f"the messages of {duration_s:g} s; as a process: replayed at {SPEED:g} × real time by "
+        "another"
     )
     return [Group("Recorder: scenario back", how, tuple(rows))]
 
@@ -60,24 +59,21 @@ def _recording(path: Path, duration_s: float) -> Recording:
     return Recording(path)
 
 
-def _write(recording: Recording, encoding: Encoding, repetitions: int) -> Row:
+def _write(recording: Recording, encoding: Encoding) -> Row:
     samples = list(recording.samples())
     messages: list[Message] = [
         sample.message(topic.type) for sample in samples if (topic := topic_of(sample.key))
     ]
-    rates, path = [], recording.path.with_name("again.mcap")
-    for _ in range(repetitions):
-        writer = RecordingWriter(path, encoding)
-        begin = time.perf_counter()
-        for sample, message in zip(samples, messages, strict=True):
-            writer.write(sample.key, message, sample.stamp, sample.time_ns)
-        writer.close()
-        rates.append(len(samples) / (time.perf_counter() - begin))
-        size = path.stat().st_size
-        path.unlink()
+    path = recording.path.with_name(f"alone-{encoding}.mcap")
+    writer = RecordingWriter(path, encoding)
+    begin = time.perf_counter()
+    for sample, message in zip(samples, messages, strict=True):
+        writer.write(sample.key, message, sample.stamp, sample.time_ns)
+    writer.close()
+    elapsed = time.perf_counter() - begin
     figures = {
-        "messages/s": Figure.median(rates),
-        "bytes/message": Figure.of(size / len(samples)),
+        "messages/s": Figure.of(len(samples) / elapsed, "more"),
+        "bytes/message": Figure.of(path.stat().st_size / len(samples), "less"),
     }
     return Row(f"written alone, {encoding}", figures)
 
@@ -115,9 +111,9 @@ def _listen(recording: Recording, encoding: Encoding) -> Row:
     lost = _count(recording) - _count(Recording(path))
     cpu = now.user + now.system - used.user - used.system
     figures = {
-        "messages/s": Figure.of(published / elapsed),
-        "CPU share": Figure.of(cpu / elapsed),
-        "lost": Figure.of(lost),
+        "messages/s": Figure.of(published / elapsed, "more"),
+        "CPU share": Figure.of(cpu / elapsed, "less"),
+        "lost": Figure.of(lost, "less"),
     }
     return Row(f"as a process, {encoding}", figures)
 

@@ -36,8 +36,8 @@ from mecazen.wire import (
     encode,
 )
 
-from bench.figures import Figure, Group, Row, Target
-from bench.scenarios import SCENARIOS
+from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.scenarios import SCENARIOS
 
 PAYLOADS = 1_000_000
 TICKS = 500
@@ -280,9 +280,9 @@ def run(payloads: int = PAYLOADS, ticks: int = TICKS) -> list[Group]:
         Row(
             key,
             {
-                "payloads": Figure.of(count),
+                "payloads": Figure.of(count, "more"),
                 "not refused": Figure.of(count - refused[key], Target.around(0.0, 0.0)),
-                "left out as well-formed": Figure.of(malformed.well_formed[key]),
+                "left out as well-formed": Figure.of(malformed.well_formed[key], "less"),
             },
         )
         for key, count in sorted(counts.items())
@@ -291,10 +291,10 @@ def run(payloads: int = PAYLOADS, ticks: int = TICKS) -> list[Group]:
         Row(
             "all",
             {
-                "payloads": Figure.of(counts.total()),
+                "payloads": Figure.of(counts.total(), "more"),
                 "not refused": Figure.of(counts.total() - refused.total(), Target.around(0.0, 0.0)),
-                "left out as well-formed": Figure.of(malformed.well_formed.total()),
-                "payloads/s": Figure.of(counts.total() / spent),
+                "left out as well-formed": Figure.of(malformed.well_formed.total(), "less"),
+                "payloads/s": Figure.of(counts.total() / spent, "more"),
                 "trajectories that differ": Figure.of(found != expected, Target.around(0.0, 0.0)),
             },
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from typing import Literal, get_args
@@ -13,7 +14,7 @@ from mecazen_physics import model
 from mecazen_physics.rollers import Roller
 from mecazen_physics.world import GRAVITY
 
-from bench.engine import Sample
+from mecazen_bench.energy import Sample
 
 Shape = Literal["capsule", "mesh"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -30,21 +31,33 @@ MESH_RINGS, MESH_SEGMENTS = 33, 48
 
 
 class MujocoEngine:
-    """A robot in MuJoCo; see `bench.engine.Engine`."""
+    """A robot in MuJoCo; see `mecazen_bench.engine.Engine`."""
 
     def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
         self.name = f"MuJoCo, {shape}"
         self.robot = robot
         self.dt_s = dt_s
+        self.spent_s = 0.0
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, dt_s, shape))
         self._data = mujoco.MjData(self._model)
         self._wheels = [int(self._model.joint(name).qposadr[0]) for name in WHEEL_JOINTS]
 
     def advance(self, speeds: Sequence[float], steps: int) -> Sample:
         """Simulate some steps; see `Engine`."""
+        self._model.opt.disableflags = 0
+        return self._step(speeds, steps)
+
+    def coast(self, steps: int) -> Sample:
+        """Simulate some steps without the motors; see `Engine`."""
+        self._model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_ACTUATION
+        return self._step([0.0] * len(self._wheels), steps)
+
+    def _step(self, speeds: Sequence[float], steps: int) -> Sample:
+        begin = time.thread_time()
         self._data.ctrl[:] = speeds
         mujoco.mj_step(self._model, self._data, nstep=steps)
         position = self._data.qpos.tolist()
+        self.spent_s += time.thread_time() - begin
         x, y, z, qw, qx, qy, qz = position[:7]
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
         return Sample(x, y, z, yaw, [position[index] for index in self._wheels])

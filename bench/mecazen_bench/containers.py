@@ -10,31 +10,27 @@ from mecazen.config import BusConfig, Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 
-from bench import latency
-from bench.compose import Compose
-from bench.figures import Group, Row
-from bench.scenarios import SCENARIOS
+from mecazen_bench import latency
+from mecazen_bench.compose import Compose
+from mecazen_bench.figures import Group, Row
+from mecazen_bench.scenarios import SCENARIOS
 
-PUTS, ROUNDS = 500, 5
+PUTS = 500
 SERVICES = ("router", "teleop-physics", "teleop-controller", "teleop-target")
 TITLE = "Latency in containers: scenario teleop"
 
 
-def run(puts: int = PUTS, rounds: int = ROUNDS) -> list[Group]:
+def run(puts: int = PUTS) -> list[Group]:
     """Drive the scenario `teleop` as processes and in containers; or say why there are none."""
     try:
         Compose().run("build", *SERVICES)
     except MecazenError as error:
         return [Group(TITLE, str(error), ())]
-    latencies: dict[str, list[float | None]] = {"processes": [], "containers": []}
-    for _ in range(rounds):
-        for subject, running in (("processes", latency.teleop), ("containers", _teleop)):
-            with running() as (bus, scenario):
-                latencies[subject] += latency.drive(bus, scenario, puts)
-    how = (
-        f"cmd_vel → joint_command: {puts} puts in each of {rounds} turns, by a process of the host"
-    )
-    rows = (Row(subject, latency.figures(found)) for subject, found in latencies.items())
+    rows = []
+    for subject, running in (("processes", latency.teleop), ("containers", _teleop)):
+        with running() as (bus, scenario):
+            rows.append(Row(subject, latency.figures(latency.drive(bus, scenario, puts))))
+    how = f"cmd_vel → joint_command: {puts} puts by a process of the host"
     return [Group(TITLE, how, tuple(rows))]
 
 

@@ -1,1 +1,0 @@
-"""How fast and how right the simulator is: `python -m bench`."""

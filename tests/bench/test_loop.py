@@ -1,0 +1,52 @@
+"""The loop of the bench runs in every way, and a tick's time is told part by part."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import pytest
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.messages import Clock
+from mecazen.wire import Stamp
+from mecazen_bench import loop
+from mecazen_bench.loop import BUS, Stopwatch, TimedBus
+
+PARTS = ["physics", "controller", "target", "follower", "trajectory", BUS]
+
+
+def test_the_loop_runs_in_all_three_ways_and_a_tick_has_all_its_parts() -> None:
+    ways, parts = loop.run(duration_s=1.0)
+    assert len(ways.rows) == 3
+    for row in ways.rows:
+        assert row.figures["ticks/s"].value == pytest.approx(
+            100.0 * row.figures["× real time"].value
+        )
+        assert row.figures["ticks/s"].value > 1.0
+
+    *each, everything = parts.rows
+    assert [row.subject for row in each] == PARTS
+    costs = [row.figures["µs/tick"].value for row in each]
+    shares = [row.figures["% of the tick"].value for row in each]
+    assert min(costs) > 0.0
+    assert sum(costs) == pytest.approx(everything.figures["µs/tick"].value)
+    assert sum(shares) == pytest.approx(100.0)
+    unbounded = [row.subject for row in each if row.figures["% of the tick"].target is None]
+    assert unbounded == ["physics", "follower"]
+
+
+def test_time_is_that_of_the_part_at_work_and_publishing_is_the_bus_s(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = itertools.count()
+    monkeypatch.setattr(time, "perf_counter_ns", lambda: next(clock))
+    local, watch = LocalBus(), Stopwatch()  # at 0, as the bus
+    sender, taker = (TimedBus(local, watch, part) for part in ("sender", "taker"))
+    publisher = sender.publisher(keys.CLOCK)
+    taker.subscribe(keys.CLOCK, lambda *_: watch.turn_to("inner"))
+    watch.turn_to("sender")  # 1
+    publisher.put(Clock(), Stamp(0, 0, 0))  # the bus from 2 to 3
+    local.spin()  # taker from 4, inner from 5, the bus from 6
+    watch.turn_to(BUS)  # 7
+    assert watch.ns == {BUS: 1 + 1 + 1, "sender": 1 + 1, "taker": 1, "inner": 1}
