@@ -80,12 +80,13 @@ def build_robot(
 ) -> tuple[Any, list[Any]]:
     """Return the robot's skeleton and the joints of its wheels and rollers.
 
-    The front wheels hang on an axle that swings about its middle, as in platforms of this
-    kind. Of a rigid robot on rigid wheels, two that stand crosswise would carry the weight;
-    their rollers' axes are parallel, and it would glide along between them with all wheels
-    at rest. Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
+    Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
     the speed. With `near`, two rollers a wheel are bodies (see `model.near`), and nothing else
     of the robot can touch anything.
+
+    The front wheels hang on an axle that swings about its middle, as in platforms of this
+    kind. Of a rigid robot, two wheels that stand crosswise would carry the whole weight: their
+    rollers are parallel, and it would glide along across them with all wheels at rest.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()

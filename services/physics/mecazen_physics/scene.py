@@ -26,7 +26,8 @@ class Motion(NamedTuple):
     """Positions and velocities of the robot in DART's coordinates.
 
     Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
-    [rad], and their rates in world axes [rad/s, m/s, rad/s]; of the joints, wheels and then every roller, [rad] and [rad/s].
+    [rad], and their rates, in world axes [rad/s, m/s, rad/s]; of the joints, wheels and then
+    every roller, [rad] and [rad/s].
     """
 
     base_position: list[float]
