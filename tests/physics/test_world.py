@@ -16,10 +16,10 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen_physics import model
+from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.rollers import Roller, lateral_gain, yaw_gain
-from mecazen_physics.scene import GRAVITY
 from mecazen_physics.world import World, WorldState
 
 STEPS = 10  # of 1 ms in a control period

@@ -16,10 +16,15 @@ from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller
 
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+
 # DART takes the lower coefficient of two touching bodies. The robot's own is out of reach, so
 # that of whatever it touches holds.
 _ROBOT_FRICTION = 1e9
+_AXLE_JOINT = "front_axle_joint"
 _AXLE_STOP_RAD = 0.1
+_TWIST = 0.1
 _NO_MASS = 1e-9
 
 
@@ -86,7 +91,9 @@ def build_robot(
 
     The front wheels hang on an axle that swings about its middle, as in platforms of this
     kind. Of a rigid robot, two wheels that stand crosswise would carry the whole weight: their
-    rollers are parallel, and it would glide along across them with all wheels at rest.
+    rollers are parallel, and it would glide along across them with all wheels at rest. No
+    frame is quite true, so those two carry a tenth more than the others. Were the loads the
+    same, turning on the spot would be up to those two whose contacts are the nearer.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
@@ -117,6 +124,8 @@ def build_robot(
         joints.append(joint)
     for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
         wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
+    load = skeleton.getMass() * GRAVITY / len(WHEELS)
+    skeleton.getJoint(_AXLE_JOINT).setCommand(0, _TWIST * load * 2.0 * robot.half_track)
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)
@@ -129,7 +138,7 @@ def build_robot(
 
 def _hang_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
     joint, axle = base.createRevoluteJointAndBodyNodePair()
-    joint.setName("front_axle_joint")
+    joint.setName(_AXLE_JOINT)
     axle.setName("front_axle")
     joint.setAxis([1.0, 0.0, 0.0])
     joint.setTransformFromParentBodyNode(dart.math.Isometry3(np.eye(3), hinge))

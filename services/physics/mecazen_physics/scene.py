@@ -162,5 +162,5 @@ class Scene:
 
 def _gravity(config: PhysicsConfig) -> list[float]:
     slope, heading = math.radians(config.slope_deg), math.radians(config.slope_heading_deg)
-    along = -GRAVITY * math.sin(slope)
-    return [along * math.cos(heading), along * math.sin(heading), -GRAVITY * math.cos(slope)]
+    along = -bodies.GRAVITY * math.sin(slope)
+    return [along * math.cos(heading), along * math.sin(heading), -bodies.GRAVITY * math.cos(slope)]
