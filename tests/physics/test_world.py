@@ -100,7 +100,8 @@ def test_forward_motion_is_ideal_and_smooth(robot: Robot) -> None:
     assert speed == pytest.approx(FORWARD.x, rel=0.01)
     heights = [state.position[2] for state in states]
     assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
-    assert abs(states[-1].position[1]) < 1e-6
+    # The two wheels that carry a tenth more pull a little to the side.
+    assert abs(states[-1].position[1]) < 2e-4
 
 
 def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
@@ -110,6 +111,31 @@ def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(robot: R
     # No slip but at the hand-over between rollers, whose axes differ: 1 % is required.
     assert gain == pytest.approx(lateral_gain(robot), rel=0.01)
     assert abs(states[-1].position[0]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "twist", [Twist2D(0.3, 0.3), Twist2D(0.3, -0.3, 0.2), Twist2D(0.5, 0.0, 0.8)]
+)
+def test_a_robot_stands_still_when_its_wheels_do(robot: Robot, twist: Twist2D) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    drive(world, wheel_speeds(robot, twist), 1.26)
+    for _ in range(100):
+        world.advance([0.0] * 4, STEPS)
+    # A wheel held at rest does not move along its roller's axis, and the axes cross: were two
+    # parallel ones to carry everything, it would glide on at some 0.1 m/s.
+    assert math.hypot(*world.state().linear) < 1e-6
+    assert math.hypot(*world.state().angular) < 1e-5
+
+
+def test_each_wheel_carries_a_quarter_of_the_weight(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    drive(world, [0.0] * 4, 0.5)
+    contacts = world._plant.scene._world.getLastCollisionResult().getContacts()
+    loads = [float(contact.force[2]) for contact in contacts]
+    weight = masses(robot)[0] * GRAVITY
+    assert sum(loads) == pytest.approx(weight, rel=0.01)
+    # A tenth more or less on the diagonals; camera, lidar and the absent rollers are 6 % more.
+    assert loads == pytest.approx([weight / 4] * 4, rel=0.2)
 
 
 def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
@@ -191,7 +217,8 @@ def test_friction_limits_what_holds_on_a_slope(robot: Robot) -> None:
     world.advance([0.0] * 4, 500)
     slope = math.radians(30.0)
     expected = -0.5 * GRAVITY * (math.sin(slope) - 0.2 * math.cos(slope))
-    assert world.state().linear[0] == pytest.approx(expected, rel=1e-6)  # Coulomb, exact in DART
+    # Coulomb, exact in DART; 1e-4: it yaws a little, as one diagonal carries more.
+    assert world.state().linear[0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus: Robot) -> None:
@@ -251,7 +278,8 @@ def test_the_pid_drive_reaches_the_commanded_speed(robot: Robot) -> None:
 def test_wheels_spin_on_the_spot_without_friction(nexus: Robot) -> None:
     world = World(nexus, PhysicsConfig(ground_friction=0.0), Pose2D())
     drive(world, wheel_speeds(nexus, FORWARD), 0.5)
-    assert math.hypot(*world.state().position[:2]) < 1e-6
+    # Nothing moves the centre of mass; 1e-5 m: below it the origin moves as the base leans.
+    assert math.hypot(*world.state().position[:2]) < 1e-5
     assert world.state().joint_velocity[0] == pytest.approx(FORWARD.x / 0.05 * 0.98, rel=0.01)
 
 
@@ -259,8 +287,9 @@ def test_a_standing_person_stops_the_robot(nexus: Robot) -> None:
     world = World(nexus, PhysicsConfig(), Pose2D())
     world.place_person(Pose2D(0.8, 0.0, 1.0), Twist2D())
     drive(world, wheel_speeds(nexus, Twist2D(x=0.2)), 3.0)
-    # Contact at 0.8 - 0.2 m; the base's front is 0.19 m ahead of its middle. 5 mm: it yaws.
-    assert world.state().position[0] == pytest.approx(0.41, abs=0.005)
+    # Contact at 0.8 - 0.2 m; the base's front is 0.19 m ahead of its middle. 10 mm: it
+    # yaws round the person, as its wheels do not all pull the same.
+    assert world.state().position[0] == pytest.approx(0.41, abs=0.01)
 
 
 def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) -> None:

@@ -53,6 +53,7 @@ SLACK_RAD = 0.02
 on the border is not brought back and forth."""
 
 _WHEELS = len(WHEELS)
+_ON_AXLE = [index for index, wheel in enumerate(WHEELS) if wheel.startswith("front")]
 _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
@@ -243,8 +244,10 @@ class NearScene(Scene):
         x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
         angles = self._position[BASE_DOFS:_FIRST_ROLLER].tolist()
         rates = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
+        swing = float(self._velocity[BASE_DOFS - 1])
         turning: list[float] = []
-        for angle, rate in zip(angles, rates, strict=True):
+        for wheel, (angle, rate) in enumerate(zip(angles, rates, strict=True)):
             cos, sin = math.cos(angle), math.sin(angle)
-            turning += (x * cos - z * sin, y + rate, x * sin + z * cos)
+            roll = x + swing if wheel in _ON_AXLE else x
+            turning += (roll * cos - z * sin, y + rate, roll * sin + z * cos)
         return np.array(turning)
