@@ -10,8 +10,8 @@ from typing import Literal, get_args
 import mujoco
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen_physics import model
+from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.rollers import Roller
-from mecazen_physics.world import GRAVITY
 
 from bench.engine import Sample
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
@@ -31,11 +32,12 @@ PREDICTED = Target.around(1.0, 0.01)
 class DartEngine:
     """The world of our physics service."""
 
-    def __init__(self, robot: Robot, dt_s: float) -> None:
-        self.name = "mecazen"
+    def __init__(self, robot: Robot, dt_s: float, rollers: Literal["near", "all"]) -> None:
+        self.name = f"mecazen, {rollers}"
         self.robot = robot
+        self.rollers = rollers
         self.dt_s = dt_s
-        self._world = World(robot, PhysicsConfig(dt_s=dt_s), Pose2D())
+        self._world = World(robot, PhysicsConfig(dt_s=dt_s, rollers=rollers), Pose2D())
 
     def advance(self, speeds: Sequence[float], steps: int) -> Sample:
         """Simulate some steps; see `Engine`."""
@@ -51,7 +53,8 @@ def engines() -> list[Engine]:
     found: list[Engine] = []
     for name in ROBOTS:
         for dt_s in STEPS_S:
-            found.append(DartEngine(robot(name), dt_s))
+            found.append(DartEngine(robot(name), dt_s, "near"))
+            found.append(DartEngine(robot(name), dt_s, "all"))
             if importlib.util.find_spec("mujoco") is not None:
                 from bench.mujoco_peer import SHAPES, MujocoEngine  # noqa: PLC0415
 
@@ -91,7 +94,8 @@ def _subject(engine: Engine) -> str:
 
 def _speed(engine: Engine, seconds: Sequence[float], ripple: float) -> dict[str, Figure]:
     ours = isinstance(engine, DartEngine)
-    held = ours and engine.robot.name == "nexus" and engine.dt_s == 0.001
+    nexus = engine.robot.name == "nexus" and engine.dt_s == 0.001
+    held = nexus and isinstance(engine, DartEngine) and engine.rollers == "near"
     percent = 100.0 * ripple / engine.robot.wheels.radius_m
     return {
         "µs/step": Figure.median([value * 1e6 for value in seconds]),

@@ -35,7 +35,7 @@ def figures(groups: list[Group]) -> dict[str, dict[str, Figure]]:
 
 @pytest.mark.parametrize("name", physics.ROBOTS)
 def test_our_physics_is_smooth_and_has_the_predicted_gains(name: str) -> None:
-    groups = physics.run([physics.DartEngine(robot(name), SECONDS)], repetitions=2)
+    groups = physics.run([physics.DartEngine(robot(name), SECONDS, "near")], repetitions=2)
     (row,) = figures(groups).values()
     accuracy = ["% of R", "forward", "lateral", "/ predicted", "yaw / predicted"]
     assert all(row[title].met for title in accuracy)
