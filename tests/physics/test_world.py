@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import dartpy as dart
 import msgspec
@@ -93,8 +94,11 @@ def test_joints_are_four_wheels_then_the_rollers_of_each(robot: Robot) -> None:
     assert len(world.state().joint_effort) == len(world.joint_names)
 
 
-def test_forward_motion_is_ideal_and_smooth(robot: Robot) -> None:
-    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, FORWARD), 3.0)[100:]
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_forward_motion_is_ideal_and_smooth(robot: Robot, rollers: Literal["near", "all"]) -> None:
+    states = drive(
+        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, FORWARD), 3.0
+    )[100:]
     speed = (states[-1].position[0] - states[0].position[0]) / (states[-1].time - states[0].time)
     # 1 % is the requirement; nothing but the rollers' chords makes it differ at all.
     assert speed == pytest.approx(FORWARD.x, rel=0.01)
@@ -104,8 +108,13 @@ def test_forward_motion_is_ideal_and_smooth(robot: Robot) -> None:
     assert abs(states[-1].position[1]) < 2e-4
 
 
-def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
-    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, LEFT), 3.0)[100:]
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(
+    robot: Robot, rollers: Literal["near", "all"]
+) -> None:
+    states = drive(
+        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, LEFT), 3.0
+    )[100:]
     gain = (states[-1].position[1] - states[0].position[1]) / 1.99 / LEFT.y
     assert gain == pytest.approx(1.0, abs=0.035)
     # No slip but at the hand-over between rollers, whose axes differ: 1 % is required.
@@ -138,8 +147,13 @@ def test_each_wheel_carries_a_quarter_of_the_weight(robot: Robot) -> None:
     assert loads == pytest.approx([weight / 4] * 4, rel=0.2)
 
 
-def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
-    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, TURN), 3.0)[100:]
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(
+    robot: Robot, rollers: Literal["near", "all"]
+) -> None:
+    states = drive(
+        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, TURN), 3.0
+    )[100:]
     gain = (yaw_of(states[-1]) - yaw_of(states[0])) / 1.99 / TURN.yaw
     assert gain == pytest.approx(yaw_gain(robot), rel=0.01)
     assert math.hypot(*states[-1].position[:2]) < 5e-3  # the rollers' contacts wander
@@ -163,8 +177,11 @@ def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
     )
 
 
-def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(), Pose2D())
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(
+    robot: Robot, rollers: Literal["near", "all"]
+) -> None:
+    world = World(robot, PhysicsConfig(rollers=rollers), Pose2D())
     torque = 0.05
     world.advance_effort([torque] * 4, 1000)
     mass, turning = masses(robot)
