@@ -16,7 +16,12 @@ from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller
 
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+
+_AXLE_JOINT = "front_axle_joint"
 _AXLE_STOP_RAD = 0.1
+_TWIST = 0.1
 _NO_MASS = 1e-9
 
 
@@ -91,12 +96,15 @@ def build_robot(
 ) -> tuple[Any, list[Any]]:
     """Return the robot's skeleton and the joints of its wheels and rollers.
 
-    The front wheels hang on an axle that swings about its middle, as in platforms of this
-    kind. Of a rigid robot on rigid wheels, two that stand crosswise would carry the weight;
-    their rollers' axes are parallel, and it would glide along between them with all wheels
-    at rest. Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
+    Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
     the speed. With `near`, two rollers a wheel are bodies (see `model.near`), and nothing else
     of the robot can touch anything.
+
+    The front wheels hang on an axle that swings about its middle, as in platforms of this
+    kind. Of a rigid robot, two wheels that stand crosswise would carry the whole weight: their
+    rollers are parallel, and it would glide along across them with all wheels at rest. No
+    frame is quite true, so those two carry a tenth more than the others. Were the loads the
+    same, turning on the spot would be up to those two whose contacts are the nearer.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
@@ -128,6 +136,8 @@ def build_robot(
         joints.append(joint)
     for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
         wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
+    load = skeleton.getMass() * GRAVITY / len(WHEELS)
+    skeleton.getJoint(_AXLE_JOINT).setCommand(0, _TWIST * load * 2.0 * robot.half_track)
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)
@@ -140,7 +150,7 @@ def build_robot(
 
 def _hang_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
     joint, axle = base.createRevoluteJointAndBodyNodePair()
-    joint.setName("front_axle_joint")
+    joint.setName(_AXLE_JOINT)
     axle.setName("front_axle")
     joint.setAxis([1.0, 0.0, 0.0])
     joint.setTransformFromParentBodyNode(dart.math.Isometry3(np.eye(3), hinge))

@@ -17,10 +17,11 @@ lets the impulses of motors and contacts turn the wheel:
 
     θ̇' = ρ·θ̇ - Δ,    ρ = 1/(1 + c·dt/I),    Δ = (a·ω)' - a·ω.
 
-`Air` sums it over the steps of a chunk with Δ the same in each. On its wheel the roller acts
-as a mass without a moment about a (`model.near`), and with the torque c·θ̇·a of its bearing.
-Its gyroscopic torque I·Ω·(a×ω) is left out: at 45° and 1 m/s it is 2 mN·m of the 3 N·m and 35 N
-of a wheel, mostly across the axle.
+`Air` sums that over the steps of a chunk as if the wheel came to its new speed in the first of
+them, as the servo makes it. On its wheel the roller acts as a mass without a moment about a
+(`model.near`), and with the torques c·θ̇·a of its bearing and I·Ω·a×ω of its spin Ω = θ̇ + a·ω,
+whose means over the chunk are set as external ones. What is neglected is how they change
+within a chunk: some 10 µN·m.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ SLACK_RAD = 0.02
 on the border is not brought back and forth."""
 
 _WHEELS = len(WHEELS)
+_ON_AXLE = [index for index, wheel in enumerate(WHEELS) if wheel.startswith("front")]
 _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
@@ -65,18 +67,24 @@ class Air:
 
     def __init__(self, robot: Robot, dt: float) -> None:
         count = robot.rollers.count
+        friction, inertia = robot.rollers.bearing_friction_nms, Roller.of(robot).inertia[1]
         self._dt = dt
-        self._friction = robot.rollers.bearing_friction_nms
-        self._kept = 1.0 / (1.0 + self._friction * dt / Roller.of(robot).inertia[1])
+        self._kept = 1.0 / (1.0 + friction * dt / inertia)
         self.state: Array = np.zeros((3, _WHEELS * count))
-        self._axes: Array = np.zeros((_WHEELS * count, _WHEELS, 3))
-        rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
-        for index, roller in enumerate(rollers):
-            self._axes[index, index // count] = roller.rotation[:, 2]
-        self._axes = self._axes.reshape(-1, 3 * _WHEELS)
-        lonely = np.ones((_WHEELS, count))
-        lonely[:, [0, -1]] = 0.0
-        self._push = self._friction * lonely.ravel() * self._axes.T
+        self._turning: Array = np.zeros(3 * _WHEELS)
+        axes = np.zeros((_WHEELS, count, _WHEELS, 3))
+        rollers = iter(model.links(robot)[_WHEELS:])
+        for wheel in range(_WHEELS):
+            for place in range(count):
+                axes[wheel, place, wheel] = next(rollers).rotation[:, 2]
+        self._axes: Array = axes.reshape(_WHEELS * count, 3 * _WHEELS)
+        axes = axes.copy()
+        axes[:, [0, -1]] = 0.0
+        airborne = axes.reshape(self._axes.shape).T
+        # of spins and a·ω: the bearings' torques and the angular momenta about the axes
+        self._loads: Array = np.block(
+            [[friction * airborne, 0.0 * airborne], [inertia * airborne, inertia * airborne]]
+        )
 
     def note(self, turning: Array) -> Array:
         """Take the wheels as `turning` (12,), x, y, z of each in its own frame [rad/s].
@@ -84,6 +92,7 @@ class Air:
         Returns:
             By how much a·ω (4·N,) has changed [rad/s].
         """
+        self._turning = turning
         now = self._axes @ turning
         change: Array = now - self.state[2]
         self.state[2] = now
@@ -98,10 +107,17 @@ class Air:
         rate *= last * self._kept
         rate -= last * change
 
-    def torques(self, steps: int) -> Array:
-        """Return the mean torque of the bearings in the air [N·m], as `turning` (12,)."""
+    def torques(self, steps: int) -> list[tuple[float, float, float]]:
+        """Return the mean torques on the wheels in `steps` steps, in their frames [N·m]."""
         _, _, after = _sums(self._kept, steps)
-        torques: Array = self._push @ (after / steps * self.state[1])
+        loads = (self._loads @ self.state[1:].ravel()).tolist()
+        turning = self._turning.tolist()
+        torques = []
+        for i in range(0, 3 * _WHEELS, 3):
+            fx, fy, fz = (after / steps * torque for torque in loads[i : i + 3])
+            hx, hy, hz = loads[3 * _WHEELS + i : 3 * _WHEELS + i + 3]
+            wx, wy, wz = turning[i : i + 3]
+            torques.append((fx + hy * wz - hz * wy, fy + hz * wx - hx * wz, fz + hx * wy - hy * wx))
         return torques
 
 
@@ -161,9 +177,8 @@ class NearScene(Scene):
                 moved = True
         if moved:
             self._put()
-        torques = self._air.torques(steps)
-        for wheel, hub in enumerate(self._hubs):
-            hub.setExtTorque(torques[3 * wheel : 3 * wheel + 3], True)
+        for hub, torque in zip(self._hubs, self._air.torques(steps), strict=True):
+            hub.setExtTorque(torque, True)
         return steps
 
     def speeds(self) -> list[float]:
@@ -229,8 +244,10 @@ class NearScene(Scene):
         x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
         angles = self._position[BASE_DOFS:_FIRST_ROLLER].tolist()
         rates = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
+        swing = float(self._velocity[BASE_DOFS - 1])
         turning: list[float] = []
-        for angle, rate in zip(angles, rates, strict=True):
+        for wheel, (angle, rate) in enumerate(zip(angles, rates, strict=True)):
             cos, sin = math.cos(angle), math.sin(angle)
-            turning += (x * cos - z * sin, y + rate, x * sin + z * cos)
+            roll = x + swing if wheel in _ON_AXLE else x
+            turning += (roll * cos - z * sin, y + rate, roll * sin + z * cos)
         return np.array(turning)

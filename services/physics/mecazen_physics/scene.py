@@ -15,8 +15,6 @@ from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.reach import Reach
 
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]."""
 BASE_DOFS = 7
 """Of the base in space, and of its front axle."""
 _PROBE_DEPTH = 1e-4
@@ -26,7 +24,8 @@ class Motion(NamedTuple):
     """Positions and velocities of the robot in DART's coordinates.
 
     Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
-    [rad], and their rates in world axes [rad/s, m/s, rad/s]; of the joints, wheels and then every roller, [rad] and [rad/s].
+    [rad], and their rates, in world axes [rad/s, m/s, rad/s]; of the joints, wheels and then
+    every roller, [rad] and [rad/s].
     """
 
     base_position: list[float]
@@ -208,5 +207,5 @@ class Scene:
 
 def _gravity(config: PhysicsConfig) -> list[float]:
     slope, heading = math.radians(config.slope_deg), math.radians(config.slope_heading_deg)
-    along = -GRAVITY * math.sin(slope)
-    return [along * math.cos(heading), along * math.sin(heading), -GRAVITY * math.cos(slope)]
+    along = -bodies.GRAVITY * math.sin(slope)
+    return [along * math.cos(heading), along * math.sin(heading), -bodies.GRAVITY * math.cos(slope)]
