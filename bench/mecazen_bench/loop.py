@@ -98,6 +98,11 @@ class TimedBus:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
 
+    def beside(self, name: str) -> TimedBus:
+        """Return the bus of a namespace, timed for the same part."""
+        bus = self._bus.beside(name)
+        return self if bus is self._bus else TimedBus(bus, self._watch, self._part)
+
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic, timed."""
         return _TimedPublisher(self._bus.publisher(topic), self._watch, self._part)

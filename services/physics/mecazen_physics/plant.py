@@ -43,7 +43,7 @@ class Plant:
         """Those who may touch the robot soon, by their numbers."""
         self._alone = True
 
-    def place_person(self, pose: Pose2D, velocity: Twist2D, number: int) -> None:
+    def place_person(self, pose: Pose2D, velocity: Twist2D, number: int = 0) -> None:
         """Put a person at `pose` in the world frame, moving with `velocity` in their own."""
         walking = Walking(pose.x, pose.y, rotate(velocity.x, velocity.y, pose.yaw))
         self._people[number] = walking
