@@ -23,7 +23,7 @@ from mecazen.cli.up import run_up
 from mecazen.errors import MecazenError
 from mecazen.loading import scenario_path, to_toml
 from mecazen.simulate import Result, collect, simulate, simulate_distributed
-from mecazen.trajectory import Trajectory
+from mecazen.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
 
@@ -97,6 +97,9 @@ def run(
         ),
     ],
     scenario: ScenarioArgument,
+    robot: Annotated[
+        str, typer.Option(metavar="NAME", help="Of several robots, whose.", show_default=False)
+    ] = "",
     settings: Settings = None,
 ) -> None:
     """Run one service in this terminal, until Ctrl-C.
@@ -104,7 +107,7 @@ def run(
     Examples: mecazen run router back · mecazen run physics back ·
     mecazen run my_follower.py:MyFollower back
     """
-    runtime.run_named(service, load(scenario, settings))
+    runtime.run_named(service, load(scenario, settings), robot)
 
 
 @app.command(name="simulate")
@@ -216,13 +219,22 @@ def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool
     table.add_row(
         f"{result.duration_s:g} s",
         f"{result.rtf:.1f}",
-        "-" if result.d_err_m is None else f"{result.d_err_m:.4f} m",
-        "-" if result.theta_err_deg is None else f"{result.theta_err_deg:.2f}°",
+        *_measures(result),
         f"{result.trajectory_sha256[:16]}…",
     )
+    for name, scores in result.robots.items():
+        table.add_row(name, "", *_measures(scores))
     Console().print(table)
     if file is not None:
         Console().print(f"every tick: {file}")
+
+
+def _measures(of: Result | Scores) -> tuple[str, str]:
+    """Return the measures of following as one reads them."""
+    return (
+        "-" if of.d_err_m is None else f"{of.d_err_m:.4f} m",
+        "-" if of.theta_err_deg is None else f"{of.theta_err_deg:.2f}°",
+    )
 
 
 @app.command()

@@ -6,7 +6,8 @@ import math
 import time
 import tomllib
 from collections.abc import Iterable
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any
 
 import msgspec
 import typer
@@ -18,6 +19,7 @@ from rich.text import Text
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen.config import SHARED, called
 from mecazen.errors import BusError
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.wire import RefusedError, decode
@@ -77,7 +79,8 @@ def status_of(
         alive: Who holds a liveliness token; `<name>/ready` is a mark of readiness.
         reports: The values of each one's newest diagnostics.
     """
-    names = [*parts, *sorted({name for name in alive if "/" not in name} | reports.keys())]
+    here = {name for name in alive if not name.endswith("/ready")}
+    names = [*parts, *sorted(here | reports.keys())]
     return Status(sim, {name: _service(name, alive, reports) for name in dict.fromkeys(names)})
 
 
@@ -150,9 +153,10 @@ class _Listener:
     def __init__(self, bus: ZenohBus) -> None:
         self._bus = bus
         self._parts: tuple[str, ...] = ()
+        self._robots: tuple[str, ...] = ()
         self._alive: set[str] = set()
         self.reports: Reports = {}
-        bus.subscribe_bytes(ALL_DIAGNOSTICS, self._take)
+        self._hear("")
 
     def listen(self, duration_s: float) -> None:
         """Take reports for a while."""
@@ -168,18 +172,39 @@ class _Listener:
     def status(self) -> Status:
         """Return how everybody is now."""
         self._alive = self._bus.alive()
+        for robot in self._robots:
+            # of what the robots share it is known already
+            alive = {n for n in self._bus.beside(robot).alive() if n.split("/")[0] not in SHARED}
+            self._alive |= {called(name, robot) for name in alive}
         sim = None
         if "physics" in self._alive:
             try:
                 sim = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S)
                 if not self._parts:
                     toml = self._bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data
-                    self._parts = tuple(tomllib.loads(toml)["services"])
+                    self._take_part(tomllib.loads(toml))
+                    return self.status()
             except BusError:
                 pass  # it is just starting, or just gone, or frozen
         return status_of(sim, self._parts, self._alive, self.reports)
 
-    def _take(self, key: str, payload: bytes, encoding: str, attachment: bytes | None) -> None:
+    def _take_part(self, scenario: dict[str, Any]) -> None:
+        """Learn from a scenario's tables who takes part."""
+        self._robots = tuple(robot["name"] for robot in scenario["robots"])
+        self._parts = tuple(
+            called(part, robot)
+            for part in scenario["services"]
+            for robot in (("",) if part in SHARED else self._robots or ("",))
+        )
+        for robot in self._robots:
+            self._hear(robot)
+
+    def _hear(self, robot: str) -> None:
+        self._bus.beside(robot).subscribe_bytes(ALL_DIAGNOSTICS, partial(self._take, robot))
+
+    def _take(
+        self, robot: str, key: str, payload: bytes, encoding: str, attachment: bytes | None
+    ) -> None:
         del attachment
         try:
             report = decode(payload, DiagnosticArray, encoding)
@@ -187,7 +212,9 @@ class _Listener:
             self._bus.refuse(key, str(refusal))
             return
         for status in report.status:
-            self.reports[status.name] = {pair.key: pair.value for pair in status.values}
+            self.reports[called(status.name, robot)] = {
+                pair.key: pair.value for pair in status.values
+            }
 
 
 def status(

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from types import FrameType
@@ -17,7 +18,7 @@ from rich.table import Table
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ONLOOKERS, ROUTER, SECURE_ROUTER, Scenario
+from mecazen.config import ONLOOKERS, ROUTER, SECURE_ROUTER, Scenario, called
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, FollowerState, Odometry
@@ -73,8 +74,8 @@ def run_up(
         supervisor.start_router()
         with closing(ZenohBus(scenario.bus, "client")) as bus:
             status = Status(bus, scenario)
-            for part in scenario.services:
-                supervisor.start(part, needed=part not in ONLOOKERS)
+            for part, robot in scenario.processes:
+                supervisor.start(part, robot, needed=part not in ONLOOKERS)
             if shown:
                 supervisor.start(VIEWER, needed=False)
             _introduce(console, scenario, supervisor, path)
@@ -116,36 +117,64 @@ def _is_told_at_its_end(line: Line) -> bool:
 
 
 class Status:
-    """One line on what the simulation does, from what is published."""
+    """What the simulation does, from what is published: a line, or one for each robot."""
 
     def __init__(self, bus: ZenohBus, scenario: Scenario) -> None:
-        self._time_s = 0.0
         self._reported_s = -QUIET_REPORT_S
-        self._robot = self._person = self._follower = self._physics = ""
-        bus.subscribe(keys.GROUND_TRUTH, self._on_robot)
+        self._physics = ""
+        self._robots = [
+            _RobotStatus(name, bus.beside(name), scenario.services) for name in scenario.names
+        ]
         bus.subscribe(keys.diagnostics("physics"), self._on_physics)
-        if "target" in scenario.services:
-            bus.subscribe(keys.TARGET_ODOM, self._on_person)
-        if "follower" in scenario.services:
-            bus.subscribe(keys.FOLLOWER_STATE, self._on_follower)
 
     @property
     def text(self) -> str:
-        """The line."""
-        parts = (self._robot, self._person, self._follower, self._physics)
-        return f"[bold]t = {self._time_s:.1f} s[/]  " + "  ·  ".join(filter(None, parts))
+        """The lines."""
+        first, *others = [robot.text for robot in self._robots]
+        lines = ["  ·  ".join(filter(None, (first, self._physics))), *others]
+        return f"[bold]t = {self._time_s:.1f} s[/]  " + "\n".join(lines)
+
+    @property
+    def _time_s(self) -> float:
+        return max(robot.time_s for robot in self._robots)
 
     def due(self) -> bool:
-        """Return whether enough simulated time has passed for another line."""
+        """Return whether enough simulated time has passed for another report."""
         if abs(self._time_s - self._reported_s) < QUIET_REPORT_S:
             return False
         self._reported_s = self._time_s
         return True
 
+    def _on_physics(self, report: DiagnosticArray, stamp: Stamp | None) -> None:
+        del stamp
+        values = {pair.key: pair.value for status in report.status for pair in status.values}
+        self._physics = (
+            f"{values.get('rtf', '?')} × real time, {values.get('missed_deadlines', '?')} missed"
+        )
+
+
+class _RobotStatus:
+    """What a robot does."""
+
+    def __init__(self, name: str, bus: ZenohBus, services: Sequence[str]) -> None:
+        self.time_s = 0.0
+        self._name = name or "robot"
+        self._robot = self._person = self._follower = ""
+        bus.subscribe(keys.GROUND_TRUTH, self._on_robot)
+        if "target" in services:
+            bus.subscribe(keys.TARGET_ODOM, self._on_person)
+        if "follower" in services:
+            bus.subscribe(keys.FOLLOWER_STATE, self._on_follower)
+
+    @property
+    def text(self) -> str:
+        """The line."""
+        return "  ·  ".join(filter(None, (self._robot, self._person, self._follower)))
+
     def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:
         if stamp is not None:
-            self._time_s = stamp.time_ns / 1e9
-        self._robot = f"robot {_place(odom)}"
+            self.time_s = stamp.time_ns / 1e9
+        self._robot = f"{self._name} {_place(odom)}"
 
     def _on_person(self, odom: Odometry, stamp: Stamp | None) -> None:
         del stamp
@@ -154,13 +183,6 @@ class Status:
     def _on_follower(self, state: FollowerState, stamp: Stamp | None) -> None:
         del stamp
         self._follower = f"{state.tracking}, {state.distance_error:+.3f} m off"
-
-    def _on_physics(self, report: DiagnosticArray, stamp: Stamp | None) -> None:
-        del stamp
-        values = {pair.key: pair.value for status in report.status for pair in status.values}
-        self._physics = (
-            f"{values.get('rtf', '?')} × real time, {values.get('missed_deadlines', '?')} missed"
-        )
 
 
 def _place(odom: Odometry) -> str:
@@ -171,27 +193,32 @@ def _place(odom: Odometry) -> str:
 def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:
     table = Table("process", "pid", "what it does", title="running", title_justify="left")
     for name, pid in supervisor.pids.items():
-        table.add_row(name, str(pid), WORK.get(name, scenario.programs.get(name, "")))
+        part = name.rpartition("/")[2]
+        table.add_row(name, str(pid), WORK.get(part, scenario.programs.get(part, "")))
     console.print(table)
     folder = scenario.bus.keys
     endpoint = (scenario.bus.meeting_point or (SECURE_ROUTER if folder else ROUTER,))[0]
     tls = f" --tls {os.path.relpath(folder)}" if folder else ""
     console.print(f"Tools attach at [bold]{endpoint}[/]. In another terminal:")
     drive = '{"linear":{"x":0.3}}'
+    odom, cmd_vel, walk = (
+        called(topic.key, scenario.names[0])
+        for topic in (keys.ODOM, keys.CMD_VEL, keys.TARGET_CMD_VEL)
+    )
     lines = [
-        f"mecazen echo odom{tls}",
+        f"mecazen echo {odom}{tls}",
         f"mecazen sim pause|resume|reset{tls}",
         f"mecazen topics --live{tls}",
     ]
     if "follower" in scenario.services:
         lines.append("mecazen up teleop   # instead of this: you drive the robot")
     else:
-        lines.insert(0, f"mecazen pub cmd_vel '{drive}' --rate 20{tls}   # drives the robot")
+        lines.insert(0, f"mecazen pub {cmd_vel} '{drive}' --rate 20{tls}   # drives the robot")
         if not tls:
             zenoh = f"zenoh --mode client --connect {endpoint}"
-            lines.insert(1, f"{zenoh} put -k cmd_vel -v '{drive}'")
+            lines.insert(1, f"{zenoh} put -k {cmd_vel} -v '{drive}'")
     if hasattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s"):
-        lines.insert(0, f"mecazen pub target/cmd_vel '{drive}' --rate 20{tls}   # walks the person")
+        lines.insert(0, f"mecazen pub {walk} '{drive}' --rate 20{tls}   # walks the person")
     else:
         driven = "--set target.path=\"{kind='driven'}\""
         lines.append(f"mecazen up {path.stem} {driven}   # instead: you walk the person")

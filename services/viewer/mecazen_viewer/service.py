@@ -37,7 +37,10 @@ DESCRIPTION_TIMEOUT_S = 2.0
 
 
 class ViewerService(Service):
-    """Shows every run as a recording of its own. Nobody waits for it."""
+    """Shows every run as a recording of its own. Nobody waits for it.
+
+    Of several robots it shows the first.
+    """
 
     NAME = "viewer"
 
@@ -48,7 +51,8 @@ class ViewerService(Service):
         """Takes the recording of each run before anything is logged in it."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
-        super().__init__(bus, scenario)
+        first = scenario.names[0]
+        super().__init__(bus.beside(first), scenario.of(first))
         self.show(keys.GROUND_TRUTH, Picture.on_ground_truth)
         self.show(keys.JOINT_STATES, Picture.on_joint_states)
         self.show(keys.JOINT_COMMAND, Picture.on_joint_command)
