@@ -82,7 +82,7 @@ class Probe:
 def run(puts: int = PUTS) -> list[Group]:
     """Drive the scenario `teleop` as an outsider does, alone and while others work."""
     rows = []
-    with teleop() as scenario, ProcessPoolExecutor(1, get_context("spawn"), _go_first) as driver:
+    with teleop() as scenario, ProcessPoolExecutor(1, get_context("spawn"), go_first) as driver:
         for subject, goal in (("idle", P99_MS), (BUSY, BUSY_P99_MS)):
             with _others(len(os.sched_getaffinity(0)) if subject == BUSY else 0):
                 latencies = driver.submit(_drive, scenario, puts).result()
@@ -94,7 +94,7 @@ def run(puts: int = PUTS) -> list[Group]:
     return [Group("Latency from cmd_vel to joint_command: scenario teleop", how, tuple(rows))]
 
 
-def _go_first() -> None:
+def go_first() -> None:
     """Do as the services do; see `mecazen.runtime`."""
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))

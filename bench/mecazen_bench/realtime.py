@@ -6,19 +6,24 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
+from multiprocessing import get_context
+from typing import NamedTuple
 
 import numpy as np
 import psutil
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
-from mecazen.messages import Clock, Odometry
+from mecazen.messages import Clock
 from mecazen.processes import private_meeting_point
 from mecazen.wire import Stamp
 
 from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.latency import go_first
 from mecazen_bench.scenarios import SCENARIOS
 
 WARM_S = 2.0
@@ -31,32 +36,13 @@ CPU_PERCENT = Target.below(25.0)
 MEMORY_MB = Target.below(150.0)
 
 
-class Ticks:
-    """When ticks arrive, and the first odometry."""
+class Ticks(NamedTuple):
+    """What a process hears that goes before others, as the services do."""
 
-    def __init__(self, bus: ZenohBus) -> None:
-        self._bus = bus
-        self.first_odom_s: float | None = None
-        self.arrivals: list[tuple[float, float]] = []
-        """Simulated time and wall time of each tick [s]."""
-        bus.subscribe(keys.ODOM, self._on_odom)
-        bus.subscribe(keys.CLOCK, self._on_clock, every=True)
-
-    def _on_odom(self, odom: Odometry, stamp: Stamp | None) -> None:
-        del odom, stamp
-        if self.first_odom_s is None:
-            self.first_odom_s = time.perf_counter()
-
-    def _on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
-        del clock
-        if stamp is not None:
-            self.arrivals.append((stamp.time_ns / 1e9, time.perf_counter()))
-
-    def take(self, seconds: float) -> None:
-        """Take what comes for some time."""
-        end = time.perf_counter() + seconds
-        while (left_s := end - time.perf_counter()) > 0.0:
-            self._bus.spin_once(left_s)
+    first_odom_s: float
+    """When the first odometry came, of the monotonic clock [s]."""
+    arrivals: list[tuple[float, float]]
+    """Simulated time and wall time of each tick from then on [s]."""
 
     def jitter_ms(self) -> tuple[float, float]:
         """Return how far from the schedule ticks arrive, for half of them and for 99 % at most.
@@ -69,6 +55,34 @@ class Ticks:
         return half, most
 
 
+def _hear(scenario: Scenario, seconds: float) -> Ticks:
+    """Wait for odometry, and then take ticks for some time.
+
+    Raises:
+        MecazenError: There is none.
+    """
+    odoms: list[float] = []
+    arrivals: list[tuple[float, float]] = []
+
+    def on_clock(clock: Clock, stamp: Stamp | None) -> None:
+        del clock
+        if odoms and stamp is not None:
+            arrivals.append((stamp.time_ns / 1e9, time.monotonic()))
+
+    with closing(ZenohBus(scenario.bus)) as bus:
+        bus.subscribe(keys.ODOM, lambda *_: odoms.append(time.monotonic()))
+        bus.subscribe(keys.CLOCK, on_clock, every=True)
+        end = time.monotonic() + START_S
+        while not odoms:
+            if time.monotonic() > end:
+                raise MecazenError("`mecazen up back` does not start")
+            bus.spin_once(0.1)
+        end = time.monotonic() + seconds
+        while (left_s := end - time.monotonic()) > 0.0:
+            bus.spin_once(left_s)
+    return Ticks(odoms[0], arrivals)
+
+
 def run(window_s: float = WINDOW_S) -> list[Group]:
     """Run the scenario `back` as a user does, without the viewer.
 
@@ -78,25 +92,19 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
     settings = private_meeting_point()
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
     flags = [f"--set={setting}" for setting in settings]
-    begin = time.perf_counter()
+    begin = time.monotonic()
     up = subprocess.Popen(
         [sys.executable, "-m", "mecazen", "up", "back", "--no-viewer", *flags],
         stdout=subprocess.DEVNULL,
     )
     try:
-        with closing(ZenohBus(scenario.bus)) as bus:
-            ticks = Ticks(bus)
-            while ticks.first_odom_s is None:
-                if up.poll() is not None or time.perf_counter() - begin > START_S:
-                    raise MecazenError("`mecazen up back` does not start")
-                bus.spin_once(0.1)
-            ticks.take(WARM_S)
+        with ProcessPoolExecutor(1, get_context("spawn"), go_first) as listener:
+            first_odom_s = listener.submit(_hear, scenario, WARM_S).result().first_odom_s
             processes = _processes(up.pid)
             before = {name: _spent_s(process) for name, process in processes.items()}
-            since = time.perf_counter()
-            ticks.arrivals.clear()
-            ticks.take(window_s)
-            elapsed = time.perf_counter() - since
+            since = time.monotonic()
+            ticks = listener.submit(_hear, scenario, window_s).result()
+            elapsed = time.monotonic() - since
             shares = {
                 name: 100.0 * (_spent_s(process) - before[name]) / elapsed
                 for name, process in processes.items()
@@ -115,7 +123,7 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
     ]
     rows.append(Row("all", {"% of a core": Figure.of(sum(shares.values()), CPU_PERCENT)}))
     schedule = {
-        "first odom s": Figure.of(ticks.first_odom_s - begin, FIRST_ODOM_S),
+        "first odom s": Figure.of(first_odom_s - begin, FIRST_ODOM_S),
         "tick off schedule, median ms": Figure.of(half, "less"),
         "p99 ms": Figure.of(most, JITTER_MS),
     }
@@ -138,4 +146,5 @@ def _processes(pid: int) -> dict[str, psutil.Process]:
 
 
 def _spent_s(process: psutil.Process) -> float:
-    return sum(process.cpu_times()[:2])
+    times = process.cpu_times()
+    return float(times.user + times.system)
