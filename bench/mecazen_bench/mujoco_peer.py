@@ -11,8 +11,8 @@ from typing import Literal, get_args
 import mujoco
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen_physics import model
+from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.rollers import Roller
-from mecazen_physics.world import GRAVITY
 
 from mecazen_bench.energy import Sample
 

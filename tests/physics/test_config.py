@@ -31,6 +31,7 @@ def test_obstacles_are_told_apart_by_their_kind() -> None:
         ({"dt_s": "fast"}, "dt_s"),
         ({"roller_spheres": 10}, "must be odd"),
         ({"drive": "position"}, "drive"),
+        ({"rollers": "some"}, "rollers"),
         ({"ground_friction": -1.0}, "ground_friction"),
         ({"slope_deg": 60.0}, "slope_deg"),
         ({"watchdog_s": 1e-4}, "watchdog_s"),

@@ -8,7 +8,7 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen_physics.config import Cylinder, PhysicsConfig
-from mecazen_physics.reach import Reach
+from mecazen_physics.reach import Circle, Outline, Reach
 from mecazen_physics.world import World, WorldState
 
 MIXED = ((4.0, 4.0, 4.0, 4.0), (-8.0, 8.0, 8.0, -8.0), (-6.0, 6.0, -6.0, 6.0), (9.0, 2.0, 2.0, 9.0))
@@ -36,9 +36,7 @@ def choose(
             "angles": [angle] * 4,
             "fastest": [0.0] * 4,
             "duration": 0.01,
-            "tilt": 0.0,
-            "others": [],
-            "position": (0.0, 0.0, 0.0),
+            "alone": True,
             **near,
         }
     )
@@ -64,19 +62,27 @@ def test_a_fast_wheel_has_more_rollers_left_in(nexus: Robot, bodies: list[Body])
     assert choose(nexus, bodies, Reach(nexus, bodies), fastest=[40.0] * 4) == [[0, 1, 8]] * 4
 
 
-@pytest.mark.parametrize(
-    "near", [{"tilt": 0.1}, {"others": [(0.6, 0.0, 0.2)]}, {"others": [(0.0, -0.5, 0.1)]}]
-)
-def test_all_are_left_in_when_the_robot_leans_or_something_is_near(
-    nexus: Robot, bodies: list[Body], near: dict[str, object]
-) -> None:
-    from mecazen_physics.reach import Circle
-
-    if "others" in near:
-        near = {"others": [Circle(*other) for other in near["others"]]}  # type: ignore[attr-defined]
+def test_all_are_left_in_when_the_robot_is_not_alone(nexus: Robot, bodies: list[Body]) -> None:
     reach = Reach(nexus, bodies)
     choose(nexus, bodies, reach)
-    assert choose(nexus, bodies, reach, **near) == [list(range(9))] * 4
+    assert choose(nexus, bodies, reach, alone=False) == [list(range(9))] * 4
+
+
+@pytest.mark.parametrize(
+    ("tilt", "others", "alone"),
+    [
+        (0.0, [], True),
+        (0.04, [Circle(0.8, 0.0, 0.2)], True),
+        (0.06, [], False),
+        # the robot's outline has a radius of 0.29 m
+        (0.0, [Circle(0.6, 0.0, 0.2)], False),
+        (0.0, [Circle(2.0, 0.0, 0.2), Circle(0.0, -0.5, 0.1)], False),
+    ],
+)
+def test_a_robot_is_alone_that_is_upright_and_far_from_everything(
+    nexus: Robot, tilt: float, others: list[Circle], *, alone: bool
+) -> None:
+    assert Outline(nexus).alone(0.0, 0.0, tilt, others) == alone
 
 
 def drive(robot: Robot, config: PhysicsConfig) -> list[WorldState]:
@@ -93,7 +99,9 @@ def drive(robot: Robot, config: PhysicsConfig) -> list[WorldState]:
 def test_the_robot_moves_as_with_all_rollers_in_the_collisions(
     nexus: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = PhysicsConfig(obstacles=(Cylinder(size_m=(0.1, 0.5), position_m=(1.2, 0.0)),))
+    config = PhysicsConfig(
+        rollers="all", obstacles=(Cylinder(size_m=(0.1, 0.5), position_m=(1.2, 0.0)),)
+    )
     chosen = drive(nexus, config)
     monkeypatch.setattr(Reach, "update", lambda *_, **__: None)
     everything = drive(nexus, config)

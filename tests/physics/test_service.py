@@ -596,7 +596,7 @@ def test_a_diverged_state_is_one_clear_error_that_ends_the_run():
     rig = Rig(services=ALONE)
     rig.begin()
     rig.tick()
-    rig.service.world._robot.setPosition(5, -0.2)
+    rig.service.world._plant.scene.robot.setPosition(5, -0.2)
     with pytest.raises(MecazenError, match=r"^physics diverged .* last good state at 0.010 s") as e:
         rig.service.step()
     assert "\n" not in str(e.value)

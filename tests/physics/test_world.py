@@ -3,10 +3,12 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import dartpy as dart
 import msgspec
@@ -15,10 +17,11 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen_physics import model
+from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.rollers import Roller, lateral_gain, yaw_gain
-from mecazen_physics.world import GRAVITY, World, WorldState
+from mecazen_physics.world import World, WorldState
 
 STEPS = 10  # of 1 ms in a control period
 FORWARD, LEFT, TURN = Twist2D(x=0.3), Twist2D(y=0.3), Twist2D(yaw=0.6)
@@ -91,18 +94,27 @@ def test_joints_are_four_wheels_then_the_rollers_of_each(robot: Robot) -> None:
     assert len(world.state().joint_effort) == len(world.joint_names)
 
 
-def test_forward_motion_is_ideal_and_smooth(robot: Robot) -> None:
-    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, FORWARD), 3.0)[100:]
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_forward_motion_is_ideal_and_smooth(robot: Robot, rollers: Literal["near", "all"]) -> None:
+    states = drive(
+        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, FORWARD), 3.0
+    )[100:]
     speed = (states[-1].position[0] - states[0].position[0]) / (states[-1].time - states[0].time)
     # 1 % is the requirement; nothing but the rollers' chords makes it differ at all.
     assert speed == pytest.approx(FORWARD.x, rel=0.01)
     heights = [state.position[2] for state in states]
     assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
-    assert abs(states[-1].position[1]) < 1e-6
+    # The two wheels that carry a tenth more pull a little to the side.
+    assert abs(states[-1].position[1]) < 2e-4
 
 
-def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
-    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, LEFT), 3.0)[100:]
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(
+    robot: Robot, rollers: Literal["near", "all"]
+) -> None:
+    states = drive(
+        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, LEFT), 3.0
+    )[100:]
     gain = (states[-1].position[1] - states[0].position[1]) / 1.99 / LEFT.y
     assert gain == pytest.approx(1.0, abs=0.035)
     # No slip but at the hand-over between rollers, whose axes differ: 1 % is required.
@@ -110,8 +122,38 @@ def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(robot: R
     assert abs(states[-1].position[0]) < 1e-3
 
 
-def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(robot: Robot) -> None:
-    states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, TURN), 3.0)[100:]
+@pytest.mark.parametrize(
+    "twist", [Twist2D(0.3, 0.3), Twist2D(0.3, -0.3, 0.2), Twist2D(0.5, 0.0, 0.8)]
+)
+def test_a_robot_stands_still_when_its_wheels_do(robot: Robot, twist: Twist2D) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    drive(world, wheel_speeds(robot, twist), 1.26)
+    for _ in range(100):
+        world.advance([0.0] * 4, STEPS)
+    # A wheel held at rest does not move along its roller's axis, and the axes cross: were two
+    # parallel ones to carry everything, it would glide on at some 0.1 m/s.
+    assert math.hypot(*world.state().linear) < 1e-6
+    assert math.hypot(*world.state().angular) < 1e-5
+
+
+def test_each_wheel_carries_a_quarter_of_the_weight(robot: Robot) -> None:
+    world = World(robot, PhysicsConfig(), Pose2D())
+    drive(world, [0.0] * 4, 0.5)
+    contacts = world._plant.scene._world.getLastCollisionResult().getContacts()
+    loads = [float(contact.force[2]) for contact in contacts]
+    weight = masses(robot)[0] * GRAVITY
+    assert sum(loads) == pytest.approx(weight, rel=0.01)
+    # A tenth more or less on the diagonals; camera, lidar and the absent rollers are 6 % more.
+    assert loads == pytest.approx([weight / 4] * 4, rel=0.2)
+
+
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(
+    robot: Robot, rollers: Literal["near", "all"]
+) -> None:
+    states = drive(
+        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, TURN), 3.0
+    )[100:]
     gain = (yaw_of(states[-1]) - yaw_of(states[0])) / 1.99 / TURN.yaw
     assert gain == pytest.approx(yaw_gain(robot), rel=0.01)
     assert math.hypot(*states[-1].position[:2]) < 5e-3  # the rollers' contacts wander
@@ -124,7 +166,7 @@ def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
     assert after.linear == pytest.approx((0.3, 0.0, 0.0), abs=0.01)
     assert after.angular == pytest.approx((0.0, 0.0, 0.4), abs=0.08)
     # The same as DART's, and as the finite difference over 10 ms.
-    body = world._robot.getBodyNode(0)
+    body = world._plant.scene.robot.getBodyNode(0)
     np.testing.assert_allclose(
         (*after.angular, *after.linear), body.getSpatialVelocity(), atol=1e-9
     )
@@ -135,8 +177,11 @@ def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
     )
 
 
-def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(), Pose2D())
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(
+    robot: Robot, rollers: Literal["near", "all"]
+) -> None:
+    world = World(robot, PhysicsConfig(rollers=rollers), Pose2D())
     torque = 0.05
     world.advance_effort([torque] * 4, 1000)
     mass, turning = masses(robot)
@@ -152,7 +197,7 @@ def test_a_coasting_robot_only_loses_energy_and_little(robot: Robot) -> None:
     energies = []
     for _ in range(100):
         world.advance_effort([0.0] * 4, STEPS)
-        energies.append(world._robot.computeKineticEnergy())
+        energies.append(world._plant.scene.robot.computeKineticEnergy())
     # Ripple of 0.02 mm stores m·g·20 µm = 3 mJ of some 0.7 J for a while.
     assert (np.diff(energies) < 0.005 * energies[0]).all()
     # Chords and hand-overs take 0.3 N from a robot of 130 N, less than rubber on a floor.
@@ -189,7 +234,8 @@ def test_friction_limits_what_holds_on_a_slope(robot: Robot) -> None:
     world.advance([0.0] * 4, 500)
     slope = math.radians(30.0)
     expected = -0.5 * GRAVITY * (math.sin(slope) - 0.2 * math.cos(slope))
-    assert world.state().linear[0] == pytest.approx(expected, rel=1e-6)  # Coulomb, exact in DART
+    # Coulomb, exact in DART; 1e-4: it yaws a little, as one diagonal carries more.
+    assert world.state().linear[0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus: Robot) -> None:
@@ -249,7 +295,8 @@ def test_the_pid_drive_reaches_the_commanded_speed(robot: Robot) -> None:
 def test_wheels_spin_on_the_spot_without_friction(nexus: Robot) -> None:
     world = World(nexus, PhysicsConfig(ground_friction=0.0), Pose2D())
     drive(world, wheel_speeds(nexus, FORWARD), 0.5)
-    assert math.hypot(*world.state().position[:2]) < 1e-6
+    # Nothing moves the centre of mass; 1e-5 m: below it the origin moves as the base leans.
+    assert math.hypot(*world.state().position[:2]) < 1e-5
     assert world.state().joint_velocity[0] == pytest.approx(FORWARD.x / 0.05 * 0.98, rel=0.01)
 
 
@@ -257,8 +304,9 @@ def test_a_standing_person_stops_the_robot(nexus: Robot) -> None:
     world = World(nexus, PhysicsConfig(), Pose2D())
     world.place_person(Pose2D(0.8, 0.0, 1.0), Twist2D())
     drive(world, wheel_speeds(nexus, Twist2D(x=0.2)), 3.0)
-    # Contact at 0.8 - 0.2 m; the base's front is 0.19 m ahead of its middle. 5 mm: it yaws.
-    assert world.state().position[0] == pytest.approx(0.41, abs=0.005)
+    # Contact at 0.8 - 0.2 m; the base's front is 0.19 m ahead of its middle. 10 mm: it
+    # yaws round the person, as its wheels do not all pull the same.
+    assert world.state().position[0] == pytest.approx(0.41, abs=0.01)
 
 
 def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) -> None:
@@ -268,7 +316,7 @@ def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) 
         world.advance([0.0] * 4, STEPS)
     assert world.state().linear[0] > 0.1
     assert world.state().position[0] > 0.1
-    person = world._person.getPositions()
+    person = world._plant.scene.person.getPositions()
     assert tuple(person) == pytest.approx((0.15, 0.0), abs=1e-9)  # their own speed, integrated
 
 
@@ -276,7 +324,7 @@ def test_the_persons_velocity_is_in_their_own_frame(nexus: Robot) -> None:
     world = World(nexus, PhysicsConfig(), Pose2D())
     world.place_person(Pose2D(3.0, 0.0, math.pi / 2), Twist2D(x=1.0))
     world.advance([0.0] * 4, 100)
-    assert tuple(world._person.getPositions()) == pytest.approx((3.0, 0.1), abs=1e-9)
+    assert world._plant.person()[:2] == pytest.approx((3.0, 0.1), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -320,8 +368,8 @@ def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
-        (lambda robot: robot.setVelocity(7, math.nan), "not finite"),
-        (lambda robot: robot.setPosition(20, math.inf), "not finite"),
+        (lambda robot: robot.setVelocity(8, math.nan), "not finite"),
+        (lambda robot: robot.setPosition(15, math.inf), "not finite"),
         (lambda robot: robot.setPosition(5, -0.2), "below the ground"),
         (lambda robot: robot.setPosition(4, math.nan), "moved"),
         (lambda robot: robot.setVelocity(3, 1e5), "moved|not finite"),
@@ -332,10 +380,12 @@ def test_a_diverged_state_is_an_error_with_the_last_good_one(
 ) -> None:
     world = World(nexus, PhysicsConfig(), Pose2D(1.0, 2.0, 0.0))
     world.advance([0.0] * 4, 10)
-    spoil(world._robot)
+    spoil(world._plant.scene.robot)
     with pytest.raises(DivergedError, match=reason) as caught:
         world.advance([0.0] * 4, 10)
-    assert "last good state at 0.010 s: position (1.0" in str(caught.value)
+    good = re.search(r"last good state at 0\.010 s: position \(([^,]*),", str(caught.value))
+    assert good
+    assert float(good[1]) == pytest.approx(1.0)
     assert world.state().time == pytest.approx(0.01)
 
 

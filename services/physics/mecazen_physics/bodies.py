@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import dartpy as dart
@@ -11,13 +12,20 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
-from mecazen_physics.config import Box, Person, PhysicsConfig
+from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
 
 # DART takes the lower coefficient of two touching bodies. The robot's own is out of reach, so
 # that of whatever it touches holds.
 _ROBOT_FRICTION = 1e9
+_AXLE_JOINT = "front_axle_joint"
+_AXLE_STOP_RAD = 0.1
+_TWIST = 0.1
+_NO_MASS = 1e-9
 
 
 def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
@@ -38,7 +46,9 @@ def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
         )
 
 
-def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
+def build_surroundings(
+    robot: Robot, config: PhysicsConfig, obstacles: Sequence[Box | Cylinder]
+) -> Any:
     """Return the ground and the obstacles: one skeleton, so they never collide.
 
     Raises:
@@ -48,7 +58,7 @@ def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
     _collide(ground, plane, config.ground_friction * robot.rollers.contact_friction)
-    for obstacle in config.obstacles:
+    for obstacle in obstacles:
         height = obstacle.size_m[-1]
         if height < robot.wheels.radius_m:
             # On a face of a box the rollers' contacts jump: only the plane is smooth.
@@ -70,37 +80,52 @@ def build_surroundings(robot: Robot, config: PhysicsConfig) -> Any:
     return skeleton
 
 
-def build_robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any, list[Any]]:
+def build_robot(
+    robot: Robot, config: PhysicsConfig, start: Pose2D, *, near: bool
+) -> tuple[Any, list[Any]]:
     """Return the robot's skeleton and the joints of its wheels and rollers.
 
     Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
-    the speed.
+    the speed. With `near`, two rollers a wheel are bodies (see `model.near`), and nothing else
+    of the robot can touch anything.
+
+    The front wheels hang on an axle that swings about its middle, as in platforms of this
+    kind. Of a rigid robot, two wheels that stand crosswise would carry the whole weight: their
+    rollers are parallel, and it would glide along across them with all wheels at rest. No
+    frame is quite true, so those two carry a tenth more than the others. Were the loads the
+    same, turning on the spot would be up to those two whose contacts are the nearer.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
     root.setTransform(_planar(start, 0.0))
-    links = model.links(robot)
+    links, lumped = model.near(robot) if near else (model.links(robot), [])
     trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
-    _collide(base, box, offset=model.base(robot).centre)
-    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
-    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
+    if not near:
+        _collide_base(base, robot)
     barrel = _barrel(robot, config)
+    hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
+    axle = _hang_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
     for link in links:
         if link.axis is None:
             continue
-        parent = bodies[link.parent]
+        parent, place = bodies[link.parent], np.array(link.translation)
+        if parent is base and link.translation[0] > 0.0:
+            parent, place = axle, place - hinge
         joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
         joint.setName(link.joint)
         body.setName(link.name)
         joint.setAxis(link.axis)
-        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, link.translation))
+        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, place))
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
+    for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
+        wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
+    load = skeleton.getMass() * GRAVITY / len(WHEELS)
+    skeleton.getJoint(_AXLE_JOINT).setCommand(0, _TWIST * load * 2.0 * robot.half_track)
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)
@@ -109,6 +134,27 @@ def build_robot(robot: Robot, config: PhysicsConfig, start: Pose2D) -> tuple[Any
         roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
         _collide(roller.getChildBodyNode(), barrel)
     return skeleton, joints
+
+
+def _hang_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
+    joint, axle = base.createRevoluteJointAndBodyNodePair()
+    joint.setName(_AXLE_JOINT)
+    axle.setName("front_axle")
+    joint.setAxis([1.0, 0.0, 0.0])
+    joint.setTransformFromParentBodyNode(dart.math.Isometry3(np.eye(3), hinge))
+    joint.setPositionLowerLimit(0, -_AXLE_STOP_RAD)
+    joint.setPositionUpperLimit(0, _AXLE_STOP_RAD)
+    joint.setLimitEnforcement(True)
+    # Its mass is in the base's.
+    axle.setInertia(dart.dynamics.Inertia(_NO_MASS, np.zeros(3), _NO_MASS * np.eye(3)))
+    return axle
+
+
+def _collide_base(base: Any, robot: Robot) -> None:
+    box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
+    _collide(base, box, offset=model.base(robot).centre)
+    _collide(base, dart.dynamics.BoxShape(robot.camera.size_m), offset=robot.camera.position_m)
+    _collide(base, dart.dynamics.CylinderShape(*robot.lidar.size_m), offset=robot.lidar.position_m)
 
 
 def _barrel(robot: Robot, config: PhysicsConfig) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -63,19 +63,43 @@ def links(robot: Robot) -> list[Link]:
 def lump(parts: list[Link]) -> tuple[float, Array, Array]:
     """Return mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²] of `parts`.
 
-    The parts are the root and links fixed to it without a turn; the result is in the root's
-    frame, by the parallel axis theorem.
+    The result is in the frame in which the parts are placed, by the parallel axis theorem.
     """
     mass = sum(part.mass for part in parts)
-    places = [np.add(part.translation, part.centre) for part in parts]
+    places = [part.translation + part.rotation @ part.centre for part in parts]
     pairs = list(zip(parts, places, strict=True))
     centre = sum((part.mass * place for part, place in pairs), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for part, place in pairs:
         arm = place - centre
-        inertia += np.diag(part.moments)
+        inertia += part.rotation @ np.diag(part.moments) @ part.rotation.T
         inertia += part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return mass, centre, inertia
+
+
+def near(robot: Robot) -> tuple[list[Link], list[list[Link]]]:
+    """Return the links of which some rollers are lumped with their wheels.
+
+    The rollers left are the first and the last of each wheel, those beside the ground while
+    the wheel's angle is between 0 and a pitch. With the links come, for each wheel, the parts
+    that turn with it, placed in its frame. A roller turns freely about its own axis, so the
+    wheel does not feel its moment of inertia about it: its part has none.
+    """
+    count = robot.rollers.count
+    everything = links(robot)
+    wheels, rollers = everything[: len(WHEELS)], everything[len(WHEELS) : -2]
+    lumped = []
+    kept = []
+    for index, wheel in enumerate(wheels):
+        first, *absent, last = rollers[index * count : (index + 1) * count]
+        kept += [first, last]
+        lumped.append(
+            [
+                replace(wheel, translation=(0.0, 0.0, 0.0)),
+                *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in absent),
+            ]
+        )
+    return [*wheels, *kept, *everything[-2:]], lumped
 
 
 def _wheel(robot: Robot, wheel: str) -> Link:

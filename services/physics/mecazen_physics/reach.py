@@ -26,6 +26,33 @@ class Circle(NamedTuple):
     radius: float
 
 
+class Outline:
+    """The robot from above, a circle: is it alone?"""
+
+    def __init__(self, robot: Robot) -> None:
+        self._radius = math.hypot(
+            max(robot.half_wheelbase + robot.wheels.radius_m, robot.base.length_m / 2),
+            max(robot.half_track + robot.wheels.radius_m, robot.base.width_m / 2),
+        )
+
+    def alone(
+        self, x: float, y: float, tilt: float, others: Sequence[Circle], margin: float = 1.0
+    ) -> bool:
+        """Return whether no roller but the lowest of each wheel can touch anything soon.
+
+        Args:
+            x: Of base_link [m].
+            y: Of base_link [m].
+            tilt: Angle between the base's vertical and the world's [rad].
+            others: What else there is to touch.
+            margin: Factor on what is far and what is upright enough.
+        """
+        free = self._radius + margin * NEAR_M
+        return margin * tilt < MAX_TILT_RAD and all(
+            math.hypot(x - other.x, y - other.y) > free + other.radius for other in others
+        )
+
+
 class Reach:
     """Leaves rollers out of collision detection while they can touch nothing.
 
@@ -41,19 +68,14 @@ class Reach:
         self._arc = math.pi / count + MARGIN_RAD + MAX_TILT_RAD
         self._wheels = [rollers[first : first + count] for first in range(0, len(rollers), count)]
         self._near = [[True] * count for _ in WHEELS]
-        self._outline = NEAR_M + math.hypot(
-            max(robot.half_wheelbase + robot.wheels.radius_m, robot.base.length_m / 2),
-            max(robot.half_track + robot.wheels.radius_m, robot.base.width_m / 2),
-        )
 
     def update(
         self,
         angles: Sequence[float],
         fastest: Sequence[float],
         duration: float,
-        tilt: float,
-        others: Sequence[Circle],
-        position: tuple[float, float, float],
+        *,
+        alone: bool,
     ) -> None:
         """Choose for the next `duration` [s].
 
@@ -61,14 +83,8 @@ class Reach:
             angles: Of the wheels [rad].
             fastest: The wheels' present or commanded speed, whichever is more [rad/s].
             duration: Of the next advance [s].
-            tilt: Angle between the base's vertical and the world's [rad].
-            others: What else there is to touch.
-            position: Of base_link [m].
+            alone: See `Outline`.
         """
-        x, y, _ = position
-        alone = tilt < MAX_TILT_RAD and all(
-            math.hypot(x - other.x, y - other.y) > self._outline + other.radius for other in others
-        )
         for rollers, near, angle, speed in zip(
             self._wheels, self._near, angles, fastest, strict=True
         ):

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
-import dartpy as dart
-from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEELS, Robot
 
-from mecazen_physics import bodies
+from mecazen_physics import bodies, model
 from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.errors import DivergedError, UnsupportedError
+from mecazen_physics.errors import DivergedError
 from mecazen_physics.pid import WheelPid
-from mecazen_physics.reach import Circle, Reach
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]."""
+from mecazen_physics.plant import Plant
 
 Vector = tuple[float, float, float]
 
-_BASE_DOFS = 6
-_PROBE_DEPTH = 1e-4
+
+Range = tuple[float, float]
+
+_LONGEST_S = 0.02
+"""Farther ahead the wheels' speeds cannot be foretold."""
 
 
 class WorldState(NamedTuple):
@@ -66,33 +65,14 @@ class World:
         # makes it ten times as fast as its motors can.
         self._fastest = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         self._bearing_friction = robot.rollers.bearing_friction_nms
-        self._world = dart.simulation.World()
-        self._world.setTimeStep(config.dt_s)
-        self._world.setGravity(_gravity(config))
-        self._world.setCollisionDetector(dart.simulation.BULLET)
-        # A body that DART has put to sleep ignores a person who walks into it.
-        sleep = self._world.getDeactivationOptions()
-        sleep.mEnabled = False
-        self._world.setDeactivationOptions(sleep)
-        self._surroundings = bodies.build_surroundings(robot, config)
-        self._robot, joints = bodies.build_robot(robot, config, start)
-        self._wheels = joints[: len(WHEELS)]
-        self.joint_names: tuple[str, ...] = tuple(joint.getName() for joint in joints)
-        self._reach = Reach(robot, [joint.getChildBodyNode() for joint in joints[len(WHEELS) :]])
-        self._obstacles = [
-            Circle(*obstacle.position_m, math.hypot(*obstacle.size_m[:-1]))
-            for obstacle in config.obstacles
-        ]
-        self._person: Any = None
-        self._person_circle: list[Circle] = []
-        self._world.addSkeleton(self._surroundings)
-        self._world.addSkeleton(self._robot)
+        self._longest = max(1, round(_LONGEST_S / config.dt_s))
+        self._hub_inertia = model.links(robot)[0].moments[1]
+        self._plant = Plant(robot, config, start)
+        self.joint_names = self._plant.joint_names
         self._pids = [WheelPid(config.pid, self._max_torque, config.dt_s) for _ in WHEELS]
-        self._servo: bool | None = None
+        self._servo = config.drive == "velocity"
         self._effort = [0.0] * len(WHEELS)
         self._steps = 0
-        self._use_servo(servo=config.drive == "velocity")
-        self._check_supported()
         self._state = self._read()
 
     def advance(self, command: Sequence[float], steps: int) -> None:
@@ -105,12 +85,13 @@ class World:
         """
         limit = self._max_speed
         target = [min(max(speed, -limit), limit) for speed in command]
-        self._choose_rollers(target, steps)
-        if self._config.drive == "effort":
-            self._advance_pid(target, steps)
-        else:
-            self._advance_servo(target, steps)
-        self._update()
+        drive = self._drive_servo if self._config.drive == "velocity" else self._drive_pid
+
+        def expect(speeds: Sequence[float], duration: float) -> list[Range]:
+            del duration
+            return [(min(pair), max(pair)) for pair in zip(speeds, target, strict=True)]
+
+        self._advance(steps, expect, lambda chunk: drive(target, chunk))
 
     def advance_effort(self, command: Sequence[float], steps: int) -> None:
         """Simulate `steps` steps of `dt_s` with the wheel torques `command` [N·m].
@@ -121,11 +102,13 @@ class World:
         Raises:
             DivergedError: if the state is no longer one of a robot on the ground.
         """
-        self._use_servo(servo=False)
-        self._choose_rollers([self._max_speed] * len(WHEELS), steps)
-        for _ in range(steps):
-            self._step_effort(command, [wheel.getVelocity(0) for wheel in self._wheels])
-        self._update()
+
+        def expect(speeds: Sequence[float], duration: float) -> list[Range]:
+            gain = duration / self._hub_inertia
+            changes = [gain * min(abs(torque), self._max_torque) for torque in command]
+            return [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+
+        self._advance(steps, expect, lambda chunk: self._drive_effort(command, chunk))
 
     def place_person(self, pose: Pose2D, velocity: Twist2D) -> None:
         """Put the person at `pose` in the world frame, moving with `velocity` in their own.
@@ -133,43 +116,54 @@ class World:
         They keep that velocity until placed again. A world has no person before the first
         call.
         """
-        if self._person is None:
-            self._person = self._add_person()
-        self._person_circle = [Circle(pose.x, pose.y, self._config.person.radius_m)]
-        self._person.setPositions([pose.x, pose.y])
-        self._person.setCommands(list(rotate(velocity.x, velocity.y, pose.yaw)))
+        self._plant.place_person(pose, velocity)
 
     def state(self) -> WorldState:
         """Return the present state."""
         return self._state
 
-    def _choose_rollers(self, target: list[float], steps: int) -> None:
-        """Leave the rollers that can touch nothing in these steps out of the collisions."""
-        state = self._state
-        speeds = state.joint_velocity[: len(WHEELS)]
-        x, y, _, _ = state.orientation
-        self._reach.update(
-            angles=state.joint_position[: len(WHEELS)],
-            fastest=[max(abs(a), abs(b)) for a, b in zip(speeds, target, strict=True)],
-            duration=steps * self._config.dt_s,
-            tilt=2.0 * math.asin(min(1.0, math.hypot(x, y))),
-            others=self._obstacles + self._person_circle,
-            position=state.position,
-        )
+    def _advance(
+        self,
+        steps: int,
+        expect: Callable[[Sequence[float], float], list[Range]],
+        drive: Callable[[int], None],
+    ) -> None:
+        """Simulate `steps` steps in chunks.
 
-    def _advance_servo(self, target: list[float], steps: int) -> None:
+        Args:
+            steps: Of `dt_s`.
+            expect: Returns within what the wheels' speeds will stay that are now `speeds`, for
+                a duration [rad/s, s].
+            drive: Simulates some steps.
+        """
+        plant, dt = self._plant, self._config.dt_s
+        left = steps
+        while left > 0:
+            x, y, _ = self._state.position
+            qx, qy, _, _ = self._state.orientation
+            plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
+            chunk = min(left, self._longest)
+            chunk = plant.prepare(expect(plant.scene.speeds(), chunk * dt), chunk)
+            drive(chunk)
+            plant.settle(chunk)
+            self._steps += chunk
+            self._update()
+            left -= chunk
+
+    def _drive_servo(self, target: Sequence[float], steps: int) -> None:
         self._use_servo(servo=True)
-        for wheel, speed in zip(self._wheels, target, strict=True):
+        scene = self._plant.scene
+        for wheel, speed in zip(scene.wheels, target, strict=True):
             wheel.setCommand(0, speed)
-        step = self._world.step
+        step = scene.step
         for _ in range(steps):
             step(False)
-        self._steps += steps
 
-    def _advance_pid(self, target: list[float], steps: int) -> None:
+    def _drive_pid(self, target: Sequence[float], steps: int) -> None:
         self._use_servo(servo=False)
+        wheels = self._plant.scene.wheels
         for _ in range(steps):
-            speeds = [wheel.getVelocity(0) for wheel in self._wheels]
+            speeds = [wheel.getVelocity(0) for wheel in wheels]
             self._step_effort(
                 [
                     pid.update(goal - speed)
@@ -178,79 +172,51 @@ class World:
                 speeds,
             )
 
+    def _drive_effort(self, command: Sequence[float], steps: int) -> None:
+        self._use_servo(servo=False)
+        wheels = self._plant.scene.wheels
+        for _ in range(steps):
+            self._step_effort(command, [wheel.getVelocity(0) for wheel in wheels])
+
     def _step_effort(self, command: Sequence[float], speeds: list[float]) -> None:
+        scene = self._plant.scene
         limit, fastest = self._max_torque, self._max_speed
         for index, (torque, speed) in enumerate(zip(command, speeds, strict=True)):
             upper = limit if speed < fastest else 0.0
             lower = -limit if speed > -fastest else 0.0
             self._effort[index] = min(max(torque, lower), upper)
-            self._wheels[index].setCommand(0, self._effort[index])
-        self._world.step(False)
-        self._steps += 1
+            scene.wheels[index].setCommand(0, self._effort[index])
+        scene.step(False)
 
     def _use_servo(self, *, servo: bool) -> None:
-        if servo == self._servo:
-            return
-        self._servo = servo
-        for wheel, pid in zip(self._wheels, self._pids, strict=True):
-            wheel.setActuatorType(dart.dynamics.SERVO if servo else dart.dynamics.FORCE)
-            pid.reset()
+        self._plant.scene.use_servo(servo=servo)
+        if servo != self._servo:
+            self._servo = servo
+            for pid in self._pids:
+                pid.reset()
 
     def _wheel_efforts(self) -> list[float]:
         if not self._servo:
             return list(self._effort)
         # DART's servo is a velocity constraint; its torque is that constraint's impulse.
         dt = self._config.dt_s
-        return [wheel.getConstraintImpulse(0) / dt for wheel in self._wheels]
-
-    def _add_person(self) -> Any:
-        person, body = bodies.build_person(self._config.person)
-        # Neither the ground nor an obstacle stops the person: they go where they are told.
-        collisions = self._world.getConstraintSolver().getCollisionOption().collisionFilter
-        for index in range(self._surroundings.getNumBodyNodes()):
-            collisions.addBodyNodePairToBlackList(body, self._surroundings.getBodyNode(index))
-        self._world.addSkeleton(person)
-        return person
-
-    def _check_supported(self) -> None:
-        """Press the robot a little into the ground and see that its four rollers feel it.
-
-        The DART detector knows no contact of such a shape, FCL puts a sphere in its place;
-        both without an error.
-        """
-        detector = self._world.getCollisionDetector()
-        group = detector.createCollisionGroup()
-        group.addShapeFramesOf(self._surroundings.getBodyNode(0))
-        group.addShapeFramesOf(self._robot)
-        result = dart.collision.CollisionResult()
-        root = self._robot.getRootJoint()
-        placed = root.getPositions()
-        root.setPositions(placed - [0.0, 0.0, 0.0, 0.0, 0.0, _PROBE_DEPTH])
-        group.collide(self._world.getConstraintSolver().getCollisionOption(), result)
-        root.setPositions(placed)
-        depths = [contact.penetrationDepth for contact in result.getContacts()]
-        wrong = [depth for depth in depths if abs(depth - _PROBE_DEPTH) > 0.1 * _PROBE_DEPTH]
-        if wrong or len(depths) != len(WHEELS):
-            raise UnsupportedError(
-                f"dartpy's {type(detector).__name__} does not simulate the rollers' shape: four "
-                f"of them {_PROBE_DEPTH} m deep in the ground have contacts of depth {depths} m"
-            )
+        return [wheel.getConstraintImpulse(0) / dt for wheel in self._plant.scene.wheels]
 
     def _read(self) -> WorldState:
-        """Return the state that DART is in; its free joint's velocity is in world axes."""
-        position = self._robot.getPositions().tolist()
-        velocity = self._robot.getVelocities().tolist()
-        orientation = _quaternion(*position[:3])
+        """Return the state that DART is in."""
+        motion = self._plant.scene.read()
+        orientation = _quaternion(*motion.base_position[:3])
+        x, y, z = motion.base_position[3:6]
         bearing = self._bearing_friction
-        rollers = [-bearing * rate for rate in velocity[_BASE_DOFS + len(WHEELS) :]]
+        rollers = [-bearing * rate for rate in motion.joint_velocity[len(WHEELS) :]]
         return WorldState(
             time=self._steps * self._config.dt_s,
-            position=(position[3], position[4], position[5]),
+            position=(x, y, z),
             orientation=orientation,
-            linear=_unrotate(orientation, *velocity[3:_BASE_DOFS]),
-            angular=_unrotate(orientation, *velocity[:3]),
-            joint_position=position[_BASE_DOFS:],
-            joint_velocity=velocity[_BASE_DOFS:],
+            linear=_unrotate(orientation, *motion.base_velocity[3:6]),
+            angular=_unrotate(orientation, *motion.base_velocity[:3]),
+            joint_position=motion.joint_position,
+            joint_velocity=motion.joint_velocity,
             joint_effort=self._wheel_efforts() + rollers,
         )
 
@@ -279,12 +245,6 @@ class World:
                 f"wheels {good.joint_velocity[: len(WHEELS)]} rad/s"
             )
         self._state = state
-
-
-def _gravity(config: PhysicsConfig) -> list[float]:
-    slope, heading = math.radians(config.slope_deg), math.radians(config.slope_heading_deg)
-    along = -GRAVITY * math.sin(slope)
-    return [along * math.cos(heading), along * math.sin(heading), -GRAVITY * math.cos(slope)]
 
 
 def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
