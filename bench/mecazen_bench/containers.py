@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import BusConfig, Scenario
+from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 
@@ -28,17 +28,18 @@ def run(puts: int = PUTS) -> list[Group]:
         return [Group(TITLE, str(error), ())]
     rows = []
     for subject, running in (("processes", latency.teleop), ("containers", _teleop)):
-        with running() as (bus, scenario):
+        with running() as scenario, closing(ZenohBus(scenario.bus)) as bus:
             rows.append(Row(subject, latency.figures(latency.drive(bus, scenario, puts))))
     how = f"cmd_vel → joint_command: {puts} puts by a process of the host"
     return [Group(TITLE, how, tuple(rows))]
 
 
 @contextmanager
-def _teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
-    """Run the containers meanwhile; yield a bus to them."""
+def _teleop() -> Iterator[Scenario]:
+    """Run the containers meanwhile; yield how to reach them.
+
+    As a peer, as among processes, who finds them by gossip, and whom not the router relays to.
+    """
     with closing(Compose()) as compose:
         compose.run("up", "--detach", *SERVICES)
-        # a peer, as among processes: it finds the containers by gossip, and not the router relays
-        with closing(ZenohBus(BusConfig(connect=(compose.endpoint,)))) as bus:
-            yield bus, load_scenario(SCENARIOS / "teleop.toml")
+        yield load_scenario(SCENARIOS / "teleop.toml", (f'bus.connect=["{compose.endpoint}"]',))

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import random
+import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing, contextmanager, suppress
+from multiprocessing import get_context
 
 import numpy as np
 from mecazen import keys
@@ -28,11 +33,14 @@ ANSWER_S = 1.0
 """After this an answer is lost; the tick's own command repeats it within 10 ms."""
 START_S = 20.0
 
+BUSY = "every core kept busy by others"
+
 SPEED, SPEED_STEP = 0.05, 1e-5
 """Of the first command and between two [m/s]: within what the controller's limits let pass."""
 
-MEDIAN_MS = Target.below(0.5)
-P99_MS = Target.below(2.0)
+MEDIAN_MS = Target.below(0.2)
+P99_MS = Target.below(1.0)
+BUSY_P99_MS = Target.below(5.0)
 
 
 class Probe:
@@ -72,12 +80,42 @@ class Probe:
 
 
 def run(puts: int = PUTS) -> list[Group]:
-    """Drive the scenario `teleop` as an outsider does."""
-    with teleop() as (bus, scenario):
-        latencies = drive(bus, scenario, puts)
-    how = f"{puts} puts by another process at random phases of the tick, in real time"
-    row = Row("cmd_vel → joint_command", figures(latencies))
-    return [Group("Latency: scenario teleop", how, (row,))]
+    """Drive the scenario `teleop` as an outsider does, alone and while others work."""
+    rows = []
+    with teleop() as scenario, ProcessPoolExecutor(1, get_context("spawn"), go_first) as driver:
+        for subject, goal in (("idle", P99_MS), (BUSY, BUSY_P99_MS)):
+            with _others(len(os.sched_getaffinity(0)) if subject == BUSY else 0):
+                latencies = driver.submit(_drive, scenario, puts).result()
+            rows.append(Row(subject, figures(latencies, goal)))
+    how = (
+        f"{puts} puts by another process at random phases of the tick, in real time; all go "
+        "before what else the machine does, where that is allowed"
+    )
+    return [Group("Latency from cmd_vel to joint_command: scenario teleop", how, tuple(rows))]
+
+
+def go_first() -> None:
+    """Do as the services do; see `mecazen.runtime`."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))
+
+
+@contextmanager
+def _others(count: int) -> Iterator[None]:
+    """Let `count` processes compute without end meanwhile."""
+    command = [sys.executable, "-c", "while True: pass"]
+    others = [subprocess.Popen(command) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+
+
+def _drive(scenario: Scenario, puts: int) -> list[float | None]:
+    with closing(ZenohBus(scenario.bus)) as bus:
+        return drive(bus, scenario, puts)
 
 
 def drive(bus: ZenohBus, scenario: Scenario, puts: int) -> list[float | None]:
@@ -96,21 +134,21 @@ def drive(bus: ZenohBus, scenario: Scenario, puts: int) -> list[float | None]:
     return latencies
 
 
-def figures(latencies: Sequence[float | None]) -> dict[str, Figure]:
-    """Return the percentiles of what `drive` returns."""
+def figures(latencies: Sequence[float | None], goal: Target = P99_MS) -> dict[str, Figure]:
+    """Return the percentiles of what `drive` returns; `goal` is that of the 99th."""
     answered = [latency * 1e3 for latency in latencies if latency is not None]
     median, p99 = np.percentile(answered, (50, 99)).tolist()
     return {
-        "median ms": Figure.of(median, MEDIAN_MS),
-        "p99 ms": Figure.of(p99, P99_MS),
+        "median ms": Figure.of(median, "less" if goal is BUSY_P99_MS else MEDIAN_MS),
+        "p99 ms": Figure.of(p99, goal),
         "max ms": Figure.of(max(answered), "less"),
         "lost": Figure.of(len(latencies) - len(answered), "less"),
     }
 
 
 @contextmanager
-def teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
-    """Run the scenario's processes meanwhile, apart from any others; yield a bus to them."""
+def teleop() -> Iterator[Scenario]:
+    """Run the scenario's processes meanwhile, apart from any others; yield how to reach them."""
     path = SCENARIOS / "teleop.toml"
     settings = private_meeting_point()
     scenario = load_scenario(path, settings)
@@ -119,11 +157,7 @@ def teleop() -> Iterator[tuple[ZenohBus, Scenario]]:
         supervisor.start_router()
         for part in scenario.services:
             supervisor.start(part)
-        bus = ZenohBus(scenario.bus)
-        try:
-            yield bus, scenario
-        finally:
-            bus.close()
+        yield scenario
         supervisor.poll(0.0)
     finally:
         supervisor.stop()

@@ -14,6 +14,7 @@ from mecazen_bench import (
     loop,
     malformed,
     physics,
+    realtime,
     recorder,
     viewer,
 )
@@ -38,6 +39,7 @@ PARTS = {
     "physics": Part(physics.run),
     "loop": Part(loop.run),
     "latency": Part(latency.run),
+    "realtime": Part(realtime.run, rounds=3),
     "recorder": Part(recorder.run),
     "viewer": Part(viewer.run),
     "peers": Part(physics.run_peers, on_demand=True),

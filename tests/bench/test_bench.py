@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
-from mecazen_bench import experiments, flood, latency, malformed, physics, recorder, viewer
+from mecazen_bench import (
+    experiments,
+    flood,
+    latency,
+    malformed,
+    physics,
+    realtime,
+    recorder,
+    viewer,
+)
 from mecazen_bench.figures import Figure, Group, named
 from mecazen_bench.scenarios import robot
 
@@ -44,9 +53,21 @@ def test_experiments_run_with_one_worker_and_with_two() -> None:
 
 
 def test_every_command_is_answered_in_real_time() -> None:
-    (row,) = figures(latency.run(puts=30)).values()
-    assert row["lost"].value == 0
-    assert 0.01 < row["median ms"].value <= row["p99 ms"].value <= row["max ms"].value < 1000.0
+    rows = figures(latency.run(puts=30))
+    assert list(rows) == ["idle", latency.BUSY]
+    for row in rows.values():
+        assert row["lost"].value == 0
+        assert 0.01 < row["median ms"].value <= row["p99 ms"].value <= row["max ms"].value < 1000.0
+
+
+def test_a_stack_in_real_time_is_measured_part_by_part() -> None:
+    rows = figures(realtime.run(window_s=1.0))
+    parts = [name for name in rows if name != "all"]
+    assert set(parts) == {"router", "physics", "controller", "target", "follower", "up"}
+    for name in parts:
+        assert rows[name]["MB"].value > 1.0
+    total = sum(rows[name]["% of a core"].value for name in parts)
+    assert 0.0 < total == pytest.approx(rows["all"]["% of a core"].value)
 
 
 def test_under_every_flood_ticks_are_answered() -> None:
