@@ -159,7 +159,7 @@ def run_router(scenario: Scenario) -> None:
     sim = scenario.sim
     # in lockstep nobody keeps time: what is lost there is waited for
     most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
-    with open_session(scenario.bus, "router", "router", most_hz=most_hz):
+    with open_session(scenario.bus, "router", "router", most_hz=most_hz, robots=scenario.names):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.meeting_point or ()))
         stopped.wait()
 

@@ -10,7 +10,7 @@ import queue
 import re
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ import zenoh
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
 from mecazen.bus.endpoints import is_open
 from mecazen.certificates import AUTHORITY, OPERATOR
-from mecazen.config import LIVELINESS, BusConfig
+from mecazen.config import LIVELINESS, BusConfig, called
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Call, Topic
 from mecazen.messages import Message
@@ -62,14 +62,19 @@ SIGNAL_CHECK_S = 0.2
 
 
 def session_config(
-    config: BusConfig, mode: Mode, name: str = OPERATOR, *, most_hz: float | None = None
+    config: BusConfig,
+    mode: Mode,
+    name: str = OPERATOR,
+    *,
+    most_hz: float | None = None,
+    robots: Sequence[str] = ("",),
 ) -> zenoh.Config:
     """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
 
     A router listens where the others connect to. A peer listens on a free port of loopback
     and is found by gossip through the router. A client only connects. With `config.keys` each
     shows the certificate of its `name`. A router with `most_hz` takes from each link no more
-    samples a second of a topic.
+    samples a second of a topic, where there are several `robots`, of a topic of each.
 
     Raises:
         BusError: A file can't be read, or strangers would get in.
@@ -111,7 +116,12 @@ def session_config(
                     "id": "rate of samples",
                     "flows": ["ingress"],
                     "messages": ["put"],
-                    "rules": [{"key_expr": f"**/{topic.key}", "freq": most_hz} for topic in TOPICS],
+                    # two keys of one rule share its rate: physics tells of all robots at once
+                    "rules": [
+                        {"key_expr": f"**/{called(topic.key, robot)}", "freq": most_hz}
+                        for robot in robots
+                        for topic in TOPICS
+                    ],
                 }
             ]
     else:
@@ -183,7 +193,12 @@ def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None
 
 
 def open_session(
-    config: BusConfig, mode: Mode, name: str = OPERATOR, *, most_hz: float | None = None
+    config: BusConfig,
+    mode: Mode,
+    name: str = OPERATOR,
+    *,
+    most_hz: float | None = None,
+    robots: Sequence[str] = ("",),
 ) -> zenoh.Session:
     """Open a Zenoh session; see `session_config`.
 
@@ -192,7 +207,7 @@ def open_session(
     """
     os.environ.setdefault("ZENOH_RUNTIME", THREADS)  # read once, by a process's first session
     try:
-        return zenoh.open(session_config(config, mode, name, most_hz=most_hz))
+        return zenoh.open(session_config(config, mode, name, most_hz=most_hz, robots=robots))
     except zenoh.ZError as error:
         endpoints = ", ".join(config.meeting_point or (str(config.zenoh_config),))
         reason = _reason(error)
