@@ -15,6 +15,9 @@ from mecazen_physics.reach import NEAR_M
 from mecazen_physics.scene import Stage
 from mecazen_physics.world import WheelCommand, World, advance_together, longest_chunk
 
+_MANY = 10**9
+"""More steps than are ever asked for."""
+
 
 class Arena:
     """Robots, each at rest at its start, and what surrounds them.
@@ -38,6 +41,8 @@ class Arena:
                 "robots that can meet need the same rollers.contact_friction: they share a ground"
             )
         self._stage = Stage(first, config)
+        self._closing = 2.0 * config.dt_s * max(world.fastest for world in self.worlds)
+        """No two robots come nearer to each other in a step [m]."""
         self._met: set[int] = set()
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
@@ -48,8 +53,7 @@ class Arena:
         """
         left = steps
         while left > 0:
-            chunk = min(left, self._longest)
-            self._look_round()
+            chunk = min(left, max(self._longest, self._look_round()))
             met = sorted(self._met)
             groups = [[number] for number in range(len(self.worlds)) if number not in self._met]
             for group in [*groups, *([met] if met else [])]:
@@ -62,16 +66,25 @@ class Arena:
         for world in self.worlds:
             world.place_person(pose, velocity, number)
 
-    def _look_round(self) -> None:
-        """Let those meet that come near each other, and part that are far again."""
+    def _look_round(self) -> int:
+        """Let those meet that come near each other, and part that are far again.
+
+        Returns:
+            For how many steps nobody else can come near another.
+        """
         circles = [world.circle() for world in self.worlds]
         met = set()
+        clear = math.inf
         for one, other in combinations(range(len(circles)), 2):
             # It takes more to part: nothing goes back and forth at the border.
             margin = 1.5 if {one, other} <= self._met else 1.0
             a, b = circles[one], circles[other]
-            if math.hypot(a.x - b.x, a.y - b.y) <= a.radius + b.radius + margin * NEAR_M:
+            gap = math.hypot(a.x - b.x, a.y - b.y) - a.radius - b.radius - margin * NEAR_M
+            if gap <= 0.0:
                 met |= {one, other}
+            else:
+                clear = min(clear, gap)
         for number in sorted(met ^ self._met):
             self.worlds[number].share(self._stage if number in met else None)
         self._met = met
+        return int(min(clear / self._closing, _MANY))

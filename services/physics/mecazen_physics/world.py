@@ -77,7 +77,8 @@ class World:
         self._deepest = robot.rollers.max_radius_m
         # DART puts a body whose pose is not a number to the origin. Nothing that a robot meets
         # makes it ten times as fast as its motors can.
-        self._fastest = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
+        self.fastest = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
+        """A robot that is faster [m/s] has diverged."""
         self._bearing_friction = robot.rollers.bearing_friction_nms
         self._longest = longest_chunk(config)
         self._hub_inertia = model.links(robot)[0].moments[1]
@@ -252,7 +253,7 @@ class World:
         # robot above the ground brings below it.
         elif state.position[2] < -self._deepest:
             reason = f"the robot is {-state.position[2]:.3g} m below the ground"
-        elif moved > self._fastest * duration:
+        elif moved > self.fastest * duration:
             reason = f"the robot moved {moved:.3g} m in {duration:.3g} s"
         if reason:
             good = self._state
