@@ -245,9 +245,7 @@ class Scenario(Section):
                     sections={**self.sections, **robot.sections},
                     others={**self.others, **robot.others},
                 )
-        known = (
-            ", ".join(robot.name for robot in self.robots) or "none: there is one without a name"
-        )
+        known = ", ".join(robot.name for robot in self.robots) or "none, but one without a name"
         raise ConfigError(f"{name!r}: no such robot in the scenario; its robots: {known}")
 
     def section(self, kind: type[SectionT], name: str) -> SectionT:

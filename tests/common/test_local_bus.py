@@ -108,3 +108,32 @@ def test_close_drops_what_is_pending(bus):
     bus.publisher(keys.CLOCK).put(Clock(), STAMP)
     bus.close()
     assert not bus.spin_once()
+
+
+def test_a_bus_beside_has_keys_of_its_own_and_is_delivered_with_the_other():
+    bus = LocalBus()
+    one = bus.beside("one")
+    heard = []
+    for name, where in (("", bus), ("one", one), ("two", bus.beside("two"))):
+        where.subscribe(keys.CLOCK, lambda message, stamp, name=name: heard.append(name))
+    assert bus.beside("one") is one
+    assert bus.beside("") is bus
+    one.publisher(keys.CLOCK).put(Clock(), Stamp(0, 1, 0))
+    bus.publisher(keys.CLOCK).put(Clock(), Stamp(0, 1, 0))
+    assert bus.spin_once()
+    assert one.spin_once()
+    assert not bus.spin_once()
+    assert heard == ["one", ""]
+    one.declare_alive("target")
+    assert (bus.presence.names, one.presence.names) == (set(), {"target"})
+    bus.stop()
+    with pytest.raises(StoppedError):
+        one.spin_once()
+
+
+def test_what_a_bus_beside_refuses_is_counted_under_its_name():
+    bus = LocalBus()
+    bus.beside("one").subscribe(keys.CLOCK, lambda *_: None)
+    bus.beside("one").put_bytes("clock", b"{")
+    bus.spin()
+    assert bus.refused == {"one/clock": 1}

@@ -170,3 +170,20 @@ def test_without_a_person_or_with_one_who_stands_there_are_no_scores():
     for run in (alone, standing):
         assert run.trajectory.complete
         assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)
+
+
+def test_of_several_robots_each_has_its_columns_and_scores_and_all_make_the_hash():
+    bus = LocalBus()
+    trajectory = Trajectory(bus, TICK_NS, 1, ("physics", "target"), {"one": 1, "two": 1})
+    for name, gap in (("one", 1.5), ("two", 3.0)):
+        for topic, x in ((keys.GROUND_TRUTH, 0.0), (keys.TARGET_ODOM, gap)):
+            odometry = planar_odometry(Time(), "world", "base", Pose2D(x=x), Twist2D())
+            bus.beside(name).publisher(topic).put(odometry, Stamp(0, 1, 0))
+            assert not trajectory.complete
+            bus.spin()
+    assert trajectory.complete
+    row = dict(zip(trajectory.columns, trajectory.rows()[0], strict=True))
+    assert len(row) == 2 * (len(COLUMNS) - 1) + 1
+    assert (row["one/target_x_m"], row["two/target_x_m"]) == (1.5, 3.0)
+    assert trajectory.csv().decode().startswith("t_s,one/robot_x_m,")
+    assert trajectory.sha256() == hashlib.sha256(trajectory.csv()).hexdigest()

@@ -4,6 +4,7 @@ import secrets
 import signal
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
@@ -449,3 +450,35 @@ def test_a_router_takes_no_more_samples_a_second_from_each_link_than_it_is_told(
         flood("end/one", range(10))
         flood("end/other", range(100, 110))
     assert speeds == [0, 100]
+
+
+def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus, wait_until):
+    name = f"test{secrets.token_hex(6)}"
+    root, one = open_bus(namespace=name), open_bus(namespace=f"{name}/one")
+    beside = root.beside("one")
+    heard, answers = [], []
+    beside.subscribe(keys.CMD_VEL, lambda twist, _: heard.append(twist.linear.x))
+    root.subscribe(keys.CMD_VEL, lambda twist, _: heard.append("in no one's namespace"))
+    beside.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState(tick=7)))
+    beside.serve_files("robot_description", {"a.stl": b"mesh"})
+    beside.declare_alive("physics")
+    one.subscribe_bytes("odom", lambda key, *_: answers.append(key))
+    one.declare_alive("controller")
+    wait_until(one, lambda: "physics" in one.presence.names)
+    wait_until(root, lambda: "controller" in beside.presence.names)  # one queue for both
+    assert root.presence.names == set()
+    one.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+    wait_until(root, lambda: heard == [0.2])
+    beside.put_bytes("odom", b"{}")
+    wait_until(one, lambda: answers == ["odom"])
+    one.put_bytes("cmd_vel", b"{")
+    wait_until(root, lambda: root.refused == {"one/cmd_vel": 1})
+    asker = open_bus("client", namespace=name).beside("one")
+    assert asker.alive() == {"physics", "controller"}
+    with ThreadPoolExecutor() as pool:
+        asked = pool.submit(asker.call, keys.SIM_STATE, Empty())
+        wait_until(root, asked.done)
+        assert asked.result().tick == 7
+        fetched = pool.submit(asker.fetch_files, "robot_description/**")
+        wait_until(root, fetched.done)
+        assert fetched.result() == {"robot_description/a.stl": b"mesh"}

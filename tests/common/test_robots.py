@@ -1,0 +1,166 @@
+"""Several robots in a scenario: their parts of it, and what is wrong with them in one line."""
+
+import math
+import tomllib
+
+import pytest
+import tomli_w
+from harness import ROBOTS
+from mecazen import loading
+from mecazen.config import BusConfig, seed_of
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, overlap
+from mecazen.loading import effective, load_scenario
+from mecazen.schema import Section
+
+TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
+
+
+class Walk(Section, tag="walk", tag_field="kind"):
+    speed_m_s: float = 0.1
+    length_m: float = 1.0
+
+
+class Stand(Section, tag="stand", tag_field="kind"):
+    x_m: float = 0.0
+
+
+class Target(Section):
+    path: Walk | Stand = Walk()
+    height_m: float = 1.0
+
+
+@pytest.fixture(autouse=True)
+def installed(monkeypatch):
+    monkeypatch.setattr(loading, "installed_sections", lambda: {"target": Target})
+
+
+def test_a_scenario_without_robots_is_that_of_its_only_one(scenario):
+    assert scenario.names == ("",)
+    assert scenario.of("") is scenario
+    assert scenario.processes == tuple((part, "") for part in scenario.services)
+
+
+def test_each_robot_has_its_start_namespace_seed_and_services(write_scenario):
+    path = write_scenario(f"seed = 7\nservices = ['physics', 'target', 'viewer']\n{TWO}")
+    loaded = load_scenario(path, ("bus.namespace=lab",))
+    one, two = (loaded.of(name) for name in loaded.names)
+    assert (one.start.pose, two.start.pose) == (Pose2D(), Pose2D(0.0, 1.5, 0.0))
+    assert (one.bus.namespace, two.bus.namespace) == ("lab/one", "lab/two")
+    assert len({loaded.seed, one.seed, two.seed}) == 3
+    assert (one.seed, two.seed) == (seed_of(7, "one"), seed_of(7, "two"))
+    assert one.names == ("",)
+    assert loaded.processes == (
+        ("physics", ""),
+        ("target", "one"),
+        ("target", "two"),
+        ("viewer", ""),
+    )
+
+
+def test_a_robot_may_be_another_and_its_services_may_differ(write_scenario, tmp_path):
+    path = write_scenario(
+        "[target.path]\nkind = 'walk'\nspeed_m_s = 0.5\nlength_m = 3.0\n[sensor]\nfov_deg = 90.0\n"
+        "[[robots]]\nname = 'one'\ntarget.path.length_m = 4.0\nsensor.rate_hz = 50.0\n"
+        "[[robots]]\nname = 'two'\nstart = {x_m = 2.0}\nrobot = '../robots/artbul.toml'\n"
+        "target.path = {kind = 'stand', x_m = 3.0}\n"
+    )
+    (tmp_path / "robots" / "artbul.toml").write_text((ROBOTS / "artbul.toml").read_text())
+    loaded = load_scenario(path)
+    one, two = loaded.of("one"), loaded.of("two")
+    assert (one.robot.name, two.robot.name) == ("nexus", "artbul")
+    assert one.section(Target, "target").path == Walk(speed_m_s=0.5, length_m=4.0)
+    assert two.section(Target, "target").path == Stand(x_m=3.0)
+    assert (one.sensor.rate_hz, one.sensor.fov_deg) == (50.0, 90.0)
+    assert (two.sensor.rate_hz, two.sensor.fov_deg) == (25.0, 90.0)
+    assert loaded.section(Target, "target").path == Walk(speed_m_s=0.5, length_m=3.0)
+
+
+def test_the_effective_configuration_of_robots_loads_again_to_the_same(write_scenario, tmp_path):
+    loaded = load_scenario(
+        write_scenario(f"{TWO}target.path = {{kind = 'stand'}}\nfollower.view = 'side_left'\n")
+    )
+    assert loaded.of("two").others == {"follower": {"view": "side_left"}}
+    again = tmp_path / "again.toml"
+    again.write_text(tomli_w.dumps(effective(loaded)))
+    assert load_scenario(again) == loaded
+    assert tomllib.loads(again.read_text())["robots"][0]["name"] == "one"
+
+
+def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
+    path = write_scenario(TWO)
+    settings = ("robots.two.start.x_m=2.0", "target.height_m=1.5", "robots.two.target.height_m=1.9")
+    loaded = load_scenario(path, settings)
+    assert loaded.of("two").start.pose == Pose2D(2.0, 1.5, 0.0)
+    assert loaded.of("one").section(Target, "target").height_m == 1.5
+    assert loaded.of("two").section(Target, "target").height_m == 1.9
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("robots = 'one'", "robots: got 'one'; allowed: a list, each a table"),
+        ("robots = ['one']", "robots.0: got 'one'; allowed: a table"),
+        ("[[robots]]\nstart = {x_m = 1.0}", "robots.0.name: missing; must be a string that mat"),
+        ("[[robots]]\nname = ''", "robots.0.name: got ''; allowed: a string that matches"),
+        ("[[robots]]\nname = 'a/b'", "robots.0.name: got 'a/b'; allowed: a string that matches"),
+        ("[[robots]]\nname = 'a*'", "robots.0.name: got 'a*'; allowed: a string that matches"),
+        ("[[robots]]\nname = 'sim'", "robots.0: name = 'sim' begins a key of mecazen's own"),
+        ("[[robots]]\nname = 'mecazen'", "robots.0: name = 'mecazen' begins a key of mecazen's"),
+        (TWO.replace("two", "one"), "robots: each name at most once"),
+        (TWO.replace("1.5", "0.3"), "robots: one and two overlap at their starts"),
+        ("[[robots]]\nname = 'a'\nphysics = {}", "robots.0.physics: unknown key"),
+        ("[[robots]]\nname = 'a'\nsections = {}", "unknown key 'sections'"),
+        ("[[robots]]\nname = 'a'\ntarget.height = 1.0", "robots.a.target.height: unknown key"),
+        ("[[robots]]\nname = 'a'\nsensor.rate_hz = 0", "robots.0.sensor.rate_hz: got 0; allowed"),
+        ("[[robots]]\nname = 'a'\nrobot = 'none.toml'", "none.toml: no such file"),
+    ],
+)
+def test_what_is_wrong_with_robots_is_one_line(write_scenario, text, expected):
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(write_scenario(text))
+    assert len(str(caught.value).splitlines()) == 1
+    assert expected in str(caught.value)
+
+
+def test_when_there_is_no_such_robot_expect_those_there_are(write_scenario, scenario):
+    with pytest.raises(
+        ConfigError, match="'three': no such robot in the scenario; its robots: one, two"
+    ):
+        load_scenario(write_scenario(TWO)).of("three")
+    with pytest.raises(
+        ConfigError, match="'': no such robot in the scenario; its robots: one, two"
+    ):
+        load_scenario(write_scenario(TWO)).of("")
+    with pytest.raises(ConfigError, match="'one': no such robot in the scenario; its robots: none"):
+        scenario.of("one")
+
+
+def test_a_robots_namespace_is_within_that_of_the_run():
+    assert BusConfig().within("one").namespace == "one"
+    assert BusConfig(namespace="a/b").within("one").namespace == "a/b/one"
+    assert BusConfig(namespace="a").within("").namespace == "a"
+    assert BusConfig().within("").namespace is None
+
+
+@pytest.mark.parametrize(
+    ("pose", "expected"),
+    [
+        (Pose2D(3.9, 0.0), True),  # 4 m long, one behind the other
+        (Pose2D(4.1, 0.0), False),
+        (Pose2D(0.0, 1.9), True),  # 2 m wide, side by side
+        (Pose2D(0.0, 2.1), False),
+        (Pose2D(2.9, 0.0, math.pi / 2), True),  # across: 2 m and 1 m
+        (Pose2D(3.1, 0.0, math.pi / 2), False),
+        (Pose2D(0.0, 3.1, math.pi / 2), False),
+        # the corner of one at 45° lies (2 + 1)/√2 from its middle, short of the other's side
+        (Pose2D(2.0 + 3.0 / math.sqrt(2.0) + 0.01, 0.0, math.pi / 4), False),
+        (Pose2D(2.0 + 3.0 / math.sqrt(2.0) - 0.7, 0.0, math.pi / 4), True),
+        # corners that only circles or boxes along x and y would take for touching
+        (Pose2D(3.4, 2.6, math.pi / 4), False),
+    ],
+)
+def test_rectangles_overlap_unless_a_line_parts_them(pose, expected):
+    half = (2.0, 1.0)
+    assert overlap(Pose2D(), half, pose, half) is expected
+    assert overlap(pose, half, Pose2D(), half) is expected
