@@ -1,0 +1,143 @@
+"""Several robots in one world: one result in any number of processes, and each for itself."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from harness import mecazen
+from mecazen import keys
+from mecazen.cli.status import _Listener
+from mecazen.config import called
+from mecazen.geometry import Pose2D
+from mecazen.loading import load_scenario
+from mecazen.messages import Empty, Odometry, ResetRequest
+from mecazen.simulate import simulate, simulate_distributed
+
+SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
+CONVOY = SCENARIOS / "convoy.toml"
+
+CLOSE = (
+    "sim.duration_s=6.0",
+    "target.path.start_after_s=0.2",
+    "target.path.speed_m_s=0.4",
+    "sensor.dropout_probability=0.2",
+    # the second robot starts beside the first, and its person walks across the other's way
+    "robots.two.target.path={kind='straight', y_m=-0.6, yaw_deg=60.0, start_after_s=0.2}",
+    "robots.two.start={x_m=-1.0, y_m=-0.6}",
+)
+"""A scenario in which robots come near each other, and frames drop out."""
+
+
+def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process() -> None:
+    alone = simulate(load_scenario(CONVOY, CLOSE), "convoy")
+    apart = simulate_distributed(CONVOY, CLOSE, "convoy")
+    assert alone[0].trajectory_sha256 == apart[0].trajectory_sha256
+    assert alone[1].rows() == apart[1].rows()
+    assert alone[0].robots == apart[0].robots
+    assert alone[0].robots.keys() == {"one", "two"}
+    columns = alone[1].columns
+    x, y = (
+        [columns.index(f"{name}/robot_{axis}_m") for name in ("one", "two")] for axis in ("x", "y")
+    )
+    gaps = [math.dist((row[x[0]], row[y[0]]), (row[x[1]], row[y[1]])) for row in alone[1].rows()]
+    # 0.57 m are two robots' outlines and 0.2 m what is near: they share a stage, and part
+    assert min(gaps) < 0.7
+
+
+def test_a_robot_far_from_others_moves_as_it_would_alone() -> None:
+    settings = ("sim.duration_s=4.0", "robots.two.start={y_m=-5.0}")
+    scenario = load_scenario(CONVOY, settings)
+    together = simulate(scenario, "convoy")[1]
+    wide = len(together.columns) // 2 + 1
+    alone = simulate(scenario.of("one"), "one")[1]
+    assert [row[:wide] for row in together.rows()] == alone.rows()
+
+
+def test_another_seed_is_another_for_each_robot() -> None:
+    settings = ("sim.duration_s=1.0", "target.path.start_after_s=0.2")
+    results = [
+        simulate(load_scenario(CONVOY, (*settings, f"seed={seed}")), "convoy")[0].robots
+        for seed in (1, 2)
+    ]
+    for name in ("one", "two"):
+        assert results[0][name] != results[1][name]
+
+
+def test_the_command_line_scores_each_robot() -> None:
+    done = mecazen("simulate", CONVOY, "--duration", "3", "--json")
+    scores = json.loads(done.stdout)["robots"]
+    assert scores.keys() == {"one", "two"}
+    mean = sum(of["d_err_m"] for of in scores.values()) / 2
+    assert json.loads(done.stdout)["d_err_m"] == pytest.approx(mean, rel=1e-12)
+
+
+class Watch:
+    """The newest sample of a key of each robot."""
+
+    def __init__(self, running, topic) -> None:
+        self.newest: dict[str, Odometry] = {}
+        self.seeds: dict[str, int] = {}
+        for robot in running.scenario.names:
+            self._watch(running.bus.beside(robot), topic, robot)
+
+    def _watch(self, bus, topic, robot: str) -> None:
+        def take(message, stamp) -> None:
+            self.newest[robot] = message
+            self.seeds[robot] = stamp.seed
+
+        bus.subscribe(topic, take)
+
+    def pose(self, robot: str) -> Pose2D:
+        return self.newest[robot].pose.pose.to_planar()
+
+
+def start(running) -> None:
+    """Start every process, and wait until all are ready."""
+    for part, robot in running.scenario.processes:
+        running.supervisor.start(part, robot)
+    for robot in running.scenario.names:
+        bus = running.bus.beside(robot)
+        bus.declare_alive("test")
+        ready = {f"{part}/ready" for part in running.scenario.services}
+        running.wait(lambda bus=bus, ready=ready: ready <= bus.presence.names)
+
+
+def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
+    running = stack(CONVOY, "sim.speed=2", "target.path.start_after_s=0.5")
+    robots, persons = Watch(running, keys.GROUND_TRUTH), Watch(running, keys.TARGET_ODOM)
+    start(running)
+    running.wait(
+        lambda: len(persons.newest) == 2 and all(persons.pose(of).x > 1.0 for of in ("one", "two"))
+    )
+    for name in ("one", "two"):
+        # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
+        gap = robots.pose(name).distance(persons.pose(name))
+        assert gap == pytest.approx(1.0, abs=0.1)
+    assert running.bus.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
+    wanted = {name: running.scenario.of(name).seed for name in ("one", "two")}
+    running.wait(lambda: all(robots.seeds[name] != wanted[name] for name in wanted))
+    assert robots.seeds["one"] != robots.seeds["two"]
+    listener = _Listener(running.bus)
+    listener.status()
+    running.wait(lambda: "two/follower" in listener.reports and "physics" in listener.reports)
+    status = listener.status()
+    assert {"physics", "one/follower", "two/follower"} <= status.services.keys()
+    assert {of.state for name, of in status.services.items() if name != "test"} >= {"ready"}
+    assert "two/joint_command" in status.services["physics"].inputs
+
+
+def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack) -> None:
+    running = stack(CONVOY, "services=['physics', 'controller']")
+    odom = Watch(running, keys.ODOM)
+    start(running)
+    running.wait(lambda: len(odom.newest) == 2)
+    where = ("--connect", running.endpoint, "--namespace", running.scenario.bus.namespace)
+    drive = '{"linear":{"x":0.3}}'
+    done = mecazen("pub", called("cmd_vel", "one"), drive, *where)
+    assert done.returncode == 0, done.stderr
+    running.wait(lambda: odom.pose("one").x > -0.95)
+    assert odom.pose("two").x == pytest.approx(-1.0, abs=1e-3)
+    assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
