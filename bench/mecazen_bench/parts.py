@@ -16,6 +16,7 @@ from mecazen_bench import (
     physics,
     realtime,
     recorder,
+    robots,
     viewer,
 )
 from mecazen_bench.figures import Group, merged
@@ -37,6 +38,7 @@ class Part(NamedTuple):
 
 PARTS = {
     "physics": Part(physics.run),
+    "robots": Part(robots.run),
     "loop": Part(loop.run),
     "latency": Part(latency.run),
     "realtime": Part(realtime.run, rounds=3),
