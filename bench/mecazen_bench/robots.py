@@ -12,7 +12,7 @@ from mecazen_physics.arena import Arena
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.world import WheelCommand
 
-from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.scenarios import robot
 
 COUNTS = (1, 2, 4, 8)
@@ -46,11 +46,11 @@ class Crew:
 
     def measure(self) -> None:
         """Note the processor time of a robot's tick [s], a mean over a block."""
-        motion = MOTIONS[0]
+        motion: Sequence[float] = MOTIONS[0]
         if self._back_and_forth:
             motion = MOTIONS[self._blocks // 2 % len(MOTIONS)]
             if self._blocks % 2:
-                motion = tuple(-speed for speed in motion)
+                motion = [-speed for speed in motion]
         self._blocks += 1
         self._drive(5, motion)  # what turns the wheels round is not counted
         begin = time.thread_time()
@@ -79,7 +79,7 @@ def run(blocks: int = BLOCKS) -> list[Group]:
     rows = []
     for name, crew in crews.items():
         seconds = statistics.median(crew.spent_s)
-        goal = LINEAR if name.endswith("apart") else "less"
+        goal: Target | Better = LINEAR if name.endswith("apart") else "less"
         figures = {
             "µs/robot and tick": Figure.of(seconds * 1e6, "less"),
             "of one alone": Figure.of(seconds / one, goal),

@@ -11,6 +11,7 @@ from typing import Any
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.config import called
 from mecazen.description import ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
@@ -42,6 +43,7 @@ class Recorder:
         config: What to record, and where.
         services: Whose diagnostics to record on the bus within a process.
         scenario: Tells the configuration of a run that begins, in TOML, or None.
+        robots: The names of several robots, whose keys are recorded as those of one.
 
     Raises:
         RecordingError: The file can't be written.
@@ -54,9 +56,11 @@ class Recorder:
         config: RecorderConfig,
         services: Sequence[str],
         scenario: Callable[[], str | None],
+        robots: Sequence[str] = ("",),
     ) -> None:
         self._bus = bus
         self._scenario = scenario
+        self._robots = robots
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
@@ -70,9 +74,13 @@ class Recorder:
                 bus.subscribe_bytes(key, take, config.backlog_mib * BYTES_PER_MIB)
         else:
             topics: list[Topic[Any]] = [topic for topic in keys.TOPICS if "*" not in topic.key]
-            for topic in [*topics, *map(keys.diagnostics, services)]:
-                if any(includes(key, topic.key) for key in config.keys):
-                    bus.subscribe(topic, partial(self._take, topic.key), every=True)
+            topics += map(keys.diagnostics, services)
+            for robot in dict.fromkeys(("", *robots)):
+                for topic in topics:
+                    name = called(topic.key, robot)
+                    if any(includes(key, name) for key in config.keys):
+                        take = partial(self._take, name)
+                        bus.beside(robot).subscribe(topic, take, every=True)
 
     def run(self) -> None:
         """Record until the bus is stopped."""
@@ -94,7 +102,7 @@ class Recorder:
     ) -> None:
         if any(includes(expression, key) for expression in already):
             return  # another subscription brings it too
-        topic = topic_of(key)
+        topic = self._topic_of(key)
         try:
             if topic is None:
                 stamp = _own_stamp(attachment)
@@ -110,6 +118,11 @@ class Recorder:
         self._note(stamp)
         time_ns = self.now.time_ns if stamp is None else stamp.time_ns
         self.writer.write(key, message, stamp, time_ns)
+
+    def _topic_of(self, key: str) -> Topic[Message] | None:
+        """Return the table's entry for a key, which may be that of one of several robots."""
+        robot, _, rest = key.partition("/")
+        return topic_of(rest if robot in self._robots else key)
 
     def _note(self, stamp: Stamp | None) -> None:
         """Remember the newest tick, and write down a run that begins."""
@@ -128,7 +141,9 @@ class Recorder:
         if self._is_described:
             return
         try:
-            self.writer.write_description(ask_description(self._bus, ANSWER_S))
+            self.writer.write_description(
+                ask_description(self._bus.beside(self._robots[0]), ANSWER_S)
+            )
             self._is_described = True
         except BusError:
             pass  # nobody simulates, as in a replay of another recording

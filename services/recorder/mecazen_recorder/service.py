@@ -36,7 +36,9 @@ class RecorderService(Service):
         config = scenario.section(RecorderConfig, self.NAME)
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
-        self.recorder = Recorder(bus, config, scenario.services, lambda: to_toml(scenario))
+        self.recorder = Recorder(
+            bus, config, scenario.services, lambda: to_toml(scenario), scenario.names
+        )
         super().__init__(bus, scenario)
         self.subscribe(keys.CLOCK, self.on_clock)
 
