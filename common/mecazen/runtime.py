@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import entry_points
@@ -91,7 +92,6 @@ def run_service(kind: type[Service], scenario: Scenario, robot: str = "") -> Non
     service: Service | None = None
     name = called(kind.NAME, robot)
     log.set_up(name, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
-    _take_precedence(kind, scenario)
     _refuse_taken_name(kind.NAME, scenario.bus)
     bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep", name=kind.NAME)
     stop_on_signals(bus.stop)
@@ -102,6 +102,7 @@ def run_service(kind: type[Service], scenario: Scenario, robot: str = "") -> Non
         # what is loaded stays: the garbage collector need not look through it in mid-tick
         gc.collect()
         gc.freeze()
+        _take_precedence(kind, scenario)
         logger.info("msg=started mode=%s", scenario.sim.mode)
         service.run()
     except StoppedError:
@@ -126,13 +127,25 @@ def part_of(name: str, scenario: Scenario, robot: str) -> Scenario:
 def _take_precedence(kind: type[Service], scenario: Scenario) -> None:
     """Let a service of real time go before what else the machine does, where that is allowed.
 
-    As ros2_control's controller manager does. Threads that are started later, Zenoh's among
-    them, do likewise. Faster than real time a service may never rest, and would lock out all
+    As ros2_control's controller manager does. The parts of a stack then share one core: they
+    take turns anyway, and to wake on another takes longer than to wait. Threads that are started
+    later do likewise. Faster than real time a service may never rest, and would lock out all
     others.
     """
-    if kind.PRIORITY and scenario.sim.mode == "real_time" and scenario.sim.speed <= 1.0:
-        with suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(kind.PRIORITY))
+    if not kind.PRIORITY or scenario.sim.mode == "lockstep" or scenario.sim.speed > 1.0:
+        return
+    core = _core_of(scenario.bus)
+    for path in Path("/proc/self/task").iterdir():
+        with suppress(PermissionError, ProcessLookupError):  # a thread may just have ended
+            os.sched_setscheduler(int(path.name), os.SCHED_RR, os.sched_param(kind.PRIORITY))
+            os.sched_setaffinity(int(path.name), {core})
+
+
+def _core_of(bus: BusConfig) -> int:
+    """Return the core of a stack: of several, each has one by chance, and always the same."""
+    cores = sorted(os.sched_getaffinity(0))
+    stack = f"{bus.meeting_point} {bus.namespace}"
+    return cores[zlib.crc32(stack.encode()) % len(cores)]
 
 
 def _refuse_taken_name(name: str, config: BusConfig) -> None:

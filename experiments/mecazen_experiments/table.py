@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.errors import ConfigError
 from mecazen.trajectory import COLUMNS, Trajectory
 
 from mecazen_experiments.poses import Floats, Poses
@@ -28,7 +29,13 @@ class Table:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Table:
-        """Return the rows of a trajectory as columns; there is at least one row."""
+        """Return the rows of a trajectory as columns; there is at least one row.
+
+        Raises:
+            ConfigError: It is of several robots.
+        """
+        if trajectory.columns != COLUMNS:
+            raise ConfigError("robots: an experiment scores one robot, and there are several")
         columns: dict[str, npt.NDArray[Any]] = {
             name: np.array([value or "" for value in column])
             if name == "tracking"
