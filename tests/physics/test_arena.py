@@ -191,6 +191,18 @@ def test_a_robot_is_pushed_by_the_person_of_another(nexus: Robot) -> None:
     assert arena.worlds[1].state().position[:2] == pytest.approx((0.0, 3.0), abs=1e-3)
 
 
+def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(), Pose2D())
+    for x in (0.6, 5.0):  # near, and away
+        world.place_person(Pose2D(x=x), Twist2D())
+        world.advance([0.0] * 4, STEPS)
+    world.place_person(Pose2D(x=-0.6), Twist2D())
+    for _ in range(60):
+        world.advance([-12.0] * 4, STEPS)
+    # 0.35 m back without them; their side is at -0.4 m, and the robot's rear 0.2 m behind it
+    assert world.state().position[0] == pytest.approx(-0.2, abs=0.02)
+
+
 def test_persons_walk_through_each_other(nexus: Robot) -> None:
     arena = arena_of(nexus, Pose2D(), Pose2D(0.0, 3.0))
     for _ in range(2):

@@ -139,7 +139,7 @@ def test_a_robot_stands_still_when_its_wheels_do(robot: Robot, twist: Twist2D) -
 def test_each_wheel_carries_a_quarter_of_the_weight(robot: Robot) -> None:
     world = World(robot, PhysicsConfig(), Pose2D())
     drive(world, [0.0] * 4, 0.5)
-    contacts = world._plant.scene._world.getLastCollisionResult().getContacts()
+    contacts = world._plant.scene.stage.world.getLastCollisionResult().getContacts()
     loads = [float(contact.force[2]) for contact in contacts]
     weight = masses(robot)[0] * GRAVITY
     assert sum(loads) == pytest.approx(weight, rel=0.01)
@@ -316,8 +316,10 @@ def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) 
         world.advance([0.0] * 4, STEPS)
     assert world.state().linear[0] > 0.1
     assert world.state().position[0] > 0.1
-    person = world._plant.scene.person.getPositions()
-    assert tuple(person) == pytest.approx((0.15, 0.0), abs=1e-9)  # their own speed, integrated
+    person, _ = world._plant.scene.stage._known[0]
+    assert tuple(person.getPositions()) == pytest.approx(
+        (0.15, 0.0), abs=1e-9
+    )  # their own speed, integrated
 
 
 def test_the_persons_velocity_is_in_their_own_frame(nexus: Robot) -> None:

@@ -72,11 +72,15 @@ class Plant:
             and not self.close_people
             and self.outline.alone(x, y, tilt, self._obstacles, margin)
         )
-        scene = self._near if self._alone else self._full
+        before = self.scene.stage
         self._full.enter(self._shared_stage or self._own_stage)
+        scene = self._near if self._alone else self._full
         if scene is not self.scene:
             scene.write(self.scene.read())
             self.scene = scene
+        if scene.stage is not before:
+            # people there are not told any more where they are: who comes again is placed anew
+            before.show({})
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """See `Scene.prepare`."""
