@@ -13,6 +13,7 @@ from mecazen_bench import (
     physics,
     realtime,
     recorder,
+    robots,
     viewer,
 )
 from mecazen_bench.figures import Figure, Group, named
@@ -102,3 +103,12 @@ def test_the_viewer_takes_some_processor_time_and_memory() -> None:
         assert server[figure].value >= 0.0
         total = service[figure].value + server[figure].value
         assert both[figure].value == pytest.approx(total)
+
+
+def test_robots_apart_are_measured_beside_one_alone_and_two_that_push() -> None:
+    rows = figures(robots.run(blocks=1))
+    assert list(rows) == ["1 apart", "2 apart", "4 apart", "8 apart", "2 head on"]
+    assert rows["1 apart"]["of one alone"].value == 1.0
+    one = rows["1 apart"]["µs/robot and tick"].value
+    for row in rows.values():
+        assert row["of one alone"].value == pytest.approx(row["µs/robot and tick"].value / one)

@@ -452,6 +452,21 @@ def test_a_router_takes_no_more_samples_a_second_from_each_link_than_it_is_told(
     assert speeds == [0, 100]
 
 
+def test_a_routers_limit_is_for_each_of_several_robots(free_port, wait_until):
+    config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
+    names, heard = ("one", "two"), []
+    router = open_session(config, "router", most_hz=1e-3, robots=names)
+    with router, closing(ZenohBus(config, "client")) as near, open_session(config, "client") as far:
+        near.subscribe_bytes("**", lambda key, *_: heard.append(key))
+        keys_of = [*(f"{name}/ground_truth/odom" for name in names), "end"]
+        links = [far.declare_publisher(key) for key in keys_of]
+        wait_until(near, lambda: all(link.matching_status.matching for link in links))
+        for link in (*links[:2], *links):  # in one moment, as physics does; the rest is a flood
+            link.put(b"{}")
+        wait_until(near, lambda: "end" in heard)
+    assert heard == keys_of
+
+
 def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus, wait_until):
     name = f"test{secrets.token_hex(6)}"
     root, one = open_bus(namespace=name), open_bus(namespace=f"{name}/one")
