@@ -121,6 +121,8 @@ def part_of(name: str, scenario: Scenario, robot: str) -> Scenario:
     """
     if name in SHARED and robot:
         raise ConfigError(f"--robot {robot}: there is one {name} for all robots")
+    if name not in SHARED and scenario.robots and not robot:
+        raise ConfigError(f"{name}: of which robot? --robot takes {' or '.join(scenario.names)}")
     return scenario if name in SHARED else scenario.of(robot)
 
 

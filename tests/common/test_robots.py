@@ -11,6 +11,7 @@ from mecazen.config import BusConfig, seed_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
 from mecazen.loading import effective, load_scenario
+from mecazen.runtime import part_of
 from mecazen.schema import Section
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
@@ -134,6 +135,16 @@ def test_when_there_is_no_such_robot_expect_those_there_are(write_scenario, scen
         load_scenario(write_scenario(TWO)).of("")
     with pytest.raises(ConfigError, match="'one': no such robot in the scenario; its robots: none"):
         scenario.of("one")
+
+
+def test_a_part_is_of_one_robot_unless_they_share_it(write_scenario):
+    loaded = load_scenario(write_scenario(TWO))
+    assert part_of("physics", loaded, "") is loaded
+    assert part_of("target", loaded, "two") == loaded.of("two")
+    with pytest.raises(ConfigError, match="^target: of which robot. --robot takes one or two$"):
+        part_of("target", loaded, "")
+    with pytest.raises(ConfigError, match="^--robot one: there is one physics for all robots$"):
+        part_of("physics", loaded, "one")
 
 
 def test_a_robots_namespace_is_within_that_of_the_run():
