@@ -141,9 +141,9 @@ def test_a_part_is_of_one_robot_unless_they_share_it(write_scenario):
     loaded = load_scenario(write_scenario(TWO))
     assert part_of("physics", loaded, "") is loaded
     assert part_of("target", loaded, "two") == loaded.of("two")
-    with pytest.raises(ConfigError, match="^target: of which robot. --robot takes one or two$"):
+    with pytest.raises(ConfigError, match=r"^target: of which robot. --robot takes one or two$"):
         part_of("target", loaded, "")
-    with pytest.raises(ConfigError, match="^--robot one: there is one physics for all robots$"):
+    with pytest.raises(ConfigError, match=r"^--robot one: there is one physics for all robots$"):
         part_of("physics", loaded, "one")
 
 
