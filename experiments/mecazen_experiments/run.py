@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import resource
 import time
 
@@ -35,6 +36,8 @@ def run(job: Job) -> Record:
         MecazenError: The run failed, or this process has another version of the code.
     """
     check_version(job)
+    # services and their bus hold each other, and the last run's world of DART, of many megabytes
+    gc.collect()
     begin = time.perf_counter()
     scenario = load_scenario(job.scenario, job.settings)
     result, trajectory = simulate(scenario, job.row)

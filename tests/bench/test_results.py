@@ -86,8 +86,10 @@ def test_parts_take_turns_until_each_has_had_its_rounds() -> None:
 def test_a_whole_bench_leaves_out_what_takes_minutes() -> None:
     assert [name for name, part in PARTS.items() if not part.on_demand] == [
         "physics",
+        "robots",
         "loop",
         "latency",
+        "realtime",
         "recorder",
         "viewer",
     ]
@@ -254,7 +256,7 @@ def test_an_unknown_part_is_refused() -> None:
 
     done = CliRunner().invoke(app, ["bench", "run", "--only", "speed"])
     assert isinstance(done.exception, MecazenError)
-    assert "no such part; there are physics, loop" in str(done.exception)
+    assert "no such part; there are physics, robots, loop" in str(done.exception)
     assert json.dumps(str(done.exception)).count("\\n") == 0
 
 
