@@ -40,7 +40,7 @@ class Arena:
             raise UnsupportedError(
                 "robots that can meet need the same rollers.contact_friction: they share a ground"
             )
-        self._stage = Stage(first, config)
+        self._stage = Stage(first, config) if len(robots) > 1 else None
         self._closing = 2.0 * config.dt_s * max(world.fastest for world in self.worlds)
         """No two robots come nearer to each other in a step [m]."""
         self._met: set[int] = set()

@@ -156,6 +156,7 @@ class NearScene(Scene):
         self._places = np.arange(_WHEELS * count).reshape(_WHEELS, count)
         self._bodies = self._places[:, [0, -1]].ravel()
         self._order = self._places.copy()
+        self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
         self._pitches = [0] * _WHEELS
         self._position: Array = self.robot.getPositions()
         self._velocity: Array = self.robot.getVelocities()
@@ -226,11 +227,16 @@ class NearScene(Scene):
         self._position[BASE_DOFS + wheel] -= pitches * self._pitch
         self._set_pitches(wheel, self._pitches[wheel] + pitches)
         places = self._places[wheel]
-        self._air.state[:, places] = self._air.state[:, np.roll(places, pitches)]
+        self._air.state[:, places] = self._air.state[:, self._rolled(wheel, pitches)]
 
     def _set_pitches(self, wheel: int, pitches: int) -> None:
         self._pitches[wheel] = pitches
-        self._order[wheel] = np.roll(self._places[wheel], -pitches)
+        self._order[wheel] = self._rolled(wheel, -pitches)
+
+    def _rolled(self, wheel: int, pitches: int) -> Array:
+        """Return the wheel's places as `np.roll` does, which takes ten times as long."""
+        places: Array = self._places[wheel, self._rolls[pitches % len(self._rolls)]]
+        return places
 
     def _put(self) -> None:
         """Put the bodies where the rollers in their places are."""
