@@ -240,14 +240,16 @@ def _parse_override(override: str) -> tuple[str, Any]:
 
 
 def _override(raw: dict[str, Any], key: str, value: Any) -> None:
-    *tables, last = key.split(".")
+    *tables, last = names = key.split(".")
     for depth, name in enumerate(tables):
-        table = raw.setdefault(name, {})
+        table, here = raw.setdefault(name, {}), ".".join(tables[: depth + 1])
         if isinstance(table, list):
             # each of several robots goes by its name
-            table = {str(robot.get("name")): robot for robot in _tables(table)}
+            table = {str(part["name"]): part for part in _tables(table) if "name" in part} or None
+            if table and names[depth + 1] not in table:
+                raise ConfigError(f"--set {key}: {here} are {', '.join(table)}")
         if not isinstance(table, dict):
-            raise ConfigError(f"--set {key}: {'.'.join(tables[: depth + 1])} is not a table")
+            raise ConfigError(f"--set {key}: {here} is not a table")
         raw = table
     raw[last] = value
 

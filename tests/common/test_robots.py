@@ -137,6 +137,13 @@ def test_when_there_is_no_such_robot_expect_those_there_are(write_scenario, scen
         scenario.of("one")
 
 
+@pytest.mark.parametrize("setting", ["robots.three.start.x_m=2.0", "robots.three=2"])
+def test_an_override_of_no_robot_is_refused_by_those_there_are(write_scenario, setting):
+    key = setting.partition("=")[0]
+    with pytest.raises(ConfigError, match=f"^--set {key}: robots are one, two$"):
+        load_scenario(write_scenario(TWO), (setting,))
+
+
 def test_a_part_is_of_one_robot_unless_they_share_it(write_scenario):
     loaded = load_scenario(write_scenario(TWO))
     assert part_of("physics", loaded, "") is loaded
