@@ -102,6 +102,18 @@ def near(robot: Robot) -> tuple[list[Link], list[list[Link]]]:
     return [*wheels, *kept, *everything[-2:]], lumped
 
 
+def driven_inertia(robot: Robot) -> float:
+    """Return what a motor has to turn when the robot drives off [kg·m²].
+
+    The wheel with its rollers about the axle, and its part of the robot's mass at its rim.
+    """
+    everything = [base(robot), *links(robot)]
+    mass = sum(link.mass for link in everything)
+    wheel, *rollers = (link for link in everything if link.name.startswith(WHEELS[0]))
+    _, _, inertia = lump([replace(wheel, translation=(0.0, 0.0, 0.0)), *rollers])
+    return float(inertia[1, 1]) + mass / len(WHEELS) * robot.wheels.radius_m**2
+
+
 def _wheel(robot: Robot, wheel: str) -> Link:
     mass = robot.wheels.hub_mass_kg
     across, along = _cylinder(mass, hub_radius(robot), robot.wheels.hub_width_m)

@@ -150,7 +150,6 @@ class NearScene(Scene):
                 f"physics.dt_s = {config.dt_s} or wheels.max_speed_rad_s = "
                 f"{robot.wheels.max_speed_rad_s} smaller: a wheel must not pass a roller in a step"
             )
-        self._hubs = [wheel.getChildBodyNode() for wheel in self.wheels]
         self._base = self.robot.getBodyNode(0)
         self._air = Air(robot, config.dt_s)
         self._places = np.arange(_WHEELS * count).reshape(_WHEELS, count)

@@ -41,7 +41,8 @@ class Plant:
         self._people: dict[int, Walking] = {}
         self.close_people: dict[int, Walking] = {}
         """Those who may touch the robot soon, by their numbers."""
-        self._alone = True
+        self.alone = True
+        """Whether the robot stands upright with nothing near it."""
 
     def place_person(self, pose: Pose2D, velocity: Twist2D, number: int = 0) -> None:
         """Put a person at `pose` in the world frame, moving with `velocity` in their own."""
@@ -61,20 +62,20 @@ class Plant:
     def look_round(self, x: float, y: float, tilt: float) -> None:
         """Take the scene that suits base_link at (x, y) [m], leaning by `tilt` [rad]."""
         # It takes more to be alone again: nothing goes back and forth at the border.
-        margin = 1.0 if self._alone else 1.5
+        margin = 1.0 if self.alone else 1.5
         self.close_people = {
             number: walking
             for number, walking in self._people.items()
             if not self.outline.alone(x, y, 0.0, [self.person(number)], margin)
         }
-        self._alone = (
+        self.alone = (
             self._shared_stage is None
             and not self.close_people
             and self.outline.alone(x, y, tilt, self._obstacles, margin)
         )
         before = self.scene.stage
         self._full.enter(self._shared_stage or self._own_stage)
-        scene = self._near if self._alone else self._full
+        scene = self._near if self.alone else self._full
         if scene is not self.scene:
             scene.write(self.scene.read())
             self.scene = scene
@@ -84,7 +85,7 @@ class Plant:
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """See `Scene.prepare`."""
-        return self.scene.prepare(speeds, steps, alone=self._alone)
+        return self.scene.prepare(speeds, steps, alone=self.alone)
 
     def settle(self, steps: int) -> None:
         """See `Scene.settle`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import dartpy as dart
 from mecazen.geometry import Pose2D
@@ -18,6 +18,18 @@ from mecazen_physics.reach import Reach
 BASE_DOFS = 7
 """Of the base in space, and of its front axle."""
 _PROBE_DEPTH = 1e-4
+
+Drive = Literal["speed", "servo", "torque"]
+"""What the wheels' motors hold: a speed, whatever it takes; a speed within their torque; a torque.
+
+A speed that is held whatever it takes belongs to DART's forward dynamics. A servo is four more
+constraints, a quarter of a step's time, and does the same as long as its limit is not reached.
+"""
+_ACTUATORS = {
+    "speed": dart.dynamics.VELOCITY,
+    "servo": dart.dynamics.SERVO,
+    "torque": dart.dynamics.FORCE,
+}
 
 
 class Motion(NamedTuple):
@@ -118,7 +130,8 @@ class Scene:
         self.stage = Stage(robot, config, bare=self._NEAR)
         self.robot, self._joints = bodies.build_robot(robot, config, start, near=self._NEAR)
         self.wheels = self._joints[: len(WHEELS)]
-        self._servo: bool | None = None
+        self._hubs = [wheel.getChildBodyNode() for wheel in self.wheels]
+        self._drive: Drive = "torque"
         self.stage.world.addSkeleton(self.robot)
         self._check_supported()
         rollers = [joint.getChildBodyNode() for joint in self._joints[len(WHEELS) :]]
@@ -136,12 +149,22 @@ class Scene:
             stage.world.addSkeleton(self.robot)
             self.stage = stage
 
-    def use_servo(self, *, servo: bool) -> None:
+    def use(self, drive: Drive) -> None:
         """Take the wheels' commands as speeds [rad/s] or as torques [N·m]."""
-        if servo != self._servo:
-            self._servo = servo
+        if drive != self._drive:
+            self._drive = drive
             for wheel in self.wheels:
-                wheel.setActuatorType(dart.dynamics.SERVO if servo else dart.dynamics.FORCE)
+                wheel.setActuatorType(_ACTUATORS[drive])
+
+    def torques(self) -> list[float]:
+        """Return what the wheels' motors gave in the last step [N·m]."""
+        if self._drive == "speed":
+            return [float(hub.getBodyForce()[1]) for hub in self._hubs]
+        if self._drive == "servo":
+            # DART's servo is a velocity constraint; its torque is that constraint's impulse.
+            dt = self._config.dt_s
+            return [wheel.getConstraintImpulse(0) / dt for wheel in self.wheels]
+        return [wheel.getCommand(0) for wheel in self.wheels]
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, alone: bool) -> int:
         """Return how many of `steps` steps can be simulated before the next call.

@@ -15,7 +15,7 @@ from mecazen_physics.errors import DivergedError
 from mecazen_physics.pid import WheelPid
 from mecazen_physics.plant import Plant
 from mecazen_physics.reach import Circle
-from mecazen_physics.scene import Stage, Walking
+from mecazen_physics.scene import Drive, Stage, Walking
 
 Vector = tuple[float, float, float]
 
@@ -24,6 +24,8 @@ Range = tuple[float, float]
 
 LONGEST_S = 0.02
 """Farther ahead neither the wheels' speeds can be foretold nor what a robot meets."""
+AT_EASE = 0.8
+"""Motors that are asked for less than this share of their torque are not at their limit soon."""
 
 
 class WheelCommand(NamedTuple):
@@ -82,11 +84,11 @@ class World:
         self._bearing_friction = robot.rollers.bearing_friction_nms
         self._longest = longest_chunk(config)
         self._hub_inertia = model.links(robot)[0].moments[1]
+        self._jerk_nms = model.driven_inertia(robot) / config.dt_s
         self._plant = Plant(robot, config, start)
         self.joint_names = self._plant.joint_names
         self._pids = [WheelPid(config.pid, self._max_torque, config.dt_s) for _ in WHEELS]
-        self._servo = config.drive == "velocity"
-        self._effort = [0.0] * len(WHEELS)
+        self._by_torque = config.drive == "effort"
         self._steps = 0
         self._state = self._read()
 
@@ -168,16 +170,26 @@ class World:
     def begin(self, command: WheelCommand) -> Callable[[], None] | None:
         """Give the motors a command; return what is to be done before each step, if anything."""
         if command.is_effort:
-            self._use_servo(servo=False)
+            self._use("torque")
             return lambda: self._push(command.values, self._wheel_speeds())
         target = self._within_limit(command.values)
         if self._config.drive == "effort":
-            self._use_servo(servo=False)
+            self._use("torque")
             return lambda: self._control(target)
-        self._use_servo(servo=True)
+        self._use("speed" if self._plant.alone and self._at_ease(target) else "servo")
         for wheel, speed in zip(self._plant.scene.wheels, target, strict=True):
             wheel.setCommand(0, speed)
         return None
+
+    def _at_ease(self, target: Sequence[float]) -> bool:
+        """Return whether motors reach `target` [rad/s] in a step well within their torque."""
+        state = self._state
+        return all(
+            abs(torque) + self._jerk_nms * abs(goal - speed) <= AT_EASE * self._max_torque
+            for goal, speed, torque in zip(
+                target, state.joint_velocity, state.joint_effort, strict=False
+            )
+        )
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated."""
@@ -201,25 +213,17 @@ class World:
         for index, (torque, speed) in enumerate(zip(torques, speeds, strict=True)):
             upper = limit if speed < fastest else 0.0
             lower = -limit if speed > -fastest else 0.0
-            self._effort[index] = min(max(torque, lower), upper)
-            wheels[index].setCommand(0, self._effort[index])
+            wheels[index].setCommand(0, min(max(torque, lower), upper))
 
     def _wheel_speeds(self) -> list[float]:
         return [wheel.getVelocity(0) for wheel in self._plant.scene.wheels]
 
-    def _use_servo(self, *, servo: bool) -> None:
-        self._plant.scene.use_servo(servo=servo)
-        if servo != self._servo:
-            self._servo = servo
+    def _use(self, drive: Drive) -> None:
+        self._plant.scene.use(drive)
+        if self._by_torque != (drive == "torque"):
+            self._by_torque = drive == "torque"
             for pid in self._pids:
                 pid.reset()
-
-    def _wheel_efforts(self) -> list[float]:
-        if not self._servo:
-            return list(self._effort)
-        # DART's servo is a velocity constraint; its torque is that constraint's impulse.
-        dt = self._config.dt_s
-        return [wheel.getConstraintImpulse(0) / dt for wheel in self._plant.scene.wheels]
 
     def _read(self) -> WorldState:
         """Return the state that DART is in."""
@@ -236,7 +240,7 @@ class World:
             angular=_unrotate(orientation, *motion.base_velocity[:3]),
             joint_position=motion.joint_position,
             joint_velocity=motion.joint_velocity,
-            joint_effort=self._wheel_efforts() + rollers,
+            joint_effort=self._plant.scene.torques() + rollers,
         )
 
     def _update(self) -> None:
