@@ -53,7 +53,7 @@ SLACK_RAD = 0.02
 on the border is not brought back and forth."""
 
 _WHEELS = len(WHEELS)
-_ON_AXLE = [index for index, wheel in enumerate(WHEELS) if wheel.startswith("front")]
+_ON_AXLE = [wheel.startswith("front") for wheel in WHEELS]
 _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
@@ -70,8 +70,15 @@ class Air:
         friction, inertia = robot.rollers.bearing_friction_nms, Roller.of(robot).inertia[1]
         self._dt = dt
         self._kept = 1.0 / (1.0 + friction * dt / inertia)
-        self.state: Array = np.zeros((3, _WHEELS * count))
-        self._turning: Array = np.zeros(3 * _WHEELS)
+        # the last row is a·ω after the chunk to come
+        self._all: Array = np.zeros((4, _WHEELS * count))
+        self._next: Array = np.zeros((3, _WHEELS * count))
+        self.state: Array = self._all[:3]
+        self._spins: Array = self._all[1:3].reshape(-1)
+        angles, rates, _, _ = self._all.reshape(4, _WHEELS, count)
+        self.angles, self.rates = angles[:, :: count - 1], rates[:, :: count - 1]
+        """Those of the bodies (4, 2), to be written."""
+        self._turning = [0.0] * (3 * _WHEELS)
         axes = np.zeros((_WHEELS, count, _WHEELS, 3))
         rollers = iter(model.links(robot)[_WHEELS:])
         for wheel in range(_WHEELS):
@@ -86,38 +93,35 @@ class Air:
             [[friction * airborne, 0.0 * airborne], [inertia * airborne, inertia * airborne]]
         )
 
-    def note(self, turning: Array) -> Array:
-        """Take the wheels as `turning` (12,), x, y, z of each in its own frame [rad/s].
-
-        Returns:
-            By how much a·ω (4·N,) has changed [rad/s].
-        """
+    def note(self, turning: list[float]) -> None:
+        """Take the wheels as `turning`, x, y, z of each in its own frame [rad/s]."""
         self._turning = turning
-        now = self._axes @ turning
-        change: Array = now - self.state[2]
-        self.state[2] = now
-        return change
+        self.state[2] = self._axes @ turning
 
-    def advance(self, steps: int, turning: Array) -> None:
+    def advance(self, steps: int, turning: list[float]) -> None:
         """Simulate `steps` steps, in the first of which the wheels come to be `turning`."""
-        change = self.note(turning)
-        angle, rate, _ = self.state
-        last, before, after = _sums(self._kept, steps)
-        angle += self._dt * (after * rate - before * change)
-        rate *= last * self._kept
-        rate -= last * change
+        self._turning = turning
+        np.dot(self._axes, turning, out=self._all[3])
+        self.state[:] = np.dot(_law(self._kept, self._dt, steps), self._all, out=self._next)
 
     def torques(self, steps: int) -> list[tuple[float, float, float]]:
         """Return the mean torques on the wheels in `steps` steps, in their frames [N·m]."""
         _, _, after = _sums(self._kept, steps)
-        loads = (self._loads @ self.state[1:].ravel()).tolist()
-        turning = self._turning.tolist()
+        mean = after / steps
+        loads = (self._loads @ self._spins).tolist()
+        turning = self._turning
         torques = []
         for i in range(0, 3 * _WHEELS, 3):
-            fx, fy, fz = (after / steps * torque for torque in loads[i : i + 3])
+            fx, fy, fz = loads[i : i + 3]
             hx, hy, hz = loads[3 * _WHEELS + i : 3 * _WHEELS + i + 3]
             wx, wy, wz = turning[i : i + 3]
-            torques.append((fx + hy * wz - hz * wy, fy + hz * wx - hx * wz, fz + hx * wy - hy * wx))
+            torques.append(
+                (
+                    mean * fx + hy * wz - hz * wy,
+                    mean * fy + hz * wx - hx * wz,
+                    mean * fz + hx * wy - hy * wx,
+                )
+            )
         return torques
 
 
@@ -126,6 +130,19 @@ def _sums(kept: float, steps: int) -> tuple[float, float, float]:
     """Return for n = `steps` ρ^(n-1), the sum of ρ^i for i < n, and that for 0 < i <= n."""
     before = np.sum(kept ** np.arange(steps))
     return kept ** (steps - 1), float(before), kept * float(before)
+
+
+@lru_cache
+def _law(kept: float, dt: float, steps: int) -> Array:
+    """Return what makes of angle, spin, a·ω and the next a·ω the next three (3, 4)."""
+    last, before, after = _sums(kept, steps)
+    return np.array(
+        [
+            [1.0, dt * after, dt * before, -dt * before],
+            [0.0, last * kept, last, -last],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 class NearScene(Scene):
@@ -153,12 +170,11 @@ class NearScene(Scene):
         self._base = self.robot.getBodyNode(0)
         self._air = Air(robot, config.dt_s)
         self._places = np.arange(_WHEELS * count).reshape(_WHEELS, count)
-        self._bodies = self._places[:, [0, -1]].ravel()
         self._order = self._places.copy()
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
         self._pitches = [0] * _WHEELS
-        self._position: Array = self.robot.getPositions()
-        self._velocity: Array = self.robot.getVelocities()
+        self._position: list[float] = self.robot.getPositions().tolist()
+        self._velocity: list[float] = self.robot.getVelocities().tolist()
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, alone: bool) -> int:
         """Bring wheels back whose rollers have moved on; see `Scene`."""
@@ -169,9 +185,10 @@ class NearScene(Scene):
         if steps * widest > self._travel:
             steps = max(1, int(self._travel / widest))
         moved = False
-        for wheel, (low, high) in enumerate(ahead):
-            middle = self._position[BASE_DOFS + wheel]
-            middle += 0.5 * SPEED_MARGIN * self._dt * steps * (low + high)
+        half_way = 0.5 * SPEED_MARGIN * self._dt * steps
+        angles = self._position[BASE_DOFS:_FIRST_ROLLER]
+        for wheel, ((low, high), angle) in enumerate(zip(ahead, angles, strict=True)):
+            middle = angle + half_way * (low + high)
             if not -SLACK_RAD <= middle <= self._pitch + SLACK_RAD:
                 self._bring_back(wheel, math.floor(middle / self._pitch))
                 moved = True
@@ -181,22 +198,18 @@ class NearScene(Scene):
             hub.setExtTorque(torque, True)
         return steps
 
-    def speeds(self) -> list[float]:
-        """See `Scene`."""
-        speeds: list[float] = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
-        return speeds
-
     def settle(self, steps: int) -> None:
         """Turn the rollers in the air; see `Scene`."""
-        self._position, self._velocity = self.robot.getPositions(), self.robot.getVelocities()
+        position, velocity = self.robot.getPositions(), self.robot.getVelocities()
+        self._position, self._velocity = position.tolist(), velocity.tolist()
         self._air.advance(steps, self._turning())
-        self._air.state[0, self._bodies] = self._position[_FIRST_ROLLER:]
-        self._air.state[1, self._bodies] = self._velocity[_FIRST_ROLLER:]
+        self._air.angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
+        self._air.rates[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
 
     def read(self) -> Motion:
         """See `Scene`."""
         angles, rates = self._air.state[:2, self._order.ravel()].tolist()
-        position, velocity = self._position.tolist(), self._velocity.tolist()
+        position, velocity = self._position, self._velocity
         turned = [
             angle + pitches * self._pitch
             for angle, pitches in zip(position[BASE_DOFS:_FIRST_ROLLER], self._pitches, strict=True)
@@ -239,20 +252,19 @@ class NearScene(Scene):
 
     def _put(self) -> None:
         """Put the bodies where the rollers in their places are."""
-        self._position[_FIRST_ROLLER:] = self._air.state[0, self._bodies]
-        self._velocity[_FIRST_ROLLER:] = self._air.state[1, self._bodies]
+        self._position[_FIRST_ROLLER:] = self._air.angles.ravel().tolist()
+        self._velocity[_FIRST_ROLLER:] = self._air.rates.ravel().tolist()
         self.robot.setPositions(self._position)
         self.robot.setVelocities(self._velocity)
 
-    def _turning(self) -> Array:
-        """Return the wheels' angular velocities (12,), as `Air` takes them [rad/s]."""
+    def _turning(self) -> list[float]:
+        """Return the wheels' angular velocities, as `Air` takes them [rad/s]."""
         x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
-        angles = self._position[BASE_DOFS:_FIRST_ROLLER].tolist()
-        rates = self._velocity[BASE_DOFS:_FIRST_ROLLER].tolist()
-        swing = float(self._velocity[BASE_DOFS - 1])
+        rolls = (x, x + self._velocity[BASE_DOFS - 1])
+        angles = self._position[BASE_DOFS:_FIRST_ROLLER]
+        rates = self._velocity[BASE_DOFS:_FIRST_ROLLER]
         turning: list[float] = []
-        for wheel, (angle, rate) in enumerate(zip(angles, rates, strict=True)):
-            cos, sin = math.cos(angle), math.sin(angle)
-            roll = x + swing if wheel in _ON_AXLE else x
+        for on_axle, angle, rate in zip(_ON_AXLE, angles, rates, strict=True):
+            cos, sin, roll = math.cos(angle), math.sin(angle), rolls[on_axle]
             turning += (roll * cos - z * sin, y + rate, roll * sin + z * cos)
-        return np.array(turning)
+        return turning

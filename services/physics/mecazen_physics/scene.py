@@ -179,10 +179,6 @@ class Scene:
         self._reach.update(angles, fastest, steps * self._config.dt_s, alone=alone)
         return steps
 
-    def speeds(self) -> list[float]:
-        """Return the wheels' speeds [rad/s]."""
-        return [wheel.getVelocity(0) for wheel in self.wheels]
-
     def settle(self, steps: int) -> None:
         """Take note of the `steps` steps that were simulated."""
 

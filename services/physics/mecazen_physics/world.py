@@ -150,29 +150,37 @@ class World:
         qx, qy, _, _ = self._state.orientation
         self._plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
 
-    def prepare(self, command: WheelCommand, steps: int) -> int:
-        """Return how many of `steps` steps can be simulated before the next call."""
+    def prepare(self, command: WheelCommand, steps: int) -> tuple[int, Callable[[], None] | None]:
+        """Give the motors a command.
+
+        Returns:
+            How many of `steps` steps can be simulated before the next call, and what is to be
+            done before each of them, if anything.
+        """
         steps = min(steps, self._longest)
-        speeds = self._plant.scene.speeds()
+        speeds = self._state.joint_velocity[: len(WHEELS)]
+        push = None
         if command.is_effort:
             gain = steps * self._config.dt_s / self._hub_inertia
             changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
             expected = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+            push = self._push_always(command.values)
         else:
-            pairs = zip(speeds, self._within_limit(command.values), strict=True)
-            expected = [(min(pair), max(pair)) for pair in pairs]
-        return self._plant.prepare(expected, steps)
+            limit = self._max_speed
+            target = [min(max(speed, -limit), limit) for speed in command.values]
+            expected = [
+                (now, goal) if now < goal else (goal, now)
+                for now, goal in zip(speeds, target, strict=True)
+            ]
+            push = self._aim(target)
+        return self._plant.prepare(expected, steps), push
 
-    def _within_limit(self, speeds: Sequence[float]) -> list[float]:
-        limit = self._max_speed
-        return [min(max(speed, -limit), limit) for speed in speeds]
+    def _push_always(self, torques: Sequence[float]) -> Callable[[], None]:
+        self._use("torque")
+        return lambda: self._push(torques, self._wheel_speeds())
 
-    def begin(self, command: WheelCommand) -> Callable[[], None] | None:
-        """Give the motors a command; return what is to be done before each step, if anything."""
-        if command.is_effort:
-            self._use("torque")
-            return lambda: self._push(command.values, self._wheel_speeds())
-        target = self._within_limit(command.values)
+    def _aim(self, target: Sequence[float]) -> Callable[[], None] | None:
+        """Have the motors bring the wheels to `target` [rad/s]; see `prepare`."""
         if self._config.drive == "effort":
             self._use("torque")
             return lambda: self._control(target)
@@ -183,13 +191,13 @@ class World:
 
     def _at_ease(self, target: Sequence[float]) -> bool:
         """Return whether motors reach `target` [rad/s] in a step well within their torque."""
-        state = self._state
-        return all(
-            abs(torque) + self._jerk_nms * abs(goal - speed) <= AT_EASE * self._max_torque
-            for goal, speed, torque in zip(
-                target, state.joint_velocity, state.joint_effort, strict=False
-            )
-        )
+        state, easy = self._state, AT_EASE * self._max_torque
+        for goal, speed, torque in zip(
+            target, state.joint_velocity, state.joint_effort, strict=False
+        ):
+            if abs(torque) + self._jerk_nms * abs(goal - speed) > easy:
+                return False
+        return True
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated."""
@@ -283,9 +291,9 @@ def advance_together(worlds: Sequence[World], commands: Sequence[WheelCommand], 
             world.look_round()
         stage = worlds[0].stage
         stage.show({number: who for world in worlds for number, who in world.close_people.items()})
-        chunk = min(world.prepare(command, left) for world, command in orders)
-        begun = [world.begin(command) for world, command in orders]
-        pushes = [push for push in begun if push is not None]
+        prepared = [world.prepare(command, left) for world, command in orders]
+        chunk = min(steps for steps, _ in prepared)
+        pushes = [push for _, push in prepared if push is not None]
         step = stage.step
         for _ in range(chunk):
             for push in pushes:
