@@ -6,14 +6,16 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Literal
 
 from rich.console import Console
 from rich.live import Live
+from rich.markup import escape
 from rich.table import Table
 
 from mecazen import keys
@@ -21,14 +23,17 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ONLOOKERS, ROUTER, SECURE_ROUTER, Scenario, called
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
-from mecazen.messages import DiagnosticArray, FollowerState, Odometry
+from mecazen.messages import DiagnosticArray
 from mecazen.processes import Line, Supervisor
 from mecazen.runtime import find_service, installed_services
+from mecazen.service import NS_PER_S
 from mecazen.wire import Stamp
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
 """Simulated time between two lines of status where the output is no terminal."""
+REPORTING = {"physics", "target", "follower"}
+"""Parts of whose health the status tells."""
 
 VIEWER = "viewer"
 SERVING = "msg=serving url="
@@ -117,26 +122,32 @@ def _is_told_at_its_end(line: Line) -> bool:
 
 
 class Status:
-    """What the simulation does, from what is published: a line, or one for each robot."""
+    """What the simulation does, from its services' health: a line, or one for each robot.
+
+    What they say of themselves once a second is enough for it: each sample of the loop on its way
+    here, through the router, costs its publisher as much as one to another service.
+    """
 
     def __init__(self, bus: ZenohBus, scenario: Scenario) -> None:
+        self._time_s = 0.0
         self._reported_s = -QUIET_REPORT_S
-        self._physics = ""
-        self._robots = [
-            _RobotStatus(name, bus.beside(name), scenario.services) for name in scenario.names
-        ]
-        bus.subscribe(keys.diagnostics("physics"), self._on_physics)
+        self._robots = scenario.names
+        self._health: dict[str, Mapping[str, str]] = {}
+        for part, robot in scenario.processes:
+            if part in REPORTING:
+                hear = partial(self._on_report, called(part, robot))
+                bus.beside(robot).subscribe(keys.diagnostics(part), hear)
 
     @property
     def text(self) -> str:
         """The lines."""
-        first, *others = [robot.text for robot in self._robots]
-        lines = ["  ·  ".join(filter(None, (first, self._physics))), *others]
-        return f"[bold]t = {self._time_s:.1f} s[/]  " + "\n".join(lines)
-
-    @property
-    def _time_s(self) -> float:
-        return max(robot.time_s for robot in self._robots)
+        physics = self._health.get("physics", {})
+        first, *others = [self._of(robot) for robot in self._robots]
+        if physics:
+            missed = physics.get("missed_deadlines", "?")
+            first.append(f"{physics.get('rtf', '?')} × real time, {missed} missed")
+        lines = "\n".join("  ·  ".join(words) for words in (first, *others))
+        return f"[bold]t = {self._time_s:.1f} s[/]  {escape(lines)}"
 
     def due(self) -> bool:
         """Return whether enough simulated time has passed for another report."""
@@ -145,49 +156,38 @@ class Status:
         self._reported_s = self._time_s
         return True
 
-    def _on_physics(self, report: DiagnosticArray, stamp: Stamp | None) -> None:
-        del stamp
-        values = {pair.key: pair.value for status in report.status for pair in status.values}
-        self._physics = (
-            f"{values.get('rtf', '?')} × real time, {values.get('missed_deadlines', '?')} missed"
+    def _of(self, robot: str) -> list[str]:
+        """Return what a robot, its person and its follower do."""
+        physics, person, follower = (
+            self._health.get(part, {})
+            for part in ("physics", called("target", robot), called("follower", robot))
         )
+        x, y = (_number(physics, called(name, robot)) for name in ("x_m", "y_m"))
+        person_x, person_y = _number(person, "x_m"), _number(person, "y_m")
+        error = _number(follower, "distance_error_m")
+        said = []
+        if x is not None and y is not None:
+            said.append(f"{robot or 'robot'} ({x:+.2f}, {y:+.2f})")
+        if person_x is not None and person_y is not None:
+            said.append(f"person ({person_x:+.2f}, {person_y:+.2f})")
+        if error is not None:
+            said.append(f"{follower.get('tracking', '?')}, {error:+.3f} m off")
+        return said
 
-
-class _RobotStatus:
-    """What a robot does."""
-
-    def __init__(self, name: str, bus: ZenohBus, services: Sequence[str]) -> None:
-        self.time_s = 0.0
-        self._name = name or "robot"
-        self._robot = self._person = self._follower = ""
-        bus.subscribe(keys.GROUND_TRUTH, self._on_robot)
-        if "target" in services:
-            bus.subscribe(keys.TARGET_ODOM, self._on_person)
-        if "follower" in services:
-            bus.subscribe(keys.FOLLOWER_STATE, self._on_follower)
-
-    @property
-    def text(self) -> str:
-        """The line."""
-        return "  ·  ".join(filter(None, (self._robot, self._person, self._follower)))
-
-    def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:
+    def _on_report(self, part: str, report: DiagnosticArray, stamp: Stamp | None) -> None:
         if stamp is not None:
-            self.time_s = stamp.time_ns / 1e9
-        self._robot = f"{self._name} {_place(odom)}"
-
-    def _on_person(self, odom: Odometry, stamp: Stamp | None) -> None:
-        del stamp
-        self._person = f"person {_place(odom)}"
-
-    def _on_follower(self, state: FollowerState, stamp: Stamp | None) -> None:
-        del stamp
-        self._follower = f"{state.tracking}, {state.distance_error:+.3f} m off"
+            self._time_s = stamp.time_ns / NS_PER_S
+        self._health[part] = {
+            pair.key: pair.value for status in report.status for pair in status.values
+        }
 
 
-def _place(odom: Odometry) -> str:
-    position = odom.pose.pose.position
-    return f"({position.x:+.2f}, {position.y:+.2f})"
+def _number(values: Mapping[str, str], name: str) -> float | None:
+    """Return a value that is a number, as whoever reports need not make it."""
+    try:
+        return float(values[name])
+    except (KeyError, ValueError):
+        return None
 
 
 def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:

@@ -51,6 +51,7 @@ class FollowerService(Follower):
         self.following = Following(self.config, self.scenario.sensor.latency_s)
         self.robot: dict[int, Pose2D] = {}
         self.last_ns: int | None = None
+        self.told: FollowerState | None = None
 
     def follow(self, odom: Odometry, frame: Observation | None, stamp: Stamp) -> Twist2D:
         """Publish the state of a tick, and return its command."""
@@ -72,7 +73,8 @@ class FollowerService(Follower):
             self.bus.refuse(keys.OBSERVATION.key, str(refusal))
             step = self.following.step(time, dt, robot, None)
         # before the command: who has the command of a tick has all of the tick
-        self.state.put(_state(odom.header, self.config.estimator, step), stamp)
+        self.told = _state(odom.header, self.config.estimator, step)
+        self.state.put(self.told, stamp)
         return step.command
 
     def _sighting(self, frame: Observation | None, robot: Pose2D) -> Sighting | None:
@@ -84,8 +86,15 @@ class FollowerService(Follower):
         return in_odom(frame.poses[0], frame.header.frame_id, robot)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return frames that came too late for their tick, and the filter's consistency."""
-        return {"late_frames": self.late_frames, "nis": self.following.estimator.nis}
+        """Return how well it follows, frames too late for their tick, the filter's consistency."""
+        values: dict[str, object] = {
+            "late_frames": self.late_frames,
+            "nis": self.following.estimator.nis,
+        }
+        if self.told is not None:
+            values["tracking"] = self.told.tracking
+            values["distance_error_m"] = round(self.told.distance_error, 3)
+        return values
 
 
 def _state(header: Header, estimator: str, step: Step) -> FollowerState:

@@ -202,13 +202,18 @@ class PhysicsService(Service):
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the real-time factor and the deadlines that were missed."""
-        return {
+        """Return the real-time factor, the deadlines that were missed, and where robots are."""
+        values: dict[str, object] = {
             "mode": self.scenario.sim.mode,
             "rtf": round(self.schedule.rtf, 3),
             "missed_deadlines": self.missed_deadlines,
             "paused": self.paused,
         }
+        for member in self.members:
+            x, y, _ = member.world.state().position
+            values[member.called("x_m")] = round(x, 3)
+            values[member.called("y_m")] = round(y, 3)
+        return values
 
     @property
     def is_answered(self) -> bool:

@@ -52,12 +52,14 @@ class TargetService(Service):
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""
         self.walker.reset()
+        self.pose = self.walker.at(0).pose
         self.sensor = Sensor(self.scenario.sensor, seed, self.scenario.sim.tick_s)
 
     def on_ground_truth(self, robot: Odometry, stamp: Stamp) -> None:
         """Publish the person's pose, and the frame of this tick if it brings one."""
         tick = self.tick_of(stamp)
         person = self.walker.at(tick)
+        self.pose = person.pose
         self.odom.put(
             planar_odometry(stamp.time, "world", "person", person.pose, person.twist), stamp
         )
@@ -87,8 +89,11 @@ class TargetService(Service):
         return Observation(header=header, poses=seen)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return how far the person has walked."""
+        """Return where the person is, and how far they have walked."""
+        x, y, _ = self.pose
         return {
             "time_s": self.stamp.time_ns / NS_PER_S,
+            "x_m": round(x, 3),
+            "y_m": round(y, 3),
             "walked_m": round(self.walker.distance, 3),
         }
