@@ -270,6 +270,25 @@ def test_the_motors_limits_hold(robot: Robot) -> None:
         assert max(map(abs, state.joint_velocity[:4])) <= robot.wheels.max_speed_rad_s * (1 + 1e-6)
 
 
+def test_motors_too_weak_for_a_slope_let_the_robot_roll_down_with_all_their_torque(
+    robot: Robot,
+) -> None:
+    weight = masses(robot)[0] * GRAVITY * math.sin(math.radians(10.0))
+    limit = 0.15 * weight * robot.wheels.radius_m  # 0.25 would hold it
+    wheels = msgspec.structs.replace(robot.wheels, max_torque_nm=limit)
+    weak = msgspec.structs.replace(robot, wheels=wheels)
+    world = World(weak, PhysicsConfig(slope_deg=10.0), Pose2D())
+    torques = []
+    for _ in range(50):
+        world.advance([0.0] * 4, STEPS)
+        torques.append(world.state().joint_effort[:4])
+    # at once, and to the solver's rounding
+    assert np.array(torques) == pytest.approx(limit, rel=1e-9)
+    expected = -0.5 * 0.4 * weight / sum(masses(robot))
+    # 2 %: as for the acceleration by torque.
+    assert world.state().linear[0] == pytest.approx(expected, rel=0.02)
+
+
 def test_commanded_torque_is_limited_and_stops_at_the_motors_speed(robot: Robot) -> None:
     world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
     world.advance_effort([100.0, -100.0, 0.0, 0.0], 1)

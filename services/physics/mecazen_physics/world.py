@@ -91,6 +91,8 @@ class World:
         self._by_torque = config.drive == "effort"
         self._steps = 0
         self._state = self._read()
+        self._torque = math.inf
+        """The most that a motor gave in the last step; at first it may have to give anything."""
 
     def advance(self, command: Sequence[float], steps: int) -> None:
         """Simulate `steps` steps of `dt_s` towards the wheel speeds `command` [rad/s].
@@ -191,19 +193,16 @@ class World:
 
     def _at_ease(self, target: Sequence[float]) -> bool:
         """Return whether motors reach `target` [rad/s] in a step well within their torque."""
-        state, easy = self._state, AT_EASE * self._max_torque
-        for goal, speed, torque in zip(
-            target, state.joint_velocity, state.joint_effort, strict=False
-        ):
-            if abs(torque) + self._jerk_nms * abs(goal - speed) > easy:
-                return False
-        return True
+        speeds = self._state.joint_velocity
+        change = max(abs(goal - speed) for goal, speed in zip(target, speeds, strict=False))
+        return self._torque + self._jerk_nms * change <= AT_EASE * self._max_torque
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated."""
         self._plant.settle(steps)
         self._steps += steps
         self._update()
+        self._torque = max(map(abs, self._state.joint_effort[: len(WHEELS)]))
 
     def _control(self, target: Sequence[float]) -> None:
         """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
