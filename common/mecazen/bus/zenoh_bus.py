@@ -97,6 +97,8 @@ def session_config(
         "mode": mode,
         "scouting/multicast/enabled": config.multicast_scouting,
         "scouting/delay": 0,
+        # it pays from a megabyte on, and has a thread that wakes twenty times a second
+        "transport/shared_memory/enabled": False,
     }
     if mode == "router":
         settings["listen/endpoints"] = meeting
