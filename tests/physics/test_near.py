@@ -109,6 +109,26 @@ def test_tick_by_tick_it_moves_as_the_robot_with_every_roller(nexus: Robot, driv
     assert largest_turn(everything, near) < math.radians(0.1)
 
 
+def test_motors_at_ease_exceed_their_torque_in_few_single_steps(nexus: Robot) -> None:
+    world = World(nexus, PhysicsConfig(), Pose2D())
+    stage, scene = world.stage, world._plant.scene
+    step, limit = stage.step, nexus.wheels.max_torque_nm
+    torques = []
+
+    def noted(reset: bool) -> None:
+        step(reset)
+        torques.append(max(map(abs, scene.torques())))
+
+    stage.step = noted
+    for command in commands(30.0):
+        world.advance(command, 10)
+    beyond = np.array(torques) > limit
+    # 23 of 30,000 when this was written; none lasts: a peak is that of a roller's hand-over
+    assert 0 < np.count_nonzero(beyond) < 60
+    assert not np.any(beyond[1:] & beyond[:-1])
+    assert max(torques) < 1.5 * limit
+
+
 def test_it_bumps_against_a_box_and_comes_free_as_with_every_roller(nexus: Robot) -> None:
     box = Box(size_m=(0.2, 0.3, 0.5), position_m=(1.4, 0.0))
     bumped, ends = [], []

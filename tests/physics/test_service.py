@@ -622,6 +622,8 @@ def test_diagnostics_come_once_a_second():
         "rtf": "0.0",
         "missed_deadlines": "0",
         "paused": "False",
+        "x_m": "0.0",
+        "y_m": "0.0",
         "refused_payloads": "0",
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEELS, Robot
@@ -25,7 +25,7 @@ Range = tuple[float, float]
 LONGEST_S = 0.02
 """Farther ahead neither the wheels' speeds can be foretold nor what a robot meets."""
 AT_EASE = 0.8
-"""Motors that are asked for less than this share of their torque are not at their limit soon."""
+"""Motors that are asked for less than this share of their torque need no limit."""
 
 
 class WheelCommand(NamedTuple):
@@ -174,28 +174,35 @@ class World:
                 (now, goal) if now < goal else (goal, now)
                 for now, goal in zip(speeds, target, strict=True)
             ]
-            push = self._aim(target)
+            push = self._aim(target, steps)
         return self._plant.prepare(expected, steps), push
 
     def _push_always(self, torques: Sequence[float]) -> Callable[[], None]:
         self._use("torque")
         return lambda: self._push(torques, self._wheel_speeds())
 
-    def _aim(self, target: Sequence[float]) -> Callable[[], None] | None:
+    def _aim(self, target: Sequence[float], steps: int) -> Callable[[], None] | None:
         """Have the motors bring the wheels to `target` [rad/s]; see `prepare`."""
         if self._config.drive == "effort":
             self._use("torque")
             return lambda: self._control(target)
-        self._use("speed" if self._plant.alone and self._at_ease(target) else "servo")
-        for wheel, speed in zip(self._plant.scene.wheels, target, strict=True):
+        rise = self._rise(target) if self._plant.alone else math.inf
+        self._use("speed" if rise <= steps else "servo")
+        wheels = self._plant.scene.wheels
+        if 1.0 < rise <= steps:
+            return _ramp(wheels, self._state.joint_velocity, target, math.ceil(rise))
+        for wheel, speed in zip(wheels, target, strict=True):
             wheel.setCommand(0, speed)
         return None
 
-    def _at_ease(self, target: Sequence[float]) -> bool:
-        """Return whether motors reach `target` [rad/s] in a step well within their torque."""
+    def _rise(self, target: Sequence[float]) -> float:
+        """Return in how many steps motors that stay at ease reach `target` [rad/s]."""
+        left = AT_EASE * self._max_torque - self._torque
+        if left <= 0.0:
+            return math.inf
         speeds = self._state.joint_velocity
         change = max(abs(goal - speed) for goal, speed in zip(target, speeds, strict=False))
-        return self._torque + self._jerk_nms * change <= AT_EASE * self._max_torque
+        return self._jerk_nms * change / left
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated."""
@@ -275,6 +282,22 @@ class World:
                 f"wheels {good.joint_velocity[: len(WHEELS)]} rad/s"
             )
         self._state = state
+
+
+def _ramp(
+    wheels: Sequence[Any], speeds: Sequence[float], target: Sequence[float], steps: int
+) -> Callable[[], None]:
+    """Return what brings wheels from `speeds` to `target` [rad/s], step by step."""
+    ways = list(zip(wheels, speeds, target, strict=False))
+    parts = iter([(step + 1) / steps for step in range(steps)])
+
+    def push() -> None:
+        part = next(parts, None)
+        if part is not None:
+            for wheel, begin, end in ways:
+                wheel.setCommand(0, begin + part * (end - begin))
+
+    return push
 
 
 def advance_together(worlds: Sequence[World], commands: Sequence[WheelCommand], steps: int) -> None:
