@@ -86,6 +86,14 @@ def test_one_mode_is_the_extended_kalman_filter(mode):
         assert bank.probabilities.tolist() == [1.0]
 
 
+def test_an_observation_whose_noise_is_no_covariance_changes_nothing():
+    bank = ModeBank(MODES, START, COVARIANCE)
+    with pytest.raises(ValueError, match="positive definite"):
+        bank.update(START[:SEEN], -10.0 * NOISE)
+    assert (bank.state == START).all()
+    assert bank.covariance == pytest.approx(COVARIANCE)
+
+
 @pytest.mark.parametrize("modes", [MODES, (STRAIGHT, MANOEUVRE)])
 def test_several_modes_are_the_interacting_multiple_models(modes):
     bank = ModeBank(modes, START, COVARIANCE)
@@ -154,7 +162,8 @@ def test_hopeless_observations_in_a_row_break_nothing(far):
         bank.update(np.array(seen), NOISE)
         bank.update(-np.array(seen), NOISE)
         assert bank.probabilities.sum() == pytest.approx(1.0)
-        bank.predict(1.0)
+        for _ in range(10):
+            bank.predict(0.1)  # in which no mode's share is left by more than there is of it
         bank.update(np.array(seen), NOISE)
         assert np.linalg.eigvalsh(bank.covariance)[0] > 0.0
 

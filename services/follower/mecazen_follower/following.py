@@ -6,11 +6,10 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-import numpy.typing as npt
 from mecazen.geometry import Pose2D, Twist2D
 
 from mecazen_follower.config import FollowerConfig
-from mecazen_follower.estimators import Estimate
+from mecazen_follower.estimators import Covariance, Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.tracking import TrackingState
 
@@ -24,7 +23,7 @@ class Sighting(NamedTuple):
     """An observed pose of the person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
     pose: Pose2D
-    covariance: npt.ArrayLike
+    covariance: Covariance
 
 
 class Step(NamedTuple):

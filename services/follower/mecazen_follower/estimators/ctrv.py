@@ -13,15 +13,17 @@ from mecazen.schema import NonNegative, Positive
 from mecazen_follower.estimators.adaptive import NoiseScale
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.modes import Mode, ModeBank
+from mecazen_follower.estimators.symmetric import Rows
 from mecazen_follower.estimators.turn_rate import (
     IDENTITY,
     SEEN,
     SEES,
     SIZE,
     YAW,
+    State,
     Walks,
+    carry,
     estimate_of,
-    jacobian,
     move,
     near,
     process_noise,
@@ -54,8 +56,8 @@ class StateFilter(Protocol):
     def update(self, observation: Array, noise: Array) -> None:
         """Take in an observation (3) with its covariance (3, 3)."""
 
-    def ahead(self, dt: float) -> tuple[Array, Array]:
-        """Return state and covariance `dt` [s] later."""
+    def ahead(self, dt: float) -> tuple[State, Rows]:
+        """Return state and covariance `dt` [s] later, and now where it is 0."""
 
 
 class TurnRateParams(Params):
@@ -119,12 +121,13 @@ class TurnRateEstimator(Estimator):
             covariance[range(SEEN, SIZE), range(SEEN, SIZE)] = self._initial
             self._filter = self._begin(np.array([*observation, 0.0, 0.0]), covariance)
             return
-        state, covariance = self._filter.state, self._filter.covariance
+        state = self._filter.state
         seen = near(float(state[YAW]), observation)
-        innovation = seen - state[:SEEN]
-        scaled = self._scale.learn(innovation, covariance[:SEEN, :SEEN], noise, self._since_seen)
+        if self._noise_memory > 0.0:
+            prediction = self._filter.covariance[:SEEN, :SEEN]
+            noise = self._scale.learn(seen - state[:SEEN], prediction, noise, self._since_seen)
         self._since_seen = 0.0
-        self._filter.update(seen, scaled)
+        self._filter.update(seen, noise)
         self.nis = self._filter.nis
 
     @property
@@ -136,10 +139,7 @@ class TurnRateEstimator(Estimator):
         """Return the person `dt` [s] from now, with the uncertainty that comes with it."""
         if self._filter is None:
             return None
-        dt += self._elapsed
-        if dt == 0.0:
-            return estimate_of(self._filter.state, self._filter.covariance)
-        return estimate_of(*self._filter.ahead(dt))
+        return estimate_of(*self._filter.ahead(self._elapsed + dt))
 
 
 class CtrvParams(TurnRateParams):
@@ -216,11 +216,9 @@ class Unscented:
         kf.P = (P + P.T) / 2.0
         self.nis = float(kf.y @ kf.SI @ kf.y)
 
-    def ahead(self, dt: float) -> tuple[Array, Array]:
+    def ahead(self, dt: float) -> tuple[State, Rows]:
         """Return state and covariance `dt` [s] later, to first order."""
-        F = jacobian(self.state, dt)
-        Q = process_noise(self._walks, self.state, dt)
-        return move(self.state, dt), F @ self.covariance @ F.T + Q
+        return carry(self.state.tolist(), self.covariance.tolist(), self._walks, dt)
 
 
 class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):

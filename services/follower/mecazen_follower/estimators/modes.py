@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from mecazen_follower.estimators.base import Array
+from mecazen_follower.estimators.symmetric import Rows, factors
 from mecazen_follower.estimators.turn_rate import (
     IDENTITY,
     SEEN,
     SEES,
     SIZE,
+    State,
     Walks,
-    jacobian,
-    move,
-    process_noise,
+    carry,
 )
 
 LEAST = 1e-100
@@ -33,6 +34,14 @@ class Mode(NamedTuple):
     """Whether the turn rate lasts; else it is 0 but for its random walk."""
     lasts: float = 1.0
     """Mean time until another mode takes over [s]; of no matter to a mode that is alone."""
+
+
+class Combined(NamedTuple):
+    """The mixture of all modes in plain numbers."""
+
+    state: State
+    covariance: Rows
+    walks: Walks
 
 
 class ModeBank:
@@ -55,6 +64,7 @@ class ModeBank:
         self._stays = np.eye(n)
         self._keeps = np.ones((n, SIZE))
         self._keeps[:, 3:] = [(mode.moves, mode.turns) for mode in modes]
+        self._keeps_both = self._keeps[:, :, None] * self._keeps[:, None]
         leaves = np.array([1.0 / mode.lasts for mode in modes])
         others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - self._stays)
         self._rates = leaves[:, None] * (others - self._stays) if n > 1 else np.zeros((1, 1))
@@ -62,7 +72,28 @@ class ModeBank:
         self._x = np.tile(state, (n, 1))
         self._P = np.tile(covariance, (n, 1, 1))
         self.nis = 0.0
-        self.state, self.covariance = state, covariance
+        self._combined: Combined | None = None
+
+    @property
+    def state(self) -> Array:
+        """The state (5) of the mixture of all modes."""
+        return self.probabilities @ self._x
+
+    @property
+    def covariance(self) -> Array:
+        """Its covariance (5, 5)."""
+        return np.array(self._combine().covariance)
+
+    def _combine(self) -> Combined:
+        """Return the mixture of all modes; made when it is asked for, once."""
+        if self._combined is None:
+            x, P = _mixture(self.probabilities, self._x, self._P)
+            sway, step, heading, speed, rate = np.sqrt(
+                self.probabilities @ self._variances
+            ).tolist()
+            walks = sway, step, heading, speed, rate
+            self._combined = Combined(x.tolist(), P.tolist(), walks)
+        return self._combined
 
     def predict(self, dt: float) -> None:
         """Mix the modes and move each by `dt` [s]."""
@@ -71,38 +102,45 @@ class ModeBank:
         x, P = _mixture((joint / self.probabilities).T, self._x, self._P)
 
         x *= self._keeps
-        F = np.array([jacobian(state, dt) for state in x]) * self._keeps[:, None]
-        Q = np.array([process_noise(*mode, dt) for mode in zip(self._walks, x, strict=True)])
-        self._x = np.array([move(state, dt) for state in x])
-        self._P = F @ P @ F.mT + Q
-        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
+        P *= self._keeps_both
+        modes = zip(x.tolist(), P.tolist(), self._walks, strict=True)
+        moved = [carry(*mode, dt) for mode in modes]
+        self._x = np.array([state for state, _ in moved])
+        self._P = np.array([covariance for _, covariance in moved])
+        self._combined = None
 
     def update(self, observation: Array, noise: Array) -> None:
-        """Take in an observation (3) with its covariance (3, 3)."""
+        """Take in an observation (3) with its covariance (3, 3).
+
+        Raises:
+            ValueError: The covariance is not positive definite.
+        """
         innovation = observation - self._x[:, :SEEN]
         PH = self._P[:, :, :SEEN]
-        S = PH[:, :SEEN] + noise
-        inverse = np.linalg.inv(S)
-        K = PH @ inverse
-        squared = (innovation * (inverse @ innovation[..., None])[..., 0]).sum(axis=1)
+        S = [factors(rows) for rows in (PH[:, :SEEN] + noise).tolist()]
+        K = PH @ np.array([mode.inverse() for mode in S])
         self._x = self._x + (K @ innovation[..., None])[..., 0]
         keeps = IDENTITY - K @ SEES
         # Joseph's form: P - K S K' comes out negative when a prediction was hopeless
         P = keeps @ self._P @ keeps.mT + K @ noise @ K.mT
         self._P = (P + P.mT) / 2.0  # what rounding makes unequal would grow
-        likelihood = np.exp((squared.min() - squared) / 2.0) / np.sqrt(np.linalg.det(S))
-        self.nis = float(self.probabilities @ squared)
-        # none dies of underflow: after two hopeless observations in a row all might
-        self.probabilities = np.maximum(self.probabilities * likelihood, LEAST)
-        self.probabilities /= self.probabilities.sum()
-        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
 
-    def ahead(self, dt: float) -> tuple[Array, Array]:
+        prior = self.probabilities.tolist()
+        squared = [mode.squared(of) for mode, of in zip(S, innovation.tolist(), strict=True)]
+        self.nis = sum(p * square for p, square in zip(prior, squared, strict=True))
+        least = min(squared)
+        # none dies of underflow: after two hopeless observations in a row all might
+        weights = [
+            max(p * math.exp((least - square) / 2.0) / math.sqrt(mode.determinant), LEAST)
+            for p, square, mode in zip(prior, squared, S, strict=True)
+        ]
+        total = sum(weights)
+        self.probabilities = np.array([weight / total for weight in weights])
+        self._combined = None
+
+    def ahead(self, dt: float) -> tuple[State, Rows]:
         """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
-        F = jacobian(self.state, dt)
-        walks = np.sqrt(self.probabilities @ self._variances).tolist()
-        Q = process_noise(walks, self.state, dt)
-        return move(self.state, dt), F @ self.covariance @ F.T + Q
+        return carry(*self._combine(), dt)
 
 
 def _mixture(weights: Array, x: Array, P: Array) -> tuple[Array, Array]:
