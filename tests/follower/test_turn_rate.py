@@ -15,9 +15,11 @@ from mecazen_follower.estimators.turn_rate import (
     W,
     carry,
     jacobian,
+    matrix,
     move,
     near,
     process_noise,
+    triangle,
 )
 
 coordinates = st.floats(-10.0, 10.0)
@@ -92,12 +94,11 @@ squares = st.lists(st.floats(-2.0, 2.0), min_size=SIZE**2, max_size=SIZE**2).map
 @given(walks, states, squares, times)
 def test_carry_moves_the_state_and_its_covariance_as_the_matrices_do(walk, state, root, dt):
     P, F = root @ root.T, jacobian(state, dt)
-    carried, covariance = carry(state.tolist(), P.tolist(), walk.tolist(), dt)
+    carried, covariance = carry(tuple(state), triangle(P), tuple(walk), dt)
     assert carried == pytest.approx(move(state, dt).tolist(), abs=1e-12)
     # each entry is a sum of 16 products below 20 (entries of P) times 9 (those of F, squared)
     expected = F @ P @ F.T + process_noise(walk, state, dt)
-    assert np.array(covariance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
-    assert (np.transpose(covariance) == covariance).all()
+    assert matrix(covariance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def in_two_halves(walk, state, dt):

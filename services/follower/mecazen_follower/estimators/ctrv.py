@@ -13,7 +13,6 @@ from mecazen.schema import NonNegative, Positive
 from mecazen_follower.estimators.adaptive import NoiseScale
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.modes import Mode, ModeBank
-from mecazen_follower.estimators.symmetric import Rows
 from mecazen_follower.estimators.turn_rate import (
     IDENTITY,
     SEEN,
@@ -21,12 +20,14 @@ from mecazen_follower.estimators.turn_rate import (
     SIZE,
     YAW,
     State,
+    Triangle,
     Walks,
     carry,
     estimate_of,
     move,
     near,
     process_noise,
+    triangle,
 )
 
 MAX_STEP_S = 0.1
@@ -43,6 +44,10 @@ class StateFilter(Protocol):
     nis: float
 
     @property
+    def heading(self) -> float:
+        """The state's heading [rad]; not wrapped."""
+
+    @property
     def state(self) -> Array:
         """The state (5)."""
 
@@ -56,7 +61,7 @@ class StateFilter(Protocol):
     def update(self, observation: Array, noise: Array) -> None:
         """Take in an observation (3) with its covariance (3, 3)."""
 
-    def ahead(self, dt: float) -> tuple[State, Rows]:
+    def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later, and now where it is 0."""
 
 
@@ -121,11 +126,11 @@ class TurnRateEstimator(Estimator):
             covariance[range(SEEN, SIZE), range(SEEN, SIZE)] = self._initial
             self._filter = self._begin(np.array([*observation, 0.0, 0.0]), covariance)
             return
-        state = self._filter.state
-        seen = near(float(state[YAW]), observation)
+        seen = near(self._filter.heading, observation)
         if self._noise_memory > 0.0:
+            innovation = seen - self._filter.state[:SEEN]
             prediction = self._filter.covariance[:SEEN, :SEEN]
-            noise = self._scale.learn(seen - state[:SEEN], prediction, noise, self._since_seen)
+            noise = self._scale.learn(innovation, prediction, noise, self._since_seen)
         self._since_seen = 0.0
         self._filter.update(seen, noise)
         self.nis = self._filter.nis
@@ -190,6 +195,11 @@ class Unscented:
         self.nis = 0.0
 
     @property
+    def heading(self) -> float:
+        """The state's heading [rad]; not wrapped."""
+        return float(self._filter.x[YAW])
+
+    @property
     def state(self) -> Array:
         """The state (5)."""
         return np.asarray(self._filter.x)
@@ -216,9 +226,9 @@ class Unscented:
         kf.P = (P + P.T) / 2.0
         self.nis = float(kf.y @ kf.SI @ kf.y)
 
-    def ahead(self, dt: float) -> tuple[State, Rows]:
+    def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later, to first order."""
-        return carry(self.state.tolist(), self.covariance.tolist(), self._walks, dt)
+        return carry(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
 
 
 class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):

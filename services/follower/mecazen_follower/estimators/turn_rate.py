@@ -13,13 +13,11 @@ x += c·cos(yaw + w dt/2), y += c·sin(yaw + w dt/2), c = v dt·sin(w dt/2)/(w d
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.estimators.base import Array, Estimate
-from mecazen_follower.estimators.symmetric import Rows
 
 SIZE = 5
 X, Y, YAW, V, W = range(SIZE)
@@ -28,8 +26,11 @@ SEEN = 3
 
 Walks = tuple[float, float, float, float, float]
 """Random walks, see `process_noise`."""
-State = Sequence[float]
-"""A state in plain numbers: for one, NumPy takes longer to be called than these to compute."""
+State = tuple[float, ...]
+"""A state (5) in plain numbers: NumPy takes longer to be called than these to compute."""
+Triangle = tuple[float, ...]
+"""The upper triangle of a covariance (5, 5), row by row: 15 numbers."""
+UPPER = np.triu_indices(SIZE)
 
 IDENTITY: Array = np.eye(SIZE)
 SEES: Array = np.eye(SEEN, SIZE)
@@ -69,7 +70,7 @@ def move(state: Array, dt: float) -> Array:
 
 def jacobian(state: Array, dt: float) -> Array:
     """Return the derivatives (5, 5) of `move` by the state."""
-    dx, dy, x_v, y_v, x_w, y_w = arc(state.tolist(), dt)
+    dx, dy, x_v, y_v, x_w, y_w = arc(tuple(state.tolist()), dt)
     F = IDENTITY.copy()
     F[:SEEN, YAW:] = (-dy, x_v, x_w), (dx, y_v, y_w), (1.0, 0.0, dt)
     return F
@@ -104,25 +105,29 @@ def process_noise(walks: Walks, state: Array, dt: float) -> Array:
         state: Where the walks begin (5).
         dt: Time [s]; to first order in it.
     """
-    xx, xy, xv, yy, yv, aa, aw, vv, ww = noise(walks, state.tolist(), dt)
-    return np.array(
-        [
-            [xx, xy, 0.0, xv, 0.0],
-            [xy, yy, 0.0, yv, 0.0],
-            [0.0, 0.0, aa, 0.0, aw],
-            [xv, yv, 0.0, vv, 0.0],
-            [0.0, 0.0, aw, 0.0, ww],
-        ]
-    )
+    xx, xy, xv, yy, yv, aa, aw, vv, ww = noise(walks, tuple(state.tolist()), dt)
+    return matrix((xx, xy, 0.0, xv, 0.0, yy, 0.0, yv, 0.0, aa, 0.0, aw, vv, 0.0, ww))
 
 
-def carry(state: State, covariance: Rows, walks: Walks, dt: float) -> tuple[State, Rows]:
+def matrix(covariance: Triangle) -> Array:
+    """Return a covariance as a matrix (5, 5)."""
+    P = np.empty((SIZE, SIZE))
+    P[UPPER] = P.T[UPPER] = covariance
+    return P
+
+
+def triangle(covariance: Array) -> Triangle:
+    """Return the upper triangle of a matrix (5, 5)."""
+    return tuple(covariance[UPPER].tolist())
+
+
+def carry(state: State, covariance: Triangle, walks: Walks, dt: float) -> tuple[State, Triangle]:
     """Return a state and its covariance P after `dt` [s]: `move`, and F P Fᵀ + Q.
 
     F is the `jacobian`, of which ones and zeros are left out here, and Q the `process_noise`.
     """
     x, y, yaw, v, w = state
-    (xx, xy, xa, xv, xw), (_, yy, ya, yv, yw), (*_, aa, av, aw), (*_, vv, vw), (*_, ww) = covariance
+    xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
     dx, dy, x_v, y_v, x_w, y_w = arc(state, dt)
     # F P, where it is not P: rows x, y and a, the heading
     fxx = xx - dy * xa + x_v * xv + x_w * xw
@@ -137,17 +142,22 @@ def carry(state: State, covariance: Rows, walks: Walks, dt: float) -> tuple[Stat
     faa, fav, faw = aa + dt * aw, av + dt * vw, aw + dt * ww
     # F P Fᵀ + Q
     qxx, qxy, qxv, qyy, qyv, qaa, qaw, qvv, qww = noise(walks, state, dt)
-    xx = fxx - dy * fxa + x_v * fxv + x_w * fxw + qxx
-    xy = fxy + dx * fxa + y_v * fxv + y_w * fxw + qxy
-    yy = fyy + dx * fya + y_v * fyv + y_w * fyw + qyy
-    xa, ya, aa = fxa + dt * fxw, fya + dt * fyw, faa + dt * faw + qaa
-    xv, yv, aw = fxv + qxv, fyv + qyv, faw + qaw
     return (x + dx, y + dy, yaw + w * dt, v, w), (
-        (xx, xy, xa, xv, fxw),
-        (xy, yy, ya, yv, fyw),
-        (xa, ya, aa, fav, aw),
-        (xv, yv, fav, vv + qvv, vw),
-        (fxw, fyw, aw, vw, ww + qww),
+        fxx - dy * fxa + x_v * fxv + x_w * fxw + qxx,
+        fxy + dx * fxa + y_v * fxv + y_w * fxw + qxy,
+        fxa + dt * fxw,
+        fxv + qxv,
+        fxw,
+        fyy + dx * fya + y_v * fyv + y_w * fyw + qyy,
+        fya + dt * fyw,
+        fyv + qyv,
+        fyw,
+        faa + dt * faw + qaa,
+        fav,
+        faw + qaw,
+        vv + qvv,
+        vw,
+        ww + qww,
     )
 
 
@@ -156,9 +166,9 @@ def near(yaw: float, observation: Pose2D) -> Array:
     return np.array([observation.x, observation.y, yaw + wrap(observation.yaw - yaw)])
 
 
-def estimate_of(state: State, covariance: Rows) -> Estimate:
-    """Return a state (5) and its covariance (5, 5) as an estimate."""
+def estimate_of(state: State, covariance: Triangle) -> Estimate:
+    """Return a state and its covariance as an estimate."""
     x, y, yaw, v, w = state
+    xx, xy, xa, _, _, yy, ya, _, _, aa, *_ = covariance
     velocity = Twist2D(v * math.cos(yaw), v * math.sin(yaw), w)
-    (xx, xy, xa, *_), (_, yy, ya, *_), (_, _, aa, *_), *_ = covariance
     return Estimate(Pose2D(x, y, wrap(yaw)), velocity, ((xx, xy, xa), (xy, yy, ya), (xa, ya, aa)))
