@@ -117,7 +117,8 @@ class Estimator(ABC):
 
     def ahead(self, dt: float) -> Estimate | None:
         """Return the person `dt` [s] from now: makes up for a latency."""
-        return None if self.estimate is None else self.estimate.after(dt)
+        person = self.estimate
+        return None if person is None else person.after(dt)
 
     @abstractmethod
     def reset(self) -> None:
