@@ -197,7 +197,7 @@ def _pose(odometry: Odometry) -> Row:
 
 
 def _motion(odometry: Odometry) -> Row:
-    return *odometry.pose.pose.to_planar(), *odometry.twist.twist.to_planar()
+    return odometry.pose.pose.to_planar() + odometry.twist.twist.to_planar()
 
 
 _NO_ESTIMATE = (None,) * len(_PARTS["estimate"])
