@@ -165,8 +165,7 @@ def test_hopeless_observations_in_a_row_break_nothing(far):
         bank.update(np.array(seen), NOISE)
         bank.update(-np.array(seen), NOISE)
         assert sum(bank.probabilities) == pytest.approx(1.0)
-        for _ in range(10):
-            bank.predict(0.1)  # in which no mode's share is left by more than there is of it
+        bank.predict(1.0)
         bank.update(np.array(seen), NOISE)
         assert np.linalg.eigvalsh(bank.covariance)[0] > 0.0
 
@@ -193,6 +192,17 @@ def test_a_correction_is_a_covariance_and_what_josephs_form_gives():
         joseph = keeps @ P @ keeps.T + K @ R @ K.T
         # what is left is down to 1e-6 of what was, of which 1e-16 is rounding
         assert corrected / scale == pytest.approx(joseph / scale, abs=1e-8)
+
+
+def test_over_a_step_longer_than_modes_last_probabilities_stay_such():
+    brief = [mode._replace(lasts=0.01) for mode in MODES]
+    bank = ModeBank(tuple(brief), START, COVARIANCE)
+    for seen in observations((4.0, *STROLL)):
+        bank.predict(DT)
+        assert min(bank.probabilities) > 0.0
+        assert sum(bank.probabilities) == pytest.approx(1.0)
+        bank.update(seen, NOISE)
+        assert np.linalg.eigvalsh(bank.covariance)[0] > 0.0
 
 
 def test_ahead_is_what_a_single_mode_predicts():

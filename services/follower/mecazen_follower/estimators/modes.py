@@ -109,8 +109,13 @@ class ModeBank:
 
     def predict(self, dt: float) -> None:
         """Mix the modes and move each by `dt` [s]."""
-        change = [p * rate * dt for p, rate in zip(self.probabilities, self._rates, strict=True)]
-        others = len(change) - 1
+        others = len(self._modes) - 1
+        # over a step longer than a mode lasts, it is left by no more than there is of it
+        most = 1.0 / max(others, 1)
+        change = [
+            p * min(rate * dt, most)
+            for p, rate in zip(self.probabilities, self._rates, strict=True)
+        ]
         probabilities, filters = [], []
         for i, mode in enumerate(self._modes):
             joint = change.copy()
