@@ -29,13 +29,13 @@ NS_PER_S = 10**9
 class _Input:
     """What has come on one key."""
 
-    __slots__ = ("count", "newest_ns")
+    __slots__ = ("count", "newest")
 
     def __init__(self) -> None:
         self.count = 0
         """Samples since the last report."""
-        self.newest_ns: int | None = None
-        """Simulated time of the newest sample of this run [ns]."""
+        self.newest: Stamp | None = None
+        """Of the newest sample of this run."""
 
 
 class Service(ABC):
@@ -108,12 +108,16 @@ class Service(ABC):
         heard = self._inputs.setdefault(called(topic.key, robot), _Input())
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
-            if stamp is None or (
-                self._is_current(stamp) if tells_time else stamp.run == self.stamp.run
+            # within a process all samples of a tick have the same stamp: most are known at once
+            if (
+                stamp is not None
+                and stamp is not self.stamp
+                and not (self._is_current(stamp) if tells_time else stamp.run == self.stamp.run)
             ):
-                heard.count += 1
-                heard.newest_ns = (stamp or self.stamp).time_ns
-                handler(message, stamp)
+                return
+            heard.count += 1
+            heard.newest = stamp or self.stamp
+            handler(message, stamp)
 
         self.bus.beside(robot).subscribe(topic, deliver, every=every)
 
@@ -191,11 +195,11 @@ class Service(ABC):
         for key, heard in self._inputs.items():
             if elapsed_ns > 0:
                 values[f"hz/{key}"] = round(heard.count * NS_PER_S / elapsed_ns, 1)
-                newest_ns = heard.newest_ns
+                newest = heard.newest
                 values[f"age_s/{key}"] = (
-                    "never" if newest_ns is None else (now.time_ns - newest_ns) / NS_PER_S
+                    "never" if newest is None else (now.time_ns - newest.time_ns) / NS_PER_S
                 )
             else:  # a run has begun
-                heard.newest_ns = None
+                heard.newest = None
             heard.count = 0
         return values

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import numpy as np
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
@@ -17,7 +16,7 @@ from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Array, Estimate, Estimator, Params
 from mecazen_follower.following import Following, Sighting
 
-CERTAIN = np.eye(3) * 1e-12
+CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 """Covariance of what is known; not 0, which would say that it is unknown."""
 
 
@@ -34,8 +33,7 @@ class Truth(Estimator):
 
     def tell(self, pose: Pose2D, velocity: Twist2D) -> None:
         """Take the person's pose and velocity, both in odom."""
-        certain = tuple((x, y, yaw) for x, y, yaw in CERTAIN.tolist())
-        self._person = Estimate(pose, velocity, certain)
+        self._person = Estimate(pose, velocity, CERTAIN)
 
     def predict(self, dt: float) -> None:
         """Wait to be told."""

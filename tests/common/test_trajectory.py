@@ -75,6 +75,16 @@ def test_the_csv_has_every_digit_and_nothing_where_nothing_is():
     ]
 
 
+@pytest.mark.parametrize("x", [1e-5, -1.2345678901234567e-300, 5e-324, 1e16, 1.7e308, 2.0 / 3.0])
+def test_numbers_of_any_size_come_back_from_the_csv(x):
+    run = Run(2)
+    run.tick(0, robot=(x, 0.0, 0.0))
+    run.tick(1)
+    cells = [line.split(",") for line in run.trajectory.csv().decode().splitlines()[1:]]
+    assert [float(row[1]) for row in cells] == [x, 0.0]
+    assert {len(row) for row in cells} == {len(COLUMNS)}
+
+
 def test_an_estimate_is_written_where_there_is_one():
     run = Run(1)
     covariance = tuple(float(10 * row + column) for row in range(6) for column in range(6))

@@ -55,11 +55,18 @@ def test_one_frame_is_forgotten_exponentially():
     assert scale.factors == pytest.approx((math.exp(-0.5), math.exp(-0.5)))
 
 
-def test_with_a_memory_of_0_the_noise_is_as_told():
-    scale = NoiseScale(0.0)
-    scaled = scale.learn(np.array([5.0, 5.0, 3.0]), PREDICTION, TOLD, DT)
-    assert (scaled == TOLD).all()
-    assert scale.factors == (1.0, 1.0)
+def test_with_a_memory_of_0_the_noise_is_as_told_as_with_one_that_never_learns():
+    estimators = [
+        ESTIMATORS["imm"](make_params("imm", {"noise_memory_s": memory})) for memory in (0.0, 1e9)
+    ]
+    for tick in range(50):
+        for estimator in estimators:
+            estimator.predict(DT)
+            estimator.update(Pose2D((-1.0) ** tick, 0.0, 0.0), TOLD)
+    told, never = (estimator.estimate for estimator in estimators)
+    # of 1e9 s are 2 s passed: factors are 1 but for 2e-9 of excesses below 1000
+    assert told.pose == pytest.approx(never.pose, abs=1e-5)
+    assert np.array(told.covariance) == pytest.approx(np.array(never.covariance), rel=1e-5)
 
 
 @pytest.mark.parametrize(("innovation", "bound"), [(0.0, LEAST), (1e6, MOST)])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise
+from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
@@ -237,6 +238,25 @@ def test_displacement_filter_moves_a_person_at_yaw_zero():
     assert before.velocity.x == pytest.approx(0.2, rel=0.01)  # e^-10 of the smoothing is left
     assert after.pose.x - before.pose.x == pytest.approx(before.velocity.x)
     assert after.pose.yaw == pytest.approx(0.0, abs=1e-6)
+
+
+def test_displacement_filter_is_filterpys_told_tick_by_tick():
+    estimator = make("kf_displacement", position_drift_m_sqrt_s=0.5)
+    walk(estimator, 2.0, Twist2D(0.3, 0.0, 0.2))
+    pose, velocity, covariance = estimator.estimate
+    reference = KalmanFilter(3, 2)
+    reference.x, reference.P = np.array(pose), np.array(covariance)
+    reference.H = np.eye(2, 3)
+    for _ in range(10):
+        estimator.predict(DT)
+        noise = np.diag([0.25 * DT, 0.25 * DT, 0.0])
+        reference.predict(u=np.array([velocity.x, velocity.y, 0.0]) * DT, B=np.eye(3), Q=noise)
+        assert estimator.estimate.pose == pytest.approx(reference.x, abs=1e-12)
+        assert np.array(estimator.estimate.covariance) == pytest.approx(reference.P, abs=1e-12)
+    seen = Pose2D(pose.x + 0.1, pose.y - 0.2, pose.yaw)
+    estimator.update(seen, NOISE)
+    reference.update(np.array(seen[:2]), R=NOISE[:2, :2])
+    assert estimator.estimate.pose[:2] == pytest.approx(reference.x[:2], abs=1e-9)
 
 
 def test_displacement_filter_corrects_by_the_gain_computed_by_hand():

@@ -5,14 +5,17 @@ import math
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
-from mecazen_follower.estimators.modes import Mode, ModeBank
+from mecazen_follower.estimators.modes import Mode, ModeBank, correct
 from mecazen_follower.estimators.turn_rate import (
     SEEN,
     SIZE,
     YAW,
+    carry,
     jacobian,
+    matrix,
     move,
     process_noise,
+    triangle,
 )
 
 DT = 0.04
@@ -83,7 +86,15 @@ def test_one_mode_is_the_extended_kalman_filter(mode):
         assert bank.state == pytest.approx(reference.x, abs=1e-9)
         assert bank.covariance == pytest.approx(reference.P, abs=1e-9)
         assert bank.nis == pytest.approx(reference.y @ reference.SI @ reference.y, abs=1e-9)
-        assert bank.probabilities.tolist() == [1.0]
+        assert bank.probabilities == [1.0]
+
+
+def test_an_observation_whose_noise_is_no_covariance_changes_nothing():
+    bank = ModeBank(MODES, START, COVARIANCE)
+    with pytest.raises(ValueError, match="positive definite"):
+        bank.update(START[:SEEN], -10.0 * NOISE)
+    assert (bank.state == START).all()
+    assert bank.covariance == pytest.approx(COVARIANCE)
 
 
 @pytest.mark.parametrize("modes", [MODES, (STRAIGHT, MANOEUVRE)])
@@ -115,7 +126,7 @@ def test_over_10_000_frames_with_dropouts_it_stays_a_probability_and_a_covarianc
         dropout -= 1
         if dropout < 0:
             bank.update(seen, NOISE)
-        sums.append(bank.probabilities.sum())
+        sums.append(sum(bank.probabilities))
         covariances.append(bank.covariance)
     assert len(sums) > 10_000
     P = np.array(covariances)
@@ -153,9 +164,44 @@ def test_hopeless_observations_in_a_row_break_nothing(far):
     for seen in ([far, 0.0, 0.0], [0.0, far, 0.0], [-far, 0.0, 0.0], [0.0, 0.0, 0.0]):
         bank.update(np.array(seen), NOISE)
         bank.update(-np.array(seen), NOISE)
-        assert bank.probabilities.sum() == pytest.approx(1.0)
+        assert sum(bank.probabilities) == pytest.approx(1.0)
         bank.predict(1.0)
         bank.update(np.array(seen), NOISE)
+        assert np.linalg.eigvalsh(bank.covariance)[0] > 0.0
+
+
+def test_a_correction_is_a_covariance_and_what_josephs_form_gives():
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        state, P = (
+            (0.0, 0.0, rng.normal(), *rng.normal(size=2)),
+            np.diag(10.0 ** rng.uniform(-6, 0, 5)),
+        )
+        P = triangle(P)
+        for _ in range(20):  # from well known to lost
+            state, P = carry(state, P, tuple(10.0 ** rng.uniform(-3, 0.5, 5)), 0.1)
+        root = rng.normal(size=(SEEN, SEEN)) * 10.0 ** rng.uniform(-5, 0)
+        R = root @ root.T + 1e-12 * np.eye(SEEN)
+        corrected = matrix(correct(state, P, state[:SEEN], R.tolist()).after.covariance)
+        P, H = matrix(P), np.eye(SEEN, SIZE)
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        keeps = np.eye(SIZE) - K @ H
+        deviations = np.sqrt(np.diag(corrected))
+        scale = np.outer(deviations, deviations)
+        assert np.linalg.eigvalsh(corrected / scale)[0] > 0.0
+        joseph = keeps @ P @ keeps.T + K @ R @ K.T
+        # what is left is down to 1e-6 of what was, of which 1e-16 is rounding
+        assert corrected / scale == pytest.approx(joseph / scale, abs=1e-8)
+
+
+def test_over_a_step_longer_than_modes_last_probabilities_stay_such():
+    brief = [mode._replace(lasts=0.01) for mode in MODES]
+    bank = ModeBank(tuple(brief), START, COVARIANCE)
+    for seen in observations((4.0, *STROLL)):
+        bank.predict(DT)
+        assert min(bank.probabilities) > 0.0
+        assert sum(bank.probabilities) == pytest.approx(1.0)
+        bank.update(seen, NOISE)
         assert np.linalg.eigvalsh(bank.covariance)[0] > 0.0
 
 
@@ -167,4 +213,4 @@ def test_ahead_is_what_a_single_mode_predicts():
     state, covariance = bank.ahead(DT)
     bank.predict(DT)
     assert state == pytest.approx(bank.state, abs=1e-12)
-    assert covariance == pytest.approx(bank.covariance, abs=1e-12)
+    assert matrix(covariance) == pytest.approx(bank.covariance, abs=1e-12)

@@ -13,10 +13,13 @@ from mecazen_follower.estimators.turn_rate import (
     YAW,
     V,
     W,
+    carry,
     jacobian,
+    matrix,
     move,
     near,
     process_noise,
+    triangle,
 )
 
 coordinates = st.floats(-10.0, 10.0)
@@ -81,6 +84,21 @@ def test_process_noise_of_who_stands_is_the_integral_of_white_noise(walk, yaw, d
     )
     integral = (start + 4.0 * middle + end) * dt / 6.0  # Simpson: exact for squares of t
     assert process_noise(walk, state, dt) == pytest.approx(integral, rel=1e-12, abs=1e-12)
+
+
+squares = st.lists(st.floats(-2.0, 2.0), min_size=SIZE**2, max_size=SIZE**2).map(
+    lambda numbers: np.reshape(numbers, (SIZE, SIZE))
+)
+
+
+@given(walks, states, squares, times)
+def test_carry_moves_the_state_and_its_covariance_as_the_matrices_do(walk, state, root, dt):
+    P, F = root @ root.T, jacobian(state, dt)
+    carried, covariance = carry(tuple(state), triangle(P), tuple(walk), dt)
+    assert carried == pytest.approx(move(state, dt).tolist(), abs=1e-12)
+    # each entry is a sum of 16 products below 20 (entries of P) times 9 (those of F, squared)
+    expected = F @ P @ F.T + process_noise(walk, state, dt)
+    assert matrix(covariance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def in_two_halves(walk, state, dt):

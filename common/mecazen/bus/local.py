@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
-from functools import partial
 from threading import Event
 from typing import Any, TypeVar
 
@@ -19,6 +18,9 @@ MessageT = TypeVar("MessageT", bound=Message)
 RequestT = TypeVar("RequestT", bound=Message)
 AnswerT = TypeVar("AnswerT", bound=Message)
 
+Sample = tuple[list[Handler[Any]], Any, Stamp | None]
+"""A message with its stamp, and those who are to have it."""
+
 
 class LocalBus(Bus):
     """Delivers in the order of publishing, to subscribers in the order of subscribing.
@@ -29,8 +31,8 @@ class LocalBus(Bus):
 
     def __init__(self) -> None:
         super().__init__()
-        self._pending: deque[Callable[[], None]] = deque()
-        self._subscribers: dict[str, list[Callable[[Any, Stamp | None], None]]] = {}
+        self._pending: deque[Sample] = deque()
+        self._subscribers: dict[str, list[Handler[Any]]] = {}
         self._topics: dict[str, Topic[Any]] = {}
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
         self._files: dict[str, bytes] = {}
@@ -59,7 +61,7 @@ class LocalBus(Bus):
     ) -> None:
         """Publish bytes on `key` as an outsider would."""
 
-        def deliver() -> None:
+        def deliver(*_: object) -> None:
             topic = self._topics.get(key)
             if topic is None:
                 return
@@ -71,7 +73,7 @@ class LocalBus(Bus):
                 for handler in self._subscribers[key]:
                     handler(*decoded)
 
-        self._pending.append(deliver)
+        self._pending.append(([deliver], None, None))
 
     def serve(
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
@@ -126,7 +128,9 @@ class LocalBus(Bus):
             raise StoppedError
         if not self._pending:
             return False
-        self._pending.popleft()()
+        handlers, message, stamp = self._pending.popleft()
+        for handler in handlers:
+            handler(message, stamp)
         return True
 
     def spin(self) -> None:
@@ -144,17 +148,13 @@ class LocalBus(Bus):
 
 
 class _LocalPublisher(Publisher[MessageT]):
-    def __init__(
-        self,
-        pending: deque[Callable[[], None]],
-        subscribers: list[Callable[[Any, Stamp | None], None]],
-    ) -> None:
+    def __init__(self, pending: deque[Sample], subscribers: list[Handler[Any]]) -> None:
         self._pending = pending
         self._subscribers = subscribers
 
     def put(self, message: MessageT, stamp: Stamp) -> None:
-        for handler in self._subscribers:
-            self._pending.append(partial(handler, message, stamp))
+        if self._subscribers:
+            self._pending.append((self._subscribers, message, stamp))
 
 
 class _LocalReply(Reply[AnswerT]):

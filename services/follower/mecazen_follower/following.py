@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import NamedTuple
 
-import numpy.typing as npt
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.config import FollowerConfig
-from mecazen_follower.estimators import Estimate
+from mecazen_follower.estimators import Covariance, Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.tracking import TrackingState
 
@@ -24,7 +22,7 @@ class Sighting(NamedTuple):
     """An observed pose of the person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
     pose: Pose2D
-    covariance: npt.ArrayLike
+    covariance: Covariance
 
 
 class Step(NamedTuple):
@@ -68,7 +66,7 @@ class Following:
             ValueError: The sighting is no pose, see `Estimator.update`; without it the call
                 may be made again.
         """
-        if self._robot is not None and _jumped(self._robot.between(robot), dt):
+        if self._robot is not None and _jumped(self._robot, robot, dt):
             self.estimator.reset()
             self._controller.stop()
         if sighting is not None:
@@ -104,6 +102,8 @@ class Following:
 
     def _sent(self, command: Twist2D, dt: float) -> Twist2D:
         """Note that the robot is told `command` for `dt` [s]."""
+        if self._response == 0.0:
+            return command
         self._unanswered.append((command, dt))
         while sum(duration for _, duration in self._unanswered) > self._response + dt / 2:
             self._unanswered.popleft()
@@ -114,6 +114,6 @@ class Following:
         self.estimator.predict(dt)
 
 
-def _jumped(moved: Pose2D, dt: float) -> bool:
+def _jumped(last: Pose2D, robot: Pose2D, dt: float) -> bool:
     most = max(MAX_STEP, MAX_SPEED * dt)
-    return math.hypot(moved.x, moved.y) > most or abs(moved.yaw) > most
+    return last.distance(robot) > most or abs(wrap(robot.yaw - last.yaw)) > most

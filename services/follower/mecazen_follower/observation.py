@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from operator import itemgetter
 
-import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.messages import PoseWithCovariance
 
@@ -26,14 +25,20 @@ def in_odom(seen: PoseWithCovariance, frame_id: str, robot: Pose2D) -> Sighting:
         ValueError: Numbers so large that they can't be turned.
     """
     pose = seen.pose.to_planar()
-    covariance = np.reshape(PLANAR(seen.covariance), (3, 3))
-    if max(abs(pose.x), abs(pose.y), np.abs(covariance).max()) > MAX_DISTANCE**2:
+    xx, xy, xw, yx, yy, yw, wx, wy, ww = covariance = PLANAR(seen.covariance)
+    if max(map(abs, (pose.x, pose.y, *covariance))) > MAX_DISTANCE**2:
         raise ValueError("observation is out of range")
     if frame_id != "base_link":
-        return Sighting(pose, covariance)
+        return Sighting(pose, ((xx, xy, xw), (yx, yy, yw), (wx, wy, ww)))
     c, s = math.cos(robot.yaw), math.sin(robot.yaw)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Sighting(robot.compose(pose), turn @ covariance @ turn.T)
+    # R C Rᵀ, R the rotation by the robot's heading: first R C of x and y, then all
+    cxx, cxy, cyx, cyy = c * xx - s * yx, c * xy - s * yy, s * xx + c * yx, s * xy + c * yy
+    turned = (
+        (c * cxx - s * cxy, s * cxx + c * cxy, c * xw - s * yw),
+        (c * cyx - s * cyy, s * cyx + c * cyy, s * xw + c * yw),
+        (c * wx - s * wy, s * wx + c * wy, ww),
+    )
+    return Sighting(robot.compose(pose), turned)
 
 
 def ros_covariance(covariance: Covariance) -> tuple[float, ...]:

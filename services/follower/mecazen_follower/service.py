@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
@@ -49,7 +51,8 @@ class FollowerService(Follower):
         """Forget the person and the way."""
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
-        self.robot: dict[int, Pose2D] = {}
+        self.robot: deque[tuple[int, Pose2D]] = deque(maxlen=self.history_ticks)
+        """Where the robot was, by simulated time [ns], the newest last."""
         self.last_ns: int | None = None
         self.told: FollowerState | None = None
 
@@ -58,9 +61,7 @@ class FollowerService(Follower):
         if self.last_ns is not None and stamp.time_ns - self.last_ns > self.lost_after_ns:
             self.reset(stamp.seed)  # what was known so long ago is worth no prediction
         robot = odom.pose.pose.to_planar()
-        self.robot[stamp.time_ns] = robot
-        if len(self.robot) > self.history_ticks:
-            del self.robot[next(iter(self.robot))]
+        self.robot.append((stamp.time_ns, robot))
         dt = self.dt
         if self.last_ns is not None:
             dt = (stamp.time_ns - self.last_ns) / NS_PER_S
@@ -82,7 +83,8 @@ class FollowerService(Follower):
         if frame is None or not frame.poses:
             return None
         # a frame from before the history, or of a foreign clock, is placed as if taken now
-        robot = self.robot.get(frame.header.stamp.ns, robot)
+        captured_ns = frame.header.stamp.ns
+        robot = next((was for at_ns, was in reversed(self.robot) if at_ns == captured_ns), robot)
         return in_odom(frame.poses[0], frame.header.frame_id, robot)
 
     def diagnostics(self) -> dict[str, object]:

@@ -7,6 +7,7 @@ curve) and the curvature there, positive to the left.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
 from typing import Protocol
@@ -34,10 +35,12 @@ class Arcs:
     """
 
     def __init__(self, pieces: Sequence[tuple[float, float]]) -> None:
-        self._pieces = []
+        self._starts: list[float] = []
+        self._pieces: list[tuple[Pose2D, float]] = []
         start, pose = 0.0, Pose2D()
         for length, curvature in pieces:
-            self._pieces.append((start, pose, curvature))
+            self._starts.append(start)
+            self._pieces.append((pose, curvature))
             start += length
             if math.isfinite(length):
                 pose = pose.integrate(Twist2D(1.0, 0.0, curvature), length)
@@ -45,8 +48,9 @@ class Arcs:
 
     def at(self, s: float) -> tuple[Pose2D, float]:
         """Return pose and curvature [1/m] at the length `s` [m]."""
-        start, pose, curvature = next(p for p in reversed(self._pieces) if p[0] <= s)
-        return pose.integrate(Twist2D(1.0, 0.0, curvature), s - start), curvature
+        i = bisect_right(self._starts, s) - 1
+        pose, curvature = self._pieces[i]
+        return pose.integrate(Twist2D(1.0, 0.0, curvature), s - self._starts[i]), curvature
 
 
 class Lemniscate:

@@ -19,7 +19,6 @@ class NoiseScale:
     (R. K. Mehra: On the identification of variances and adaptive Kalman filtering, IEEE
     Trans. Automatic Control 15, 1970). What the innovations' mean square has beyond the
     prediction's is taken for the observation's, forgotten exponentially over `memory` [s].
-    With a memory of 0 the factors stay 1.
     """
 
     def __init__(self, memory: float) -> None:
@@ -36,8 +35,6 @@ class NoiseScale:
             noise: The covariance (3, 3) that the sensor tells.
             dt: Time since the observation before [s].
         """
-        if self._memory == 0.0:
-            return noise
         weight = -math.expm1(-dt / self._memory)
         excess = np.square(innovation) - np.diag(prediction)
         told = np.diag(noise)

@@ -13,6 +13,8 @@ import numpy.typing as npt
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.schema import Positive, Section
 
+from mecazen_follower.estimators.symmetric import Rows, factors
+
 Array = npt.NDArray[np.float64]
 Covariance = tuple[tuple[float, ...], ...]
 """3x3, of x [m], y [m] and yaw [rad]."""
@@ -87,13 +89,16 @@ class Estimator(ABC):
         self._observe(observation, self._noise(covariance))
 
     def _noise(self, covariance: npt.ArrayLike | None) -> Array:
-        noise = self._default_noise if covariance is None else np.asarray(covariance, float)
-        if noise.shape != (3, 3) or not np.abs(noise).max() <= MAX_DISTANCE**2:
+        if covariance is None:
+            return self._default_noise
+        noise = np.asarray(covariance, float)
+        rows = noise.tolist()
+        if noise.shape != (3, 3) or not _is_within(rows, MAX_DISTANCE**2):
             raise ValueError("covariance of an observation must be 3x3 and finite")
-        if not noise.any():
+        if not any(map(any, rows)):
             return self._default_noise
         positive = noise + LEAST_NOISE
-        if not (_is_symmetric(noise) and _is_positive(positive)):
+        if not (_is_symmetric(rows) and _is_positive(positive.tolist())):
             raise ValueError("covariance of an observation must be symmetric and not negative")
         return positive
 
@@ -112,27 +117,32 @@ class Estimator(ABC):
 
     def ahead(self, dt: float) -> Estimate | None:
         """Return the person `dt` [s] from now: makes up for a latency."""
-        return None if self.estimate is None else self.estimate.after(dt)
+        person = self.estimate
+        return None if person is None else person.after(dt)
 
     @abstractmethod
     def reset(self) -> None:
         """Forget the person."""
 
 
-def _is_symmetric(matrix: Array) -> bool:
+def _is_within(matrix: Rows, limit: float) -> bool:
+    return all(abs(number) <= limit for row in matrix for number in row)
+
+
+def _is_symmetric(matrix: Rows) -> bool:
     """Return whether a 3x3 matrix is symmetric, but for the digits of a single float."""
-    (_, xy, xw), (yx, _, yw), (wx, wy, _) = matrix.tolist()
+    (_, xy, xw), (yx, _, yw), (wx, wy, _) = matrix
     return all(
         math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-8)
         for one, other in ((xy, yx), (xw, wx), (yw, wy))
     )
 
 
-def _is_positive(matrix: Array) -> bool:
-    """Return whether a symmetric matrix is positive definite."""
+def _is_positive(matrix: Rows) -> bool:
+    """Return whether a symmetric 3x3 matrix is positive definite."""
     try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
+        factors(matrix)
+    except ValueError:
         return False
     return True
 

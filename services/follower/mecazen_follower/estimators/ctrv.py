@@ -19,12 +19,15 @@ from mecazen_follower.estimators.turn_rate import (
     SEES,
     SIZE,
     YAW,
+    State,
+    Triangle,
     Walks,
+    carry,
     estimate_of,
-    jacobian,
     move,
     near,
     process_noise,
+    triangle,
 )
 
 MAX_STEP_S = 0.1
@@ -41,6 +44,10 @@ class StateFilter(Protocol):
     nis: float
 
     @property
+    def heading(self) -> float:
+        """The state's heading [rad]; not wrapped."""
+
+    @property
     def state(self) -> Array:
         """The state (5)."""
 
@@ -54,8 +61,8 @@ class StateFilter(Protocol):
     def update(self, observation: Array, noise: Array) -> None:
         """Take in an observation (3) with its covariance (3, 3)."""
 
-    def ahead(self, dt: float) -> tuple[Array, Array]:
-        """Return state and covariance `dt` [s] later."""
+    def ahead(self, dt: float) -> tuple[State, Triangle]:
+        """Return state and covariance `dt` [s] later, and now where it is 0."""
 
 
 class TurnRateParams(Params):
@@ -119,12 +126,13 @@ class TurnRateEstimator(Estimator):
             covariance[range(SEEN, SIZE), range(SEEN, SIZE)] = self._initial
             self._filter = self._begin(np.array([*observation, 0.0, 0.0]), covariance)
             return
-        state, covariance = self._filter.state, self._filter.covariance
-        seen = near(float(state[YAW]), observation)
-        innovation = seen - state[:SEEN]
-        scaled = self._scale.learn(innovation, covariance[:SEEN, :SEEN], noise, self._since_seen)
+        seen = near(self._filter.heading, observation)
+        if self._noise_memory > 0.0:
+            innovation = seen - self._filter.state[:SEEN]
+            prediction = self._filter.covariance[:SEEN, :SEEN]
+            noise = self._scale.learn(innovation, prediction, noise, self._since_seen)
         self._since_seen = 0.0
-        self._filter.update(seen, scaled)
+        self._filter.update(seen, noise)
         self.nis = self._filter.nis
 
     @property
@@ -136,10 +144,7 @@ class TurnRateEstimator(Estimator):
         """Return the person `dt` [s] from now, with the uncertainty that comes with it."""
         if self._filter is None:
             return None
-        dt += self._elapsed
-        if dt == 0.0:
-            return estimate_of(self._filter.state, self._filter.covariance)
-        return estimate_of(*self._filter.ahead(dt))
+        return estimate_of(*self._filter.ahead(self._elapsed + dt))
 
 
 class CtrvParams(TurnRateParams):
@@ -190,6 +195,11 @@ class Unscented:
         self.nis = 0.0
 
     @property
+    def heading(self) -> float:
+        """The state's heading [rad]; not wrapped."""
+        return float(self._filter.x[YAW])
+
+    @property
     def state(self) -> Array:
         """The state (5)."""
         return np.asarray(self._filter.x)
@@ -216,11 +226,9 @@ class Unscented:
         kf.P = (P + P.T) / 2.0
         self.nis = float(kf.y @ kf.SI @ kf.y)
 
-    def ahead(self, dt: float) -> tuple[Array, Array]:
+    def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later, to first order."""
-        F = jacobian(self.state, dt)
-        Q = process_noise(self._walks, self.state, dt)
-        return move(self.state, dt), F @ self.covariance @ F.T + Q
+        return carry(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
 
 
 class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):

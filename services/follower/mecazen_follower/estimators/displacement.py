@@ -12,6 +12,8 @@ from mecazen.schema import NonNegative, Positive
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.kalman import as_tuple, kalman, nis_of
 
+IDENTITY = np.eye(3)
+
 
 class DisplacementParams(Params):
     """Parameters of `kf_displacement`."""
@@ -66,12 +68,12 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
         self._elapsed = 0.0
 
     def predict(self, dt: float) -> None:
-        """Move by the displacement per second times `dt` [s]."""
-        if self._filter is None:
-            return
-        drift = self._drift * dt
-        self._filter.predict(u=self._velocity * dt, B=np.eye(3), Q=np.diag([drift, drift, 0.0]))
-        self._elapsed += dt
+        """Move by the displacement per second times `dt` [s].
+
+        Both that and the drift grow with time alone: the filter is told when an observation comes.
+        """
+        if self._filter is not None:
+            self._elapsed += dt
 
     def _observe(self, observation: Pose2D, noise: Array) -> None:
         if self._filter is None:
@@ -79,6 +81,9 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
             self._corrected = np.array(observation)
             return
         kf = self._filter
+        drift = self._drift * self._elapsed
+        moved = self._velocity * self._elapsed
+        kf.predict(u=moved, B=IDENTITY, Q=np.diag([drift, drift, 0.0]))
         kf.update(np.array(observation[:2]), R=noise[:2, :2])
         self.nis = nis_of(kf)
         if self._elapsed > 0.0:
@@ -104,4 +109,10 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
             return None
         x, y, yaw = self._filter.x.tolist()
         vx, vy, _ = self._velocity.tolist()
-        return Estimate(Pose2D(x, y, yaw), Twist2D(vx, vy, 0.0), as_tuple(self._filter.P))
+        (xx, xy, xw), (yx, yy, yw), seen = as_tuple(self._filter.P)
+        drift, dt = self._drift * self._elapsed, self._elapsed
+        return Estimate(
+            Pose2D(x + vx * dt, y + vy * dt, yaw),
+            Twist2D(vx, vy, 0.0),
+            ((xx + drift, xy, xw), (yx, yy + drift, yw), seen),
+        )

@@ -1,21 +1,26 @@
-"""Kalman filters of constant turn rate and velocity, one for each way to move."""
+"""Kalman filters of constant turn rate and velocity, one for each way to move.
+
+x, y, a, v, w in names of numbers are the state's position, heading, speed and turn rate.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from mecazen_follower.estimators.base import Array
+from mecazen_follower.estimators.symmetric import Rows, factors
 from mecazen_follower.estimators.turn_rate import (
-    IDENTITY,
-    SEEN,
-    SEES,
-    SIZE,
+    YAW,
+    State,
+    Triangle,
     Walks,
-    jacobian,
-    move,
-    process_noise,
+    carry,
+    matrix,
+    triangle,
 )
 
 LEAST = 1e-100
@@ -35,8 +40,23 @@ class Mode(NamedTuple):
     """Mean time until another mode takes over [s]; of no matter to a mode that is alone."""
 
 
+class Gaussian(NamedTuple):
+    """A state and its covariance, as `turn_rate` has them."""
+
+    state: State
+    covariance: Triangle
+
+
+class Together(NamedTuple):
+    """All modes as one, with the random walks that have their mean variances."""
+
+    state: State
+    covariance: Triangle
+    walks: Walks
+
+
 class ModeBank:
-    """Extended Kalman filters, one for each mode, that interact; all n at once.
+    """Extended Kalman filters, one for each mode, that interact.
 
     Blom, Bar-Shalom: The interacting multiple model algorithm for systems with Markovian
     switching coefficients, IEEE Trans. Automatic Control 33 (1988). With a single mode it is
@@ -50,70 +70,191 @@ class ModeBank:
 
     def __init__(self, modes: tuple[Mode, ...], state: Array, covariance: Array) -> None:
         n = len(modes)
-        self._walks = [mode.walks for mode in modes]
-        self._variances = np.square(self._walks)
-        self._stays = np.eye(n)
-        self._keeps = np.ones((n, SIZE))
-        self._keeps[:, 3:] = [(mode.moves, mode.turns) for mode in modes]
-        leaves = np.array([1.0 / mode.lasts for mode in modes])
-        others = np.full((n, n), 1.0 / max(n - 1, 1)) * (1.0 - self._stays)
-        self._rates = leaves[:, None] * (others - self._stays) if n > 1 else np.zeros((1, 1))
-        self.probabilities = np.full(n, 1.0 / n)
-        self._x = np.tile(state, (n, 1))
-        self._P = np.tile(covariance, (n, 1, 1))
+        self._modes = modes
+        self._rates = [1.0 / mode.lasts / (n - 1) if n > 1 else 0.0 for mode in modes]
+        """Of changes to each of the others [1/s]."""
+        self.probabilities = [1.0 / n] * n
+        self._filters = [Gaussian(tuple(state.tolist()), triangle(covariance))] * n
+        self._made: Together | None = None
         self.nis = 0.0
-        self.state, self.covariance = state, covariance
+
+    @property
+    def heading(self) -> float:
+        """The heading of all modes together [rad]; not wrapped."""
+        headings = (state[YAW] for state, _ in self._filters)
+        return sum(p * yaw for p, yaw in zip(self.probabilities, headings, strict=True))
+
+    @property
+    def state(self) -> Array:
+        """The state (5) of all modes together."""
+        return np.array(self._together().state)
+
+    @property
+    def covariance(self) -> Array:
+        """Its covariance (5, 5)."""
+        return matrix(self._together().covariance)
+
+    def _together(self) -> Together:
+        """Return all modes together; made when it is asked for, once."""
+        if self._made is None:
+            probabilities = self.probabilities
+            variances = [
+                sum(p * walk * walk for p, walk in zip(probabilities, walks, strict=True))
+                for walks in zip(*(mode.walks for mode in self._modes), strict=True)
+            ]
+            sway, step, heading, speed, rate = map(math.sqrt, variances)
+            mean = mixture(probabilities, self._filters)
+            self._made = Together(*mean, (sway, step, heading, speed, rate))
+        return self._made
 
     def predict(self, dt: float) -> None:
         """Mix the modes and move each by `dt` [s]."""
-        joint = self.probabilities[:, None] * (self._stays + self._rates * dt)
-        self.probabilities = joint.sum(axis=0)
-        x, P = _mixture((joint / self.probabilities).T, self._x, self._P)
-
-        x *= self._keeps
-        F = np.array([jacobian(state, dt) for state in x]) * self._keeps[:, None]
-        Q = np.array([process_noise(*mode, dt) for mode in zip(self._walks, x, strict=True)])
-        self._x = np.array([move(state, dt) for state in x])
-        self._P = F @ P @ F.mT + Q
-        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
+        others = len(self._modes) - 1
+        # over a step longer than a mode lasts, it is left by no more than there is of it
+        most = 1.0 / max(others, 1)
+        change = [
+            p * min(rate * dt, most)
+            for p, rate in zip(self.probabilities, self._rates, strict=True)
+        ]
+        probabilities, filters = [], []
+        for i, mode in enumerate(self._modes):
+            joint = change.copy()
+            joint[i] = self.probabilities[i] - others * change[i]
+            probability = sum(joint)
+            mixed = mixture([p / probability for p in joint], self._filters)
+            probabilities.append(probability)
+            filters.append(Gaussian(*carry(*_held(mode, *mixed), mode.walks, dt)))
+        self.probabilities, self._filters = probabilities, filters
+        self._made = None
 
     def update(self, observation: Array, noise: Array) -> None:
-        """Take in an observation (3) with its covariance (3, 3)."""
-        innovation = observation - self._x[:, :SEEN]
-        PH = self._P[:, :, :SEEN]
-        S = PH[:, :SEEN] + noise
-        inverse = np.linalg.inv(S)
-        K = PH @ inverse
-        squared = (innovation * (inverse @ innovation[..., None])[..., 0]).sum(axis=1)
-        self._x = self._x + (K @ innovation[..., None])[..., 0]
-        keeps = IDENTITY - K @ SEES
-        # Joseph's form: P - K S K' comes out negative when a prediction was hopeless
-        P = keeps @ self._P @ keeps.mT + K @ noise @ K.mT
-        self._P = (P + P.mT) / 2.0  # what rounding makes unequal would grow
-        likelihood = np.exp((squared.min() - squared) / 2.0) / np.sqrt(np.linalg.det(S))
-        self.nis = float(self.probabilities @ squared)
+        """Take in an observation (3) with its covariance (3, 3).
+
+        Raises:
+            ValueError: The covariance is not positive definite.
+        """
+        seen, R = observation.tolist(), noise.tolist()
+        corrections = [correct(*before, seen, R) for before in self._filters]
+        self._filters = [correction.after for correction in corrections]
+        self._made = None
+
+        prior = self.probabilities
+        least = min(correction.squared for correction in corrections)
+        self.nis = sum(p * of.squared for p, of in zip(prior, corrections, strict=True))
         # none dies of underflow: after two hopeless observations in a row all might
-        self.probabilities = np.maximum(self.probabilities * likelihood, LEAST)
-        self.probabilities /= self.probabilities.sum()
-        self.state, self.covariance = _mixture(self.probabilities, self._x, self._P)
+        weights = [
+            max(p * math.exp((least - of.squared) / 2.0) / math.sqrt(of.determinant), LEAST)
+            for p, of in zip(prior, corrections, strict=True)
+        ]
+        total = sum(weights)
+        self.probabilities = [weight / total for weight in weights]
 
-    def ahead(self, dt: float) -> tuple[Array, Array]:
+    def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
-        F = jacobian(self.state, dt)
-        walks = np.sqrt(self.probabilities @ self._variances).tolist()
-        Q = process_noise(walks, self.state, dt)
-        return move(self.state, dt), F @ self.covariance @ F.T + Q
+        return carry(*self._together(), dt)
 
 
-def _mixture(weights: Array, x: Array, P: Array) -> tuple[Array, Array]:
-    """Return means (..., 5) and covariances (..., 5, 5) of mixtures of n Gaussians.
+def _held(mode: Mode, state: State, covariance: Triangle) -> Gaussian:
+    """Return a state of which a mode that does not move or turn takes the rates to be 0."""
+    if mode.moves and mode.turns:
+        return Gaussian(state, covariance)
+    v, w = float(mode.moves), float(mode.turns)
+    x, y, yaw, speed, rate = state
+    xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
+    return Gaussian(
+        (x, y, yaw, v * speed, w * rate),
+        (
+            *(xx, xy, xa, v * xv, w * xw),
+            *(yy, ya, v * yv, w * yw),
+            *(aa, v * av, w * aw),
+            *(v * vv, v * w * vw, w * ww),
+        ),
+    )
 
-    Args:
-        weights: How much of each there is (..., n).
-        x: The means of the Gaussians (n, 5).
-        P: Their covariances (n, 5, 5).
+
+def mixture(weights: Sequence[float], parts: Sequence[Gaussian]) -> Gaussian:
+    """Return mean and covariance of a mixture of Gaussians."""
+    x = y = a = v = w = 0.0
+    for weight, ((ix, iy, ia, iv, iw), _) in zip(weights, parts, strict=True):
+        x += weight * ix
+        y += weight * iy
+        a += weight * ia
+        v += weight * iv
+        w += weight * iw
+    xx = xy = xa = xv = xw = yy = ya = yv = yw = aa = av = aw = vv = vw = ww = 0.0
+    for weight, ((ix, iy, ia, iv, iw), P) in zip(weights, parts, strict=True):
+        pxx, pxy, pxa, pxv, pxw, pyy, pya, pyv, pyw, paa, pav, paw, pvv, pvw, pww = P
+        dx, dy, da, dv, dw = ix - x, iy - y, ia - a, iv - v, iw - w
+        xx += weight * (pxx + dx * dx)
+        xy += weight * (pxy + dx * dy)
+        xa += weight * (pxa + dx * da)
+        xv += weight * (pxv + dx * dv)
+        xw += weight * (pxw + dx * dw)
+        yy += weight * (pyy + dy * dy)
+        ya += weight * (pya + dy * da)
+        yv += weight * (pyv + dy * dv)
+        yw += weight * (pyw + dy * dw)
+        aa += weight * (paa + da * da)
+        av += weight * (pav + da * dv)
+        aw += weight * (paw + da * dw)
+        vv += weight * (pvv + dv * dv)
+        vw += weight * (pvw + dv * dw)
+        ww += weight * (pww + dw * dw)
+    return Gaussian((x, y, a, v, w), (xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww))
+
+
+class Correction(NamedTuple):
+    """What an observation makes of a state, and how it fits."""
+
+    after: Gaussian
+    squared: float
+    """The normalised innovation squared."""
+    determinant: float
+    """Of the covariance of the innovation."""
+
+
+def correct(state: State, covariance: Triangle, seen: Sequence[float], R: Rows) -> Correction:
+    """Return what an observation (3) with the covariance R (3, 3) makes of a state.
+
+    With P the covariance, H what sees the first three of the state, S = H P Hᵀ + R and
+    K = P Hᵀ S⁻¹, the covariance becomes P - K H P. Of it the first three columns are
+    P Hᵀ - K (S - R) = K R: without a difference, which could come out negative when the
+    prediction was hopeless.
+
+    Raises:
+        ValueError: S is not positive definite.
     """
-    mean = weights @ x
-    apart = x - mean[..., None, :]
-    within = (weights @ P.reshape(len(P), -1)).reshape(*mean.shape, SIZE)
-    return mean, within + apart.mT @ (weights[..., None] * apart)
+    xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
+    (rxx, rxy, rxa), (_, ryy, rya), (_, _, raa) = R
+    S = factors(
+        (
+            (xx + rxx, xy + rxy, xa + rxa),
+            (xy + rxy, yy + ryy, ya + rya),
+            (xa + rxa, ya + rya, aa + raa),
+        )
+    )
+    (sxx, sxy, sxa), (_, syy, sya), (_, _, saa) = S.inverse()
+    PH = (xx, xy, xa), (xy, yy, ya), (xa, ya, aa), (xv, yv, av), (xw, yw, aw)
+    K = [
+        (x * sxx + y * sxy + a * sxa, x * sxy + y * syy + a * sya, x * sxa + y * sya + a * saa)
+        for x, y, a in PH
+    ]
+    ix, iy, ia = innovation = [after - before for after, before in zip(seen, state, strict=False)]
+    # K R: the new covariance's columns of x, y and a
+    (xx, xy, xa), (yx, yy, ya), (ax, ay, aa), (vx, vy, va), (wx, wy, wa) = [
+        (x * rxx + y * rxy + a * rxa, x * rxy + y * ryy + a * rya, x * rxa + y * rya + a * raa)
+        for x, y, a in K
+    ]
+    *_, (kvx, kvy, kva), (kwx, kwy, kwa) = K
+    after = Gaussian(
+        tuple([at + x * ix + y * iy + a * ia for at, (x, y, a) in zip(state, K, strict=True)]),
+        (
+            *(xx, (xy + yx) / 2.0, (xa + ax) / 2.0, vx, wx),
+            *(yy, (ya + ay) / 2.0, vy, wy),
+            *(aa, va, wa),
+            vv - kvx * xv - kvy * yv - kva * av,
+            vw - kvx * xw - kvy * yw - kva * aw,
+            ww - kwx * xw - kwy * yw - kwa * aw,
+        ),
+    )
+    return Correction(after, S.squared(innovation), S.determinant)

@@ -18,7 +18,6 @@ import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.estimators.base import Array, Estimate
-from mecazen_follower.estimators.kalman import as_tuple
 
 SIZE = 5
 X, Y, YAW, V, W = range(SIZE)
@@ -27,6 +26,11 @@ SEEN = 3
 
 Walks = tuple[float, float, float, float, float]
 """Random walks, see `process_noise`."""
+State = tuple[float, ...]
+"""A state (5) in plain numbers: NumPy takes longer to be called than these to compute."""
+Triangle = tuple[float, ...]
+"""The upper triangle of a covariance (5, 5), row by row: 15 numbers."""
+UPPER = np.triu_indices(SIZE)
 
 IDENTITY: Array = np.eye(SIZE)
 SEES: Array = np.eye(SEEN, SIZE)
@@ -35,33 +39,59 @@ NEAR_0 = 1e-3
 """Angle [rad] below which the derivative of sin(a)/a is the first term of its series."""
 
 
+def arc(state: State, dt: float) -> tuple[float, ...]:
+    """Return the way walked from `state` (5) in `dt` [s], and how it depends on it.
+
+    They are x, y [m], and their derivatives by speed and turn rate: x_v, y_v, x_w, y_w. The
+    heading turns the way as a whole.
+    """
+    _, _, yaw, v, w = state
+    half = w * dt / 2.0
+    sinc = math.sin(half) / half if half else 1.0
+    slope = -half / 3.0 if abs(half) < NEAR_0 else (math.cos(half) - sinc) / half
+    c, s = math.cos(yaw + half), math.sin(yaw + half)
+    chord, bend = v * dt * sinc, v * dt * dt / 2.0
+    return (
+        chord * c,
+        chord * s,
+        dt * sinc * c,
+        dt * sinc * s,
+        bend * (slope * c - sinc * s),
+        bend * (slope * s + sinc * c),
+    )
+
+
 def move(state: Array, dt: float) -> Array:
     """Return the state (5) after `dt` [s]."""
     x, y, yaw, v, w = state.tolist()
-    half = w * dt / 2.0
-    chord = v * dt * _sinc(half)
-    along = yaw + half
-    return np.array([x + chord * math.cos(along), y + chord * math.sin(along), yaw + w * dt, v, w])
+    dx, dy, *_ = arc((x, y, yaw, v, w), dt)
+    return np.array([x + dx, y + dy, yaw + w * dt, v, w])
 
 
 def jacobian(state: Array, dt: float) -> Array:
     """Return the derivatives (5, 5) of `move` by the state."""
-    _, _, yaw, v, w = state.tolist()
-    half = w * dt / 2.0
-    sinc = _sinc(half)
-    slope = -half / 3.0 if abs(half) < NEAR_0 else (math.cos(half) - sinc) / half
-    c, s = math.cos(yaw + half), math.sin(yaw + half)
-    chord, bend = v * dt * sinc, v * dt * dt / 2.0
+    dx, dy, x_v, y_v, x_w, y_w = arc(tuple(state.tolist()), dt)
     F = IDENTITY.copy()
-    F[X, YAW], F[Y, YAW] = -chord * s, chord * c
-    F[X, V], F[Y, V] = dt * sinc * c, dt * sinc * s
-    F[X, W], F[Y, W] = bend * (slope * c - sinc * s), bend * (slope * s + sinc * c)
-    F[YAW, W] = dt
+    F[:SEEN, YAW:] = (-dy, x_v, x_w), (dx, y_v, y_w), (1.0, 0.0, dt)
     return F
 
 
-def _sinc(angle: float) -> float:
-    return math.sin(angle) / angle if angle else 1.0
+def noise(walks: Walks, state: State, dt: float) -> tuple[float, ...]:
+    """Return what of the upper triangle of `process_noise` is not 0, row by row."""
+    sway, step, heading, speed, rate = walks
+    sway, step, heading = sway * sway * dt, step * step * dt, heading * heading * dt
+    speed, rate = speed * speed * dt, rate * rate * dt
+    _, _, yaw, v, _ = state
+    position = sway * abs(v) + step
+    c, s = math.cos(yaw), math.sin(yaw)
+    way, ahead = speed * dt * dt / 3.0, speed * dt / 2.0
+    return (
+        *(position + way * c * c, way * c * s, ahead * c),
+        *(position + way * s * s, ahead * s),
+        *(heading + rate * dt * dt / 3.0, rate * dt / 2.0),
+        speed,
+        rate,
+    )
 
 
 def process_noise(walks: Walks, state: Array, dt: float) -> Array:
@@ -75,21 +105,60 @@ def process_noise(walks: Walks, state: Array, dt: float) -> Array:
         state: Where the walks begin (5).
         dt: Time [s]; to first order in it.
     """
-    sway, step, heading, speed, rate = (walk * walk * dt for walk in walks)
-    _, _, yaw, v, _ = state.tolist()
-    position = sway * abs(v) + step
-    c, s = math.cos(yaw), math.sin(yaw)
-    way, ahead = speed * dt * dt / 3.0, speed * dt / 2.0
-    Q = np.zeros((SIZE, SIZE))
-    Q[X, X], Q[Y, Y] = position + way * c * c, position + way * s * s
-    Q[X, Y] = Q[Y, X] = way * c * s
-    Q[X, V] = Q[V, X] = ahead * c
-    Q[Y, V] = Q[V, Y] = ahead * s
-    Q[V, V] = speed
-    Q[YAW, YAW] = heading + rate * dt * dt / 3.0
-    Q[YAW, W] = Q[W, YAW] = rate * dt / 2.0
-    Q[W, W] = rate
-    return Q
+    xx, xy, xv, yy, yv, aa, aw, vv, ww = noise(walks, tuple(state.tolist()), dt)
+    return matrix((xx, xy, 0.0, xv, 0.0, yy, 0.0, yv, 0.0, aa, 0.0, aw, vv, 0.0, ww))
+
+
+def matrix(covariance: Triangle) -> Array:
+    """Return a covariance as a matrix (5, 5)."""
+    P = np.empty((SIZE, SIZE))
+    P[UPPER] = P.T[UPPER] = covariance
+    return P
+
+
+def triangle(covariance: Array) -> Triangle:
+    """Return the upper triangle of a matrix (5, 5)."""
+    return tuple(covariance[UPPER].tolist())
+
+
+def carry(state: State, covariance: Triangle, walks: Walks, dt: float) -> tuple[State, Triangle]:
+    """Return a state and its covariance P after `dt` [s]: `move`, and F P Fᵀ + Q.
+
+    F is the `jacobian`, of which ones and zeros are left out here, and Q the `process_noise`.
+    """
+    x, y, yaw, v, w = state
+    xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
+    dx, dy, x_v, y_v, x_w, y_w = arc(state, dt)
+    # F P, where it is not P: rows x, y and a, the heading
+    fxx = xx - dy * xa + x_v * xv + x_w * xw
+    fxy = xy - dy * ya + x_v * yv + x_w * yw
+    fxa = xa - dy * aa + x_v * av + x_w * aw
+    fxv = xv - dy * av + x_v * vv + x_w * vw
+    fxw = xw - dy * aw + x_v * vw + x_w * ww
+    fyy = yy + dx * ya + y_v * yv + y_w * yw
+    fya = ya + dx * aa + y_v * av + y_w * aw
+    fyv = yv + dx * av + y_v * vv + y_w * vw
+    fyw = yw + dx * aw + y_v * vw + y_w * ww
+    faa, fav, faw = aa + dt * aw, av + dt * vw, aw + dt * ww
+    # F P Fᵀ + Q
+    qxx, qxy, qxv, qyy, qyv, qaa, qaw, qvv, qww = noise(walks, state, dt)
+    return (x + dx, y + dy, yaw + w * dt, v, w), (
+        fxx - dy * fxa + x_v * fxv + x_w * fxw + qxx,
+        fxy + dx * fxa + y_v * fxv + y_w * fxw + qxy,
+        fxa + dt * fxw,
+        fxv + qxv,
+        fxw,
+        fyy + dx * fya + y_v * fyv + y_w * fyw + qyy,
+        fya + dt * fyw,
+        fyv + qyv,
+        fyw,
+        faa + dt * faw + qaa,
+        fav,
+        faw + qaw,
+        vv + qvv,
+        vw,
+        ww + qww,
+    )
 
 
 def near(yaw: float, observation: Pose2D) -> Array:
@@ -97,8 +166,9 @@ def near(yaw: float, observation: Pose2D) -> Array:
     return np.array([observation.x, observation.y, yaw + wrap(observation.yaw - yaw)])
 
 
-def estimate_of(state: Array, covariance: Array) -> Estimate:
-    """Return a state (5) and its covariance (5, 5) as an estimate."""
-    x, y, yaw, v, w = state.tolist()
+def estimate_of(state: State, covariance: Triangle) -> Estimate:
+    """Return a state and its covariance as an estimate."""
+    x, y, yaw, v, w = state
+    xx, xy, xa, _, _, yy, ya, _, _, aa, *_ = covariance
     velocity = Twist2D(v * math.cos(yaw), v * math.sin(yaw), w)
-    return Estimate(Pose2D(x, y, wrap(yaw)), velocity, as_tuple(covariance[:SEEN, :SEEN]))
+    return Estimate(Pose2D(x, y, wrap(yaw)), velocity, ((xx, xy, xa), (xy, yy, ya), (xa, ya, aa)))
