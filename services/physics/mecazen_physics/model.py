@@ -54,9 +54,8 @@ def links(robot: Robot) -> list[Link]:
     Wheels and rollers come in the order of the joint states.
     """
     wheels = [_wheel(robot, wheel) for wheel in WHEELS]
-    rollers = [
-        _roller(robot, wheel, index) for wheel in WHEELS for index in range(robot.rollers.count)
-    ]
+    shape = Roller.of(robot)
+    rollers = [_roller(shape, wheel, index) for wheel in WHEELS for index in range(shape.count)]
     return [*wheels, *rollers, _camera(robot), _lidar(robot)]
 
 
@@ -129,13 +128,12 @@ def _wheel(robot: Robot, wheel: str) -> Link:
     )
 
 
-def _roller(robot: Robot, wheel: str, index: int) -> Link:
+def _roller(roller: Roller, wheel: str, index: int) -> Link:
     """Return roller `index` of `wheel`: index 0 at the bottom, the next turned about +y.
 
     On the ground the axes of front left and rear right rollers point forward and right, of
     the others forward and left: seen from above, the rollers on top form an X.
     """
-    roller = Roller.of(robot)
     side = -1.0 if wheel in {"front_left", "rear_right"} else 1.0
     z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
     y = np.array([0.0, 0.0, -1.0])
