@@ -195,11 +195,11 @@ def test_the_state_passes_to_every_roller_and_back_to_the_bit(nexus: Robot) -> N
     plant = world._plant
     motion = plant.scene.read()
     plant.place_person(Pose2D(*world.state().position[:2]), Twist2D())
-    plant.look_round(*world.state().position[:2], 0.0)
+    plant.look_round(world.footprint(), 0.0)
     assert not isinstance(plant.scene, NearScene)
     assert plant.scene.read() == motion
     plant.place_person(Pose2D(9.0, 9.0), Twist2D())
-    plant.look_round(*world.state().position[:2], 0.0)
+    plant.look_round(world.footprint(), 0.0)
     assert isinstance(plant.scene, NearScene)
     for a, b in zip(plant.scene.read(), motion, strict=True):
         # the wheels' angles less whole pitches and back: rounding

@@ -8,7 +8,8 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen_physics.config import Cylinder, PhysicsConfig
-from mecazen_physics.reach import Circle, Outline, Reach
+from mecazen_physics.plant import Plant
+from mecazen_physics.reach import Footprint, Outline, Reach
 from mecazen_physics.world import World, WorldState
 
 MIXED = ((4.0, 4.0, 4.0, 4.0), (-8.0, 8.0, 8.0, -8.0), (-6.0, 6.0, -6.0, 6.0), (9.0, 2.0, 2.0, 9.0))
@@ -68,21 +69,63 @@ def test_all_are_left_in_when_the_robot_is_not_alone(nexus: Robot, bodies: list[
     assert choose(nexus, bodies, reach, alone=False) == [list(range(9))] * 4
 
 
+STANDING = Footprint(0.0, 0.0, half_length=0.2, half_width=0.1)
+
+
 @pytest.mark.parametrize(
-    ("tilt", "others", "alone"),
+    ("one", "other", "gap"),
     [
-        (0.0, [], True),
-        (0.04, [Circle(0.8, 0.0, 0.2)], True),
-        (0.06, [], False),
-        # the robot's outline has a radius of 0.29 m
-        (0.0, [Circle(0.6, 0.0, 0.2)], False),
-        (0.0, [Circle(2.0, 0.0, 0.2), Circle(0.0, -0.5, 0.1)], False),
+        (STANDING, Footprint(0.6, 0.0, rim=0.2), 0.2),
+        (STANDING, Footprint(0.0, -0.6, rim=0.2), 0.3),
+        (STANDING._replace(yaw=math.pi / 2), Footprint(0.6, 0.0, rim=0.2), 0.3),
+        # off its corner
+        (STANDING, Footprint(0.5, 0.5, rim=0.2), 0.3),
+        # a long wall along y, and the circle round the robot
+        (STANDING, Footprint(1.0, 2.0, math.pi / 2, 5.0, 0.1), 0.9 - math.hypot(0.2, 0.1)),
+        (STANDING, STANDING._replace(x=1.0), 0.8 - math.hypot(0.2, 0.1)),
+        (STANDING, Footprint(0.1, 0.0, rim=0.2), -0.2),
     ],
 )
-def test_a_robot_is_alone_that_is_upright_and_far_from_everything(
-    nexus: Robot, tilt: float, others: list[Circle], *, alone: bool
+def test_the_gap_between_two_is_known_by_their_circles(
+    one: Footprint, other: Footprint, gap: float
 ) -> None:
-    assert Outline(nexus).alone(0.0, 0.0, tilt, others) == alone
+    assert one.gap(other) == pytest.approx(gap)
+    assert other.gap(one) == pytest.approx(gap)
+
+
+def test_near_is_what_both_can_reach_in_the_longest_chunk() -> None:
+    person = Footprint(0.5, 0.0, rim=0.2)
+    assert not STANDING.near(person)
+    assert not STANDING._replace(speed=1.0).near(person._replace(speed=2.9))  # 20 + 78 mm
+    assert STANDING._replace(speed=1.0).near(person._replace(speed=3.1))  # 20 + 82 mm
+    assert STANDING._replace(speed=1.0).near(person._replace(speed=2.0), margin=1.5)
+
+
+def test_a_robots_footprint_holds_its_wheels_and_is_as_fast_as_its_corners(nexus: Robot) -> None:
+    footprint = Outline(nexus).at(Pose2D(1.0, 2.0, 0.5), 0.3, -2.0)
+    assert footprint[:6] == pytest.approx((1.0, 2.0, 0.5, 0.2, 0.2, 0.0))
+    # 0.2 m/s is what it may gain in 20 ms
+    assert footprint.speed == pytest.approx(0.3 + 2.0 * math.hypot(0.2, 0.2) + 0.2)
+
+
+@pytest.mark.parametrize(
+    ("tilt", "person", "alone"),
+    [
+        (0.0, None, True),
+        (0.04, 0.6, True),
+        (0.06, None, False),
+        (0.0, 0.42, False),  # 20 mm away
+        (0.0, 0.44, True),
+    ],
+)
+def test_a_robot_is_alone_that_is_upright_and_out_of_reach_of_everything(
+    nexus: Robot, tilt: float, person: float | None, *, alone: bool
+) -> None:
+    plant = Plant(nexus, PhysicsConfig(), Pose2D())
+    if person is not None:
+        plant.place_person(Pose2D(person, 0.0), Twist2D())
+    plant.look_round(Outline(nexus).at(Pose2D(), 0.0, 0.0), tilt)
+    assert plant.alone == alone
 
 
 def drive(robot: Robot, config: PhysicsConfig) -> list[WorldState]:

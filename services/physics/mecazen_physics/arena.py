@@ -11,10 +11,11 @@ from mecazen.robot import Robot
 
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.reach import NEAR_M
 from mecazen_physics.scene import Stage
 from mecazen_physics.world import WheelCommand, World, advance_together, longest_chunk
 
+NEAR_M = 0.2
+"""Robots that are farther from each other do not touch before they look round again."""
 _MANY = 10**9
 """More steps than are ever asked for."""
 
@@ -72,14 +73,13 @@ class Arena:
         Returns:
             For how many steps nobody else can come near another.
         """
-        circles = [world.circle() for world in self.worlds]
+        robots = [world.footprint() for world in self.worlds]
         met = set()
         clear = math.inf
-        for one, other in combinations(range(len(circles)), 2):
+        for one, other in combinations(range(len(robots)), 2):
             # It takes more to part: nothing goes back and forth at the border.
             margin = 1.5 if {one, other} <= self._met else 1.0
-            a, b = circles[one], circles[other]
-            gap = math.hypot(a.x - b.x, a.y - b.y) - a.radius - b.radius - margin * NEAR_M
+            gap = robots[one].gap(robots[other]) - margin * NEAR_M
             if gap <= 0.0:
                 met |= {one, other}
             else:

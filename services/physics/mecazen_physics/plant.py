@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import Robot
 
-from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.config import Box, Cylinder, PhysicsConfig
 from mecazen_physics.near import NearScene
-from mecazen_physics.reach import Circle, Outline
+from mecazen_physics.reach import MAX_TILT_RAD, Footprint
 from mecazen_physics.scene import Scene, Stage, Walking
 
 
@@ -32,11 +32,7 @@ class Plant:
         self._shared_stage: Stage | None = None
         self.scene: Scene = self._near
         self.joint_names = self._full.joint_names
-        self.outline = Outline(robot)
-        self._obstacles = [
-            Circle(*obstacle.position_m, math.hypot(*obstacle.size_m[:-1]))
-            for obstacle in config.obstacles
-        ]
+        self._obstacles = [_footprint(obstacle) for obstacle in config.obstacles]
         self._person_radius = config.person.radius_m
         self._people: dict[int, Walking] = {}
         self.close_people: dict[int, Walking] = {}
@@ -50,28 +46,29 @@ class Plant:
         self._people[number] = walking
         self.scene.stage.place_person(number, walking)
 
-    def person(self, number: int = 0) -> Circle:
+    def person(self, number: int = 0) -> Footprint:
         """Return a person from above, who has been placed."""
-        x, y, _ = self._people[number]
-        return Circle(x, y, self._person_radius)
+        x, y, velocity = self._people[number]
+        return Footprint(x, y, rim=self._person_radius, speed=math.hypot(*velocity))
 
     def share(self, stage: Stage | None) -> None:
         """Be on a stage together with other robots from now on; on one's own again with None."""
         self._shared_stage = stage
 
-    def look_round(self, x: float, y: float, tilt: float) -> None:
-        """Take the scene that suits base_link at (x, y) [m], leaning by `tilt` [rad]."""
+    def look_round(self, footprint: Footprint, tilt: float) -> None:
+        """Take the scene that suits the robot's footprint, leaning by `tilt` [rad]."""
         # It takes more to be alone again: nothing goes back and forth at the border.
         margin = 1.0 if self.alone else 1.5
         self.close_people = {
             number: walking
             for number, walking in self._people.items()
-            if not self.outline.alone(x, y, 0.0, [self.person(number)], margin)
+            if footprint.near(self.person(number), margin)
         }
         self.alone = (
             self._shared_stage is None
             and not self.close_people
-            and self.outline.alone(x, y, tilt, self._obstacles, margin)
+            and margin * tilt < MAX_TILT_RAD
+            and not any(footprint.near(obstacle, margin) for obstacle in self._obstacles)
         )
         before = self.scene.stage
         self._full.enter(self._shared_stage or self._own_stage)
@@ -94,3 +91,11 @@ class Plant:
         for number, (x, y, velocity) in self._people.items():
             vx, vy = velocity
             self._people[number] = Walking(x + vx * duration, y + vy * duration, velocity)
+
+
+def _footprint(obstacle: Box | Cylinder) -> Footprint:
+    if isinstance(obstacle, Cylinder):
+        return Footprint(*obstacle.position_m, rim=obstacle.size_m[0])
+    length, width, _ = obstacle.size_m
+    yaw = math.radians(obstacle.yaw_deg)
+    return Footprint(*obstacle.position_m, yaw, length / 2, width / 2)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 
 MARGIN_RAD = 0.2
@@ -14,43 +15,68 @@ MAX_TILT_RAD = 0.05
 """A base that leans more may touch the ground with any roller."""
 SPEED_MARGIN = 1.5
 """How much faster than it turns, and is told to, a wheel may become within a tick."""
-NEAR_M = 0.2
-"""Farther than this from its outline, nothing touches the robot within a tick."""
+LONGEST_S = 0.02
+"""Farther ahead neither the wheels' speeds can be foretold nor what a robot meets."""
+CLEAR_M = 0.02
+"""What is this far away, beside the way that both may go until one looks round, is not touched."""
+GRIP_M_S2 = 10.0
+"""No robot on the ground speeds up faster."""
 
 
-class Circle(NamedTuple):
-    """What stands upright in the world, from above [m]."""
+class Footprint(NamedTuple):
+    """What stands upright in the world, from above: a rectangle with a rim round it.
+
+    The middle (x, y) and half the length, along `yaw` [rad], half the width, and the rim are in
+    [m]; no point of it moves faster than `speed` [m/s].
+    """
 
     x: float
     y: float
-    radius: float
+    yaw: float = 0.0
+    half_length: float = 0.0
+    half_width: float = 0.0
+    rim: float = 0.0
+    speed: float = 0.0
+
+    def gap(self, other: Footprint) -> float:
+        """Return a distance [m] that is between the two at least: each against the other's circle.
+
+        Where the other is a circle, the distance itself.
+        """
+        return max(self._to_circle(other), other._to_circle(self))
+
+    def near(self, other: Footprint, margin: float = 1.0) -> bool:
+        """Return whether the two may touch before `LONGEST_S` have passed.
+
+        Args:
+            other: Another one.
+            margin: Factor on what is near.
+        """
+        ways = (self.speed + other.speed) * LONGEST_S
+        return self.gap(other) <= margin * (CLEAR_M + ways)
+
+    def _to_circle(self, other: Footprint) -> float:
+        x, y = other.x - self.x, other.y - self.y
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        ahead = max(abs(cos * x + sin * y) - self.half_length, 0.0)
+        aside = max(abs(cos * y - sin * x) - self.half_width, 0.0)
+        circle = math.hypot(other.half_length, other.half_width) + other.rim
+        return math.hypot(ahead, aside) - self.rim - circle
 
 
 class Outline:
-    """The robot from above, a circle: is it alone?"""
+    """The robot from above."""
 
     def __init__(self, robot: Robot) -> None:
-        self.radius = math.hypot(
-            max(robot.half_wheelbase + robot.wheels.radius_m, robot.base.length_m / 2),
-            max(robot.half_track + robot.wheels.radius_m, robot.base.width_m / 2),
-        )
+        radius = robot.wheels.radius_m
+        self._half_length = max(robot.half_wheelbase + radius, robot.base.length_m / 2)
+        self._half_width = max(robot.half_track + radius, robot.base.width_m / 2)
+        self._radius = math.hypot(self._half_length, self._half_width)
 
-    def alone(
-        self, x: float, y: float, tilt: float, others: Sequence[Circle], margin: float = 1.0
-    ) -> bool:
-        """Return whether no roller but the lowest of each wheel can touch anything soon.
-
-        Args:
-            x: Of base_link [m].
-            y: Of base_link [m].
-            tilt: Angle between the base's vertical and the world's [rad].
-            others: What else there is to touch.
-            margin: Factor on what is far and what is upright enough.
-        """
-        free = self.radius + margin * NEAR_M
-        return margin * tilt < MAX_TILT_RAD and all(
-            math.hypot(x - other.x, y - other.y) > free + other.radius for other in others
-        )
+    def at(self, pose: Pose2D, speed: float, yaw_rate: float) -> Footprint:
+        """Return the footprint of the robot at a pose that moves with `speed` [m/s], [rad/s]."""
+        fastest = speed + abs(yaw_rate) * self._radius + GRIP_M_S2 * LONGEST_S
+        return Footprint(*pose, self._half_length, self._half_width, speed=fastest)
 
 
 class Reach:
@@ -83,7 +109,7 @@ class Reach:
             angles: Of the wheels [rad].
             fastest: The wheels' present or commanded speed, whichever is more [rad/s].
             duration: Of the next advance [s].
-            alone: See `Outline`.
+            alone: Whether no roller but the lowest of each wheel can touch anything.
         """
         for rollers, near, angle, speed in zip(
             self._wheels, self._near, angles, fastest, strict=True

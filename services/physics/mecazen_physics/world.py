@@ -14,7 +14,7 @@ from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import DivergedError
 from mecazen_physics.pid import WheelPid
 from mecazen_physics.plant import Plant
-from mecazen_physics.reach import Circle
+from mecazen_physics.reach import LONGEST_S, Footprint, Outline
 from mecazen_physics.scene import Drive, Stage, Walking
 
 Vector = tuple[float, float, float]
@@ -22,8 +22,6 @@ Vector = tuple[float, float, float]
 
 Range = tuple[float, float]
 
-LONGEST_S = 0.02
-"""Farther ahead neither the wheels' speeds can be foretold nor what a robot meets."""
 AT_EASE = 0.8
 """Motors that are asked for less than this share of their torque need no limit."""
 
@@ -85,6 +83,7 @@ class World:
         self._longest = longest_chunk(config)
         self._hub_inertia = model.links(robot)[0].moments[1]
         self._jerk_nms = model.driven_inertia(robot) / config.dt_s
+        self._outline = Outline(robot)
         self._plant = Plant(robot, config, start)
         self.joint_names = self._plant.joint_names
         self._pids = [WheelPid(config.pid, self._max_torque, config.dt_s) for _ in WHEELS]
@@ -127,10 +126,13 @@ class World:
         """See `Plant`."""
         self._plant.share(stage)
 
-    def circle(self) -> Circle:
+    def footprint(self) -> Footprint:
         """Return the robot from above."""
-        x, y, _ = self._state.position
-        return Circle(x, y, self._plant.outline.radius)
+        state = self._state
+        x, y, _ = state.position
+        _, _, qz, qw = state.orientation
+        speed = math.hypot(*state.linear[:2])
+        return self._outline.at(Pose2D(x, y, 2.0 * math.atan2(qz, qw)), speed, state.angular[2])
 
     def state(self) -> WorldState:
         """Return the present state."""
@@ -148,9 +150,9 @@ class World:
 
     def look_round(self) -> None:
         """See `Plant`."""
-        x, y, _ = self._state.position
         qx, qy, _, _ = self._state.orientation
-        self._plant.look_round(x, y, tilt=2.0 * math.asin(min(1.0, math.hypot(qx, qy))))
+        tilt = 2.0 * math.asin(min(1.0, math.hypot(qx, qy)))
+        self._plant.look_round(self.footprint(), tilt)
 
     def prepare(self, command: WheelCommand, steps: int) -> tuple[int, Callable[[], None] | None]:
         """Give the motors a command.
