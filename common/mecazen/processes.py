@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import queue
@@ -28,6 +29,9 @@ STEADY_S = 1.0
 """A process that has not worked for so long before it ends has failed: its restart waits ..."""
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """... so long at first, twice as long each time it is so again, and at most so long."""
+
+ADDR_NO_RANDOMIZE = 0x0040000
+"""Linux' personality(2): programs find their code where every other run of them does."""
 
 
 class Line(NamedTuple):
@@ -239,12 +243,14 @@ def on_one_core() -> Iterator[None]:
 
     The parts of a tick in lockstep come one after the other: on one core none has to be
     woken on another, which is the larger part of a hop's time. As batch processes they let
-    a sender finish what it sends before a receiver takes over: a third of the switches.
+    a sender finish what it sends before a receiver takes over: a third of the switches. With
+    Python at the same addresses in all of them, what the core has learnt of its branches in
+    one serves the next: a fifth of the time of a tick.
     """
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     try:
-        with _on({max(os.sched_getaffinity(0))}):
+        with _on({max(os.sched_getaffinity(0))}), _at_the_same_addresses():
             yield
     finally:
         os.sched_setscheduler(0, policy, os.sched_param(0))
@@ -266,3 +272,18 @@ def _on(cores: set[int]) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
+
+
+@contextmanager
+def _at_the_same_addresses() -> Iterator[None]:
+    """Let programs that are started meanwhile lie where they always do, if that is allowed.
+
+    In a container it may not be; then they lie anywhere, as without this.
+    """
+    personality = ctypes.CDLL(None).personality
+    before = personality(0xFFFFFFFF)  # which changes nothing
+    personality(before | ADDR_NO_RANDOMIZE)
+    try:
+        yield
+    finally:
+        personality(before)

@@ -33,6 +33,8 @@ Progress = Callable[[int], None]
 PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
 """How long to wait for a sample before asking whether all processes still live."""
+GATHER_S = 0.005
+"""The trajectory is written down by so much later than it happens: nobody waits for it."""
 
 
 class Result(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -181,7 +183,7 @@ def simulate_distributed(
         with on_one_core():
             supervisor.start_router()
         with beside_that_core():
-            bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)
+            bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)
         with closing(bus):
             trajectory = _join(bus, scenario)
             for part, robot in scenario.processes:
@@ -227,7 +229,8 @@ def collect(
         if gone := sorted({called(*part) for part in seen - alive}):
             raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
 
-    with closing(ZenohBus(scenario.bus, lossless=True, name=COLLECTOR)) as bus:
+    bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)
+    with closing(bus):
         trajectory = _join(bus, scenario)
         wall_s = _collect(trajectory, bus, check, progress)
     return result(scenario, name, trajectory, wall_s), trajectory

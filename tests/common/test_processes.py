@@ -4,7 +4,10 @@ import os
 import secrets
 import signal
 import socket
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from mecazen import processes
@@ -292,3 +295,14 @@ def test_on_one_core_expect_one_core_inside_and_the_same_as_before_after():
     with processes.on_one_core():
         assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == before
+
+
+def test_on_one_core_expect_programs_at_the_same_addresses_where_allowed():
+    before = Path("/proc/self/personality").read_text()
+    with processes.on_one_core():
+        if Path("/proc/self/personality").read_text() == before:
+            pytest.skip("to choose addresses is not allowed here")
+        show = [sys.executable, "-c", "print(open('/proc/self/maps').read())"]
+        first, second = (subprocess.check_output(show) for _ in range(2))
+    assert first == second
+    assert Path("/proc/self/personality").read_text() == before

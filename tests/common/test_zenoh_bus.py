@@ -55,6 +55,22 @@ def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_k
     assert every == list(range(1, 101))
 
 
+def test_samples_that_gather_come_all_and_in_order(router, open_bus, wait_until):
+    far, numbers = open_bus(namespace="gathered"), list(range(1000))
+    config = BusConfig(connect=(router,), namespace="gathered")
+    with closing(ZenohBus(config, gather_s=0.02)) as near:
+        heard = []
+        near.subscribe(keys.CLOCK, lambda clock, _: heard.append(clock.clock.sec), every=True)
+        near.declare_alive("near")
+        far.declare_alive("far")
+        wait_until(far, lambda: "near" in far.presence.names)
+        clocks = far.publisher(keys.CLOCK)
+        for number in numbers:
+            clocks.put(Clock(Time(number)), STAMP)
+        wait_until(near, lambda: len(heard) == len(numbers))
+    assert heard == numbers
+
+
 def test_the_newest_good_sample_is_taken_although_malformed_ones_came_after_it(
     zenoh_pair, wait_until
 ):
