@@ -52,8 +52,8 @@ class Footprint(NamedTuple):
             other: Another one.
             margin: Factor on what is near.
         """
-        ways = (self.speed + other.speed) * LONGEST_S
-        return self.gap(other) <= margin * (CLEAR_M + ways)
+        reach = margin * (CLEAR_M + (self.speed + other.speed) * LONGEST_S)
+        return self._to_circle(other) <= reach and other._to_circle(self) <= reach
 
     def _to_circle(self, other: Footprint) -> float:
         x, y = other.x - self.x, other.y - self.y
