@@ -73,6 +73,8 @@ class Arena:
         Returns:
             For how many steps nobody else can come near another.
         """
+        if len(self.worlds) == 1:
+            return _MANY
         robots = [world.footprint() for world in self.worlds]
         met = set()
         clear = math.inf

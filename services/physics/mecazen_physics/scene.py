@@ -82,6 +82,8 @@ class Stage:
 
     def show(self, people: Mapping[int, Walking]) -> None:
         """Have these people here, by their numbers, and nobody else."""
+        if people.keys() == self._present:
+            return
         for number in self._present - people.keys():
             self.world.removeSkeleton(self._known[number][0])
         for number in sorted(people.keys() - self._present):
