@@ -144,6 +144,27 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(
         assert share(blue, ground) < 0.5
 
 
+def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(
+    stack, attach: ViewerClient
+) -> None:
+    shown = Shown(stack, "convoy")
+    attach.open(shown.uri)
+
+    def shows_both(image: np.ndarray) -> bool:
+        # the view from above is at the lower left; the persons walk along x, 1.5 m apart, and y
+        # is up: 0.5 m are a tenth of what is seen from 5 m
+        height, width, _ = image.shape
+        above = image[int(0.65 * height) : int(0.96 * height), : int(0.3 * width)]
+        rows = np.flatnonzero(red(above).any(axis=1))
+        return len(rows) > 1 and np.diff(rows).max() > 0.1 * len(above)
+
+    until_shown(attach.take_screenshot, shows_both)
+    state = attach.get_state()
+    assert not any(view.reports for view in state.views)
+    # each robot has a tab of its own
+    assert [view.name for view in state.views].count("from above") == 2
+
+
 def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(
     stack, attach: ViewerClient
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, cast
 
 import rerun as rr
+import rerun.blueprint as rrb
 from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
@@ -64,8 +65,9 @@ def draw(file: Path, folder: Path) -> list[Path]:
         if viewer is None:
             if sample.stamp is None:
                 continue  # before there is a run
-            viewer = ViewerService(bus, recording.scenario(sample.stamp.run, *SECTIONS))
-            viewer.send = _Saver(folder, files).take
+            scenario = recording.scenario(sample.stamp.run, *SECTIONS)
+            viewer = ViewerService(bus, scenario)
+            viewer.send = _Saver(folder, files, blueprint(scenario.names)).take
         try:
             bus.put_bytes(sample.key, *sample.as_published())
         except RefusedError:
@@ -103,10 +105,10 @@ def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
 class _Saver:
     """Has each recording written to a file of its own."""
 
-    def __init__(self, folder: Path, files: list[Path]) -> None:
-        self._folder, self._files = folder, files
+    def __init__(self, folder: Path, files: list[Path], layout: rrb.Blueprint) -> None:
+        self._folder, self._files, self._layout = folder, files, layout
 
     def take(self, recording: rr.RecordingStream) -> None:
         file = self._folder / f"{len(self._files)}.rrd"
         self._files.append(file)
-        recording.save(file, default_blueprint=blueprint())
+        recording.save(file, default_blueprint=self._layout)
