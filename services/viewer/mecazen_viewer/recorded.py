@@ -41,8 +41,8 @@ class Recording(Protocol):
     def samples(self) -> Iterator[Sample]:
         """Return the samples in the order of recording."""
 
-    def description(self) -> RobotDescription | None:
-        """Return what the robot looks like."""
+    def descriptions(self) -> dict[str, RobotDescription]:
+        """Return what robots look like, by their names."""
 
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run, with some sections of services."""
@@ -56,9 +56,8 @@ def draw(file: Path, folder: Path) -> list[Path]:
     """
     recording = _reader(file)(file)
     bus = LocalBus()
-    description = recording.description()
-    if description is not None:
-        serve_description(bus, description)
+    for robot, description in recording.descriptions().items():
+        serve_description(bus.beside(robot), description)
     files: list[Path] = []
     viewer: ViewerService | None = None
     for sample in _frames(recording.samples()):

@@ -167,7 +167,8 @@ def marks(length: float, width: float) -> Iterator[Entity]:
 
 def label(robot: str) -> Entity:
     """Return the name of one of several robots, above it."""
-    point = rr.Points3D([(0.0, 0.0, LABEL_Z)], labels=[robot], colors=[LABEL_COLOUR])
+    place = [(0.0, 0.0, LABEL_Z)]
+    point = rr.Points3D(place, labels=[robot], colors=[LABEL_COLOUR], radii=[DOT_M])
     return f"{e.ROBOT}/label", point
 
 
