@@ -77,6 +77,12 @@ def test_several_robots_are_recorded_whole_and_each_is_computed_anew(
             assert compared.difference is None
             assert set(compared.counts.values()) <= {200, 50}
     assert recording.descriptions().keys() == {"one", "two"}
+    anew = "replay", path, "--through", "follower"
+    same = mecazen(*anew, "--robot", "two")
+    assert "identical: 200 of two/cmd_vel, 200 of two/follower/state" in same.stdout
+    whose = mecazen(*anew)
+    assert (whose.returncode, len(whose.stderr.splitlines())) == (2, 1)
+    assert "--robot takes one or two" in whose.stderr
 
 
 def test_at_ten_times_real_time_all_that_is_published_is_recorded(
