@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from harness import load_robot
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.config import Scenario
+from mecazen.config import RobotConfig, Scenario, StartConfig
+from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
     FollowerState,
@@ -19,7 +20,6 @@ from mecazen.messages import (
     Odometry,
     Pose,
     PoseWithCovariance,
-    String,
     Twist,
     diagonal_covariance,
     planar_odometry,
@@ -30,6 +30,8 @@ from mecazen_viewer.components import Components
 from mecazen_viewer.service import ViewerService
 
 TICK_NS = 10_000_000
+SEED = 7
+"""Of the first robot; each has its own."""
 COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
 URDF = """<robot name="toy">
   <link name="base_link"><visual><geometry><box size="0.4 0.3 0.1"/></geometry></visual></link>
@@ -47,42 +49,51 @@ def values(entities: Mapping[str, Components], path: str, component: str) -> np.
 
 
 class Stage:
-    """Publishes ticks of a robot that drives in a circle after a person."""
+    """Publishes ticks of robots that drive in circles, each after a person."""
 
-    def __init__(self, *, described: bool = True) -> None:
+    def __init__(self, *, described: bool = True, robots: Sequence[str] = ()) -> None:
         self.bus = LocalBus()
+        self.names = robots or ("",)
         if described:
-            self.bus.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(String(data=URDF)))
-        self.viewer = ViewerService(self.bus, Scenario(robot=load_robot()))
+            for robot in self.names:
+                serve_description(self.bus.beside(robot), RobotDescription(URDF, {}))
+        members = tuple(
+            RobotConfig(name=name, start=StartConfig(y_m=float(number)))
+            for number, name in enumerate(robots)
+        )
+        self.viewer = ViewerService(self.bus, Scenario(robot=load_robot(), robots=members))
 
     def play(self, run: int, ticks: int, begin: int = 0) -> None:
         """Publish ticks of a run, one after the other."""
         for tick in range(begin, begin + ticks):
-            stamp = Stamp(tick * TICK_NS, run, 7)
-            angle = tick / 500
-            robot = Pose2D(2 * math.cos(angle), 2 * math.sin(angle), angle + math.pi / 2)
-            person = robot.compose(Pose2D(1.0))
-            odom = planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D(0.4))
-            seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
-            header = Header(stamp=stamp.time, frame_id="base_link")
-            estimate = Odometry(
-                pose=PoseWithCovariance(pose=Pose.planar(person), covariance=COVARIANCE)
-            )
-            said = {
-                keys.GROUND_TRUTH: odom,
-                keys.JOINT_STATES: JointState(
-                    name=WHEEL_JOINTS, position=(0.1 * tick,) * 4, velocity=(10.0,) * 4
-                ),
-                keys.TARGET_ODOM: planar_odometry(
-                    stamp.time, "world", "person", person, Twist2D(0.4)
-                ),
-                keys.OBSERVATION: Observation(header=header, poses=(seen,)),
-                keys.ODOM: odom,
-                keys.FOLLOWER_STATE: FollowerState(
-                    tracking="following", estimate=(estimate,), goal=(Pose.planar(robot),)
-                ),
-                keys.CMD_VEL: Twist.planar(Twist2D(0.4)),
-            }
-            for topic, message in said.items():
-                self.bus.publisher(topic).put(message, stamp)
+            for number, robot in enumerate(self.names):
+                stamp = Stamp(tick * TICK_NS, run, SEED + number)
+                self._publish(self.bus.beside(robot), tick, stamp)
             self.bus.spin()
+
+    def _publish(self, bus: LocalBus, tick: int, stamp: Stamp) -> None:
+        # each robot a tenth of a turn behind the one before
+        angle = tick / 500 - math.tau / 10 * (stamp.seed - SEED)
+        robot = Pose2D(2 * math.cos(angle), 2 * math.sin(angle), angle + math.pi / 2)
+        person = robot.compose(Pose2D(1.0))
+        odom = planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D(0.4))
+        seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
+        header = Header(stamp=stamp.time, frame_id="base_link")
+        estimate = Odometry(
+            pose=PoseWithCovariance(pose=Pose.planar(person), covariance=COVARIANCE)
+        )
+        said = {
+            keys.GROUND_TRUTH: odom,
+            keys.JOINT_STATES: JointState(
+                name=WHEEL_JOINTS, position=(0.1 * tick,) * 4, velocity=(10.0,) * 4
+            ),
+            keys.TARGET_ODOM: planar_odometry(stamp.time, "world", "person", person, Twist2D(0.4)),
+            keys.OBSERVATION: Observation(header=header, poses=(seen,)),
+            keys.ODOM: odom,
+            keys.FOLLOWER_STATE: FollowerState(
+                tracking="following", estimate=(estimate,), goal=(Pose.planar(robot),)
+            ),
+            keys.CMD_VEL: Twist.planar(Twist2D(0.4)),
+        }
+        for topic, message in said.items():
+            bus.publisher(topic).put(message, stamp)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Container
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast
@@ -257,6 +258,12 @@ class Scenario(Section):
 def called(part: str, robot: str) -> str:
     """Return what a part of the robot `robot` is called beside those of others."""
     return f"{robot}/{part}" if robot else part
+
+
+def parted(key: str, robots: Container[str]) -> tuple[str, str]:
+    """Return whose a key is, of the robots of these names, and what it is within its namespace."""
+    robot, _, rest = key.partition("/")
+    return (robot, rest) if robot in robots else ("", key)
 
 
 def seed_of(seed: int, name: str) -> int:

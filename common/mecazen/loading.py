@@ -204,6 +204,15 @@ def to_toml(scenario: Scenario) -> str:
     return tomli_w.dumps(effective(scenario))
 
 
+def robots_in(text: str) -> tuple[str, ...]:
+    """Return `Scenario.names` of a scenario in TOML; of what is none, those of a single robot."""
+    try:
+        robots = _tables(tomllib.loads(text).get("robots"))
+    except ValueError:
+        robots = []
+    return tuple(str(robot.get("name")) for robot in robots) or ("",)
+
+
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _without_none(v) for k, v in value.items() if v is not None}

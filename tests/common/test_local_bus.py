@@ -131,6 +131,17 @@ def test_a_bus_beside_has_keys_of_its_own_and_is_delivered_with_the_other():
         one.spin_once()
 
 
+def test_bytes_reach_a_bus_beside_by_a_key_that_begins_with_its_name():
+    bus, heard = LocalBus(), []
+    for name in ("", "one"):
+        bus.beside(name).subscribe(keys.CLOCK, lambda *_, name=name: heard.append(name))
+    bus.put_bytes("one/clock", b"{}")
+    bus.put_bytes("two/clock", b"{}")
+    bus.put_bytes("clock", b"{}")
+    bus.spin()
+    assert heard == ["one", ""]
+
+
 def test_what_a_bus_beside_refuses_is_counted_under_its_name():
     bus = LocalBus()
     bus.beside("one").subscribe(keys.CLOCK, lambda *_: None)

@@ -7,10 +7,10 @@ import pytest
 import tomli_w
 from harness import ROBOTS
 from mecazen import loading
-from mecazen.config import BusConfig, seed_of
+from mecazen.config import BusConfig, parted, seed_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
-from mecazen.loading import effective, load_scenario
+from mecazen.loading import effective, load_scenario, robots_in, to_toml
 from mecazen.runtime import part_of
 from mecazen.schema import Section
 
@@ -86,6 +86,17 @@ def test_the_effective_configuration_of_robots_loads_again_to_the_same(write_sce
     again.write_text(tomli_w.dumps(effective(loaded)))
     assert load_scenario(again) == loaded
     assert tomllib.loads(again.read_text())["robots"][0]["name"] == "one"
+
+
+def test_whose_a_key_is_is_told_by_the_names_of_a_configuration(write_scenario):
+    names = robots_in(to_toml(load_scenario(write_scenario(TWO))))
+    assert names == ("one", "two")
+    assert parted("two/target/odom", names) == ("two", "target/odom")
+    assert parted("target/odom", names) == ("", "target/odom")
+    assert parted("three/odom", names) == ("", "three/odom")
+    for text in (to_toml(load_scenario(write_scenario())), "robots = 3", "no TOML"):
+        assert robots_in(text) == ("",)
+    assert parted("odom", ("",)) == ("", "odom")
 
 
 def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):

@@ -11,13 +11,13 @@ import msgspec
 import pytest
 from mecazen import keys
 from mecazen.description import RobotDescription, ask_description, serve_description
-from mecazen.messages import String, Twist
+from mecazen.messages import Odometry, String, Twist
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.sink import RecordingError
 from mecazen_recorder.writer import RecordingWriter
 from recorder.conftest import Net, mecazen, stop
-from recorder.ticks import stamp_of, tick
+from recorder.ticks import odometry, stamp_of, tick
 
 PER_TICK = len(tick(0))
 
@@ -169,7 +169,7 @@ def test_what_the_robot_looks_like_is_recorded(net: Net, tmp_path: Path) -> None
     net.publish(range(2))
     net.wait(lambda: len(samples(path)) == 2 * PER_TICK)
     finish(net, recorder)
-    assert Recording(path).description() == ROBOT
+    assert Recording(path).descriptions() == {"": ROBOT}
 
 
 def test_a_replay_tells_what_the_robot_looks_like(net: Net, tmp_path: Path) -> None:
@@ -185,6 +185,66 @@ def test_a_replay_tells_what_the_robot_looks_like(net: Net, tmp_path: Path) -> N
     net.start_quietly("replay", path, "--loop")
     net.wait(lambda: bool(heard))
     assert ask_description(net.bus, timeout_s=10.0) == ROBOT
+
+
+def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
+    net: Net, tmp_path: Path
+) -> None:
+    names = ("one", "two")
+    toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
+    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
+    buses = [net.bus.beside(name) for name in names]
+    for name, bus in zip(names, buses, strict=True):
+        serve_description(bus, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    recorder = record(net, first)
+    for number in range(10):
+        for seed, bus in enumerate(buses):
+            bus.publisher(keys.ODOM).put(odometry(number), stamp_of(number, seed=seed))
+    buses[1].put_bytes("odom", b"{", JSON_ENCODING)
+    net.bus.put_bytes("two/camera", b"\xff", "image/png")
+    net.wait(lambda: len(samples(first)) == 21)
+    assert "21 samples, 1 refused or dropped" in finish(net, recorder)
+    expected = samples(first)
+    assert [(s.key, s.kind) for s in expected[-3:]] == [
+        ("one/odom", Odometry),
+        ("two/odom", Odometry),
+        ("two/camera", None),
+    ]
+    assert {name: of.urdf for name, of in Recording(first).descriptions().items()} == {
+        name: f"<robot name='{name}'/>" for name in names
+    }
+    assert Recording(first).descriptions()["two"].meshes == ROBOT.meshes
+
+    recorder = record(net, second)
+    net.run("replay", first, "--speed", 100)
+    net.wait(lambda: len(samples(second)) == 21)
+    finish(net, recorder)
+    assert samples(second) == expected
+    shown = mecazen("info", first).stdout
+    assert "two/odom" in shown
+    assert "robots one, two" in shown
+    alone = net.run("replay", first, "--robot", "two")
+    assert (alone.returncode, len(alone.stderr.splitlines())) == (2, 1)
+    assert "--through" in alone.stderr
+
+
+def test_a_replay_tells_what_several_robots_look_like(net: Net, tmp_path: Path) -> None:
+    path = tmp_path / "described.mcap"
+    writer = RecordingWriter(path, "cdr")
+    for name in ("one", "two"):
+        writer.write_description(RobotDescription(name, ROBOT.meshes), name)
+    for number in range(2):
+        stamp = stamp_of(number)
+        writer.write("two/odom", odometry(number), stamp, stamp.time_ns)
+    writer.close()
+    heard: list[Any] = []
+    net.bus.beside("two").subscribe(keys.ODOM, lambda *sample: heard.append(sample))
+    net.start_quietly("replay", path, "--loop")
+    net.wait(lambda: bool(heard))
+    for name in ("one", "two"):
+        described = ask_description(net.bus.beside(name), timeout_s=10.0)
+        assert described == RobotDescription(name, ROBOT.meshes)
 
 
 def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(

@@ -7,14 +7,16 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import tomli_w
 from harness import load_robot
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.config import Scenario
+from mecazen.config import RobotConfig, Scenario, StartConfig
 from mecazen.errors import MecazenError
-from mecazen.loading import to_toml
+from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
 from mecazen.runtime import find_service
+from mecazen.wire import Stamp
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
@@ -58,25 +60,35 @@ def program(tmp_path: Path) -> Callable[..., str]:
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Callable[..., Path]:
-    """Record a follower that answers made-up odometry and frames; return the file."""
+    """Record followers that answer made-up odometry and frames; return the file."""
 
-    def make(program: str, encoding: str = "cdr", first: int = 0, runs: int = 1) -> Path:
+    def make(
+        program: str,
+        encoding: str = "cdr",
+        first: int = 0,
+        runs: int = 1,
+        robots: tuple[RobotConfig, ...] = (),
+    ) -> Path:
         path = tmp_path / "run.mcap"
-        scenario = Scenario(robot=load_robot(), seed=3)
+        scenario = Scenario(robot=load_robot(), seed=3, robots=robots)
         bus = LocalBus()
-        find_service(program, scenario)(bus, scenario)
+        for robot in scenario.names:
+            find_service(program, scenario)(bus.beside(robot), scenario.of(robot))
         config = msgspec.convert({"file": str(path), "encoding": encoding}, RecorderConfig)
-        recorder = Recorder(bus, config, (), lambda: to_toml(scenario))
-        odom, frames = bus.publisher(keys.ODOM), bus.publisher(keys.OBSERVATION)
+        recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
         for run in range(7, 7 + runs):
             for number in range(first, TICKS):
-                stamp = stamp_of(number, run)
-                if number % FRAME_TICKS == 0:
-                    frames.put(Observation(poses=(odometry(1).pose,) * (number % 3)), stamp)
-                odom.put(odometry(number / 7), stamp)
+                for other, robot in enumerate(scenario.names):
+                    publish(bus.beside(robot), number, other, stamp_of(number, run, 3 + other))
                 bus.spin()
         recorder.close()
         return path
+
+    def publish(bus: LocalBus, number: int, other: int, stamp: Stamp) -> None:
+        if number % FRAME_TICKS == 0:
+            seen = Observation(poses=(odometry(1).pose,) * (number % 3))
+            bus.publisher(keys.OBSERVATION).put(seen, stamp)
+        bus.publisher(keys.ODOM).put(odometry(number / 7 + other), stamp)
 
     return make
 
@@ -108,6 +120,54 @@ def test_the_same_code_answers_as_recorded(
     compared = recompute(Recording(recorded(mine, encoding, runs=runs)), mine)
     assert compared.difference is None
     assert compared.counts == {"cmd_vel": TICKS * runs}
+
+
+TWO = RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=1.5))
+
+
+def test_each_of_several_robots_is_computed_anew_by_itself(
+    program: Callable[..., str], recorded: Callable[..., Path]
+) -> None:
+    mine = program()
+    recording = Recording(recorded(mine, robots=TWO))
+    commands = {s.key: s.payload for s in recording.samples() if s.key.endswith("cmd_vel")}
+    assert commands["one/cmd_vel"] != commands["two/cmd_vel"]
+    for robot in ("one", "two"):
+        compared = recompute(recording, mine, robot)
+        assert compared.difference is None
+        assert compared.counts == {"cmd_vel": TICKS}
+
+
+@pytest.mark.parametrize(
+    ("robots", "robot", "words"),
+    [
+        (TWO, "", "follower: of which robot. --robot takes one or two"),
+        (TWO, "three", "'three': no such robot"),
+        ((), "one", "'one': no such robot"),
+    ],
+)
+def test_a_robot_that_is_not_named_or_not_there_is_one_line(
+    program: Callable[..., str],
+    recorded: Callable[..., Path],
+    robots: tuple[RobotConfig, ...],
+    robot: str,
+    words: str,
+) -> None:
+    mine = program()
+    with pytest.raises(MecazenError, match=words):
+        recompute(Recording(recorded(mine, robots=robots)), mine, robot)
+
+
+def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "run.mcap", "cdr")
+    tables = effective(Scenario(robot=load_robot(), robots=TWO))
+    # a file that was there when it was recorded
+    tables["robots"][1]["target"] = {"path": {"kind": "recorded", "file": "gone.csv"}}
+    writer.write_run(stamp_of(0), tomli_w.dumps(tables))
+    writer.close()
+    recording = Recording(tmp_path / "run.mcap")
+    assert list(recording.samples()) == []
+    assert recording.scenario(7, "follower").names == ("one", "two")
 
 
 @pytest.mark.parametrize(

@@ -249,6 +249,39 @@ def test_info_counts_rates_and_gaps(tmp_path: Path) -> None:
     assert (info.count, info.is_cut_off, info.duration_s) == (24, False, pytest.approx(0.29))
 
 
+def test_info_tells_the_robots_of_a_run_and_its_own_seed(tmp_path: Path) -> None:
+    path = tmp_path / "robots.mcap"
+    writer = RecordingWriter(path, "cdr")
+    for run in (1, 2):
+        writer.write_run(stamp_of(0, run), "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\n")
+        for seed, key in enumerate(("one/odom", "two/odom", "clock"), start=10):
+            if (run, key) != (2, "clock"):
+                message = tick(1)[key.rpartition("/")[2]]
+                writer.write(key, message, stamp_of(0, run, seed), 0)
+    writer.close()
+    info = inspect(Recording(path))
+    assert [(r.run, r.seed, r.robots) for r in info.runs] == [
+        (1, 12, ("one", "two")),
+        (2, None, ("one", "two")),
+    ]
+    assert {key.key: key.type.rpartition("/")[2] for key in info.keys} == {
+        "clock": "Clock",
+        "one/odom": "Odometry",
+        "two/odom": "Odometry",
+    }
+
+
+def test_a_damaged_configuration_is_one_line(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
+    writer.write_run(stamp_of(0), "seed = \n")
+    writer.write("cmd_vel", Twist(), stamp_of(0), 0)
+    writer.close()
+    recording = Recording(tmp_path / "a.mcap")
+    assert len(list(recording.samples())) == 1
+    with pytest.raises(RecordingError, match=r"a\.mcap: the configuration of run 7 is damaged"):
+        recording.scenario(7)
+
+
 def test_there_is_a_limit_to_keys_and_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mecazen_recorder.writer.MAX_CHANNELS", 2)
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")

@@ -29,7 +29,8 @@ class Stack:
         self.supervisor = Supervisor(path, self.settings)
         self.supervisor.start_router()
         self.bus = ZenohBus(self.scenario.bus, lossless=True)
-        self.bus.declare_alive("test")
+        for robot in dict.fromkeys(("", *self.scenario.names)):
+            self.bus.beside(robot).declare_alive("test")
 
     @property
     def endpoint(self) -> str:
@@ -38,11 +39,12 @@ class Stack:
         return self.scenario.bus.connect[0]
 
     def start(self) -> None:
-        """Start every service, and wait until each is ready."""
-        for part in self.scenario.services:
-            self.supervisor.start(part)
+        """Start every service, of each robot, and wait until all are ready."""
+        for part, robot in self.scenario.processes:
+            self.supervisor.start(part, robot)
         ready = {f"{part}/ready" for part in self.scenario.services}
-        self.wait(lambda: ready <= self.bus.presence.names)
+        here = [self.bus.beside(robot).presence for robot in self.scenario.names]
+        self.wait(lambda: all(ready <= presence.names for presence in here))
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Deliver samples until a condition holds; a process that ends is an error."""

@@ -62,6 +62,29 @@ def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(
     assert tomllib.loads(text)["follower"]["view"] == "side_left"
 
 
+@pytest.mark.parametrize("distributed", [(), ("--distributed",)], ids=["one process", "processes"])
+def test_several_robots_are_recorded_whole_and_each_is_computed_anew(
+    tmp_path: Path, distributed: tuple[str, ...]
+) -> None:
+    path = tmp_path / "run.mcap"
+    simulate("convoy", 2, "--record", path, *distributed)
+    recording = Recording(path)
+    found = counts(recording)
+    for robot in ("one", "two"):
+        assert {found[f"{robot}/{key}"] for key in EVERY_TICK} == {200}
+        for service in ("follower", "controller", "target"):
+            compared = recompute(recording, service, robot)
+            assert compared.difference is None
+            assert set(compared.counts.values()) <= {200, 50}
+    assert recording.descriptions().keys() == {"one", "two"}
+    anew = "replay", path, "--through", "follower"
+    same = mecazen(*anew, "--robot", "two")
+    assert "identical: 200 of two/cmd_vel, 200 of two/follower/state" in same.stdout
+    whose = mecazen(*anew)
+    assert (whose.returncode, len(whose.stderr.splitlines())) == (2, 1)
+    assert "--robot takes one or two" in whose.stderr
+
+
 def test_at_ten_times_real_time_all_that_is_published_is_recorded(
     stack: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

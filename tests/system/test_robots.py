@@ -94,21 +94,10 @@ class Watch:
         return self.newest[robot].pose.pose.to_planar()
 
 
-def start(running) -> None:
-    """Start every process, and wait until all are ready."""
-    for part, robot in running.scenario.processes:
-        running.supervisor.start(part, robot)
-    for robot in running.scenario.names:
-        bus = running.bus.beside(robot)
-        bus.declare_alive("test")
-        ready = {f"{part}/ready" for part in running.scenario.services}
-        running.wait(lambda bus=bus, ready=ready: ready <= bus.presence.names)
-
-
 def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
     running = stack(CONVOY, "sim.speed=2", "target.path.start_after_s=0.5")
     robots, persons = Watch(running, keys.GROUND_TRUTH), Watch(running, keys.TARGET_ODOM)
-    start(running)
+    running.start()
     running.wait(
         lambda: len(persons.newest) == 2 and all(persons.pose(of).x > 1.0 for of in ("one", "two"))
     )
@@ -132,7 +121,7 @@ def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
 def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack) -> None:
     running = stack(CONVOY, "services=['physics', 'controller']")
     odom = Watch(running, keys.ODOM)
-    start(running)
+    running.start()
     running.wait(lambda: len(odom.newest) == 2)
     where = ("--connect", running.endpoint, "--namespace", running.scenario.bus.namespace)
     drive = '{"linear":{"x":0.3}}'

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from mecazen import keys
 from mecazen.messages import ResetRequest
+from mecazen_viewer.entities import of_robot
 from mecazen_viewer.headless import headless_viewer
 from mecazen_viewer.plots import LINES
 from mecazen_viewer.recorded import draw
@@ -104,6 +105,15 @@ def shows_the_scene(image: np.ndarray) -> bool:
     return share(image, red) > 0.002 and 0.5 < share(image, ground) < 0.99
 
 
+def shows_two_persons(image: np.ndarray) -> bool:
+    """Whether the view from above, at the lower left, shows two persons on their ways along x."""
+    height, width, _ = image.shape
+    above = image[int(0.65 * height) : int(0.96 * height), : int(0.3 * width)]
+    rows = np.flatnonzero(red(above).any(axis=1))
+    # they are 1.5 m apart, and y is up: 0.5 m are a tenth of what is seen from 5 m
+    return len(rows) > 1 and np.diff(rows).max() > 0.1 * len(above)
+
+
 def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]) -> np.ndarray:
     """Take pictures until one is good; the last is kept for who looks into a failure."""
     for _ in range(FRAMES):
@@ -142,6 +152,18 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(
             take(plot), lambda image: share(image, lambda i: i[..., 2] - i[..., 0] > 60) > 0.001
         )
         assert share(blue, ground) < 0.5
+
+
+def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(
+    stack, attach: ViewerClient
+) -> None:
+    shown = Shown(stack, "convoy")
+    attach.open(shown.uri)
+    until_shown(attach.take_screenshot, shows_two_persons)
+    state = attach.get_state()
+    assert not any(view.reports for view in state.views)
+    # each robot has a tab of its own
+    assert [view.name for view in state.views].count("from above") == 2
 
 
 def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(
@@ -291,6 +313,24 @@ def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerCli
     schema = attach.get_recording_schema(recording.store_id, paths_only=True)
     paths = {entity.entity_path for entity in schema.entities}
     assert {f"/{path}" for path in ("world/robot/roller", *LINES)} <= paths
+
+
+def test_a_recorded_run_of_several_robots_is_shown_whole(
+    tmp_path: Path, attach: ViewerClient
+) -> None:
+    file = tmp_path / "run.mcap"
+    record = mecazen("simulate", "convoy", "--duration", "4", "--record", str(file))
+    record.communicate(timeout=60)
+    assert record.returncode == 0
+    (drawn,) = draw(file, tmp_path)
+    attach.open(str(drawn))
+    until_shown(attach.take_screenshot, shows_two_persons)
+    (recording,) = attach.get_state().recordings
+    schema = attach.get_recording_schema(recording.store_id, paths_only=True)
+    paths = {entity.entity_path for entity in schema.entities}
+    for robot in ("one", "two"):
+        expected = {"world/robot/roller", *LINES}
+        assert {f"/{of_robot(path, robot)}" for path in expected} <= paths
 
 
 def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +30,10 @@ from mecazen.messages import (
 from mecazen.robot import WHEEL_JOINTS
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Entity
-from mecazen_viewer.layout import blueprint
+from mecazen_viewer.health import Health
+from mecazen_viewer.layout import application, blueprint
 from mecazen_viewer.picture import Picture
-from mecazen_viewer.plots import LINES
+from mecazen_viewer.plots import LINES, TIME_LINES
 from viewer_stage import values
 
 MS = 10**6
@@ -40,7 +42,7 @@ COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
 
 
 def picture() -> Picture:
-    return Picture(Scenario(robot=load_robot()))
+    return Picture(Scenario(robot=load_robot()), Health())
 
 
 def odometry(pose: Pose2D, twist: Twist2D | None = None) -> Odometry:
@@ -177,9 +179,10 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
         *shown.on_diagnostics(physics_says("0.5"), 0),
     ]
     plotted = {path: archetype for path, archetype in drawn if path.startswith("plots/")}
-    assert set(plotted) == set(LINES)
+    lines = LINES | TIME_LINES
+    assert set(plotted) == set(lines)
     for path in plotted:
-        assert len(values(plotted, path, "Scalars:scalars")) == len(LINES[path])
+        assert len(values(plotted, path, "Scalars:scalars")) == len(lines[path])
 
 
 def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArray:
@@ -213,6 +216,24 @@ def test_tracking_and_health_are_logged_when_they_change() -> None:
     ]
 
 
+def test_of_several_robots_health_and_tracking_are_told_with_their_names() -> None:
+    health, scenario = Health(), Scenario(robot=load_robot())
+    pictures = [Picture(scenario, health, robot) for robot in ("", "one", "two")]
+    report = DiagnosticArray(status=(DiagnosticStatus(name="follower", message="ok"),))
+    lines: list[str] = []
+    for shown in pictures[1:]:
+        tracking = shown.on_follower_state(FollowerState(tracking="lost"), 0)
+        said = [*tracking, *shown.on_diagnostics(report, 0)]
+        lines += [text.text.as_arrow_array()[0].as_py() for path, text in said if path != e.HEALTH]
+    assert lines == [
+        f"{robot}/{line}" for robot in ("one", "two") for line in ("tracking: lost", "follower: ok")
+    ]
+    table = dict(pictures[0].on_diagnostics(physics_says("1.0"), 0))[e.HEALTH]
+    (text,) = table.text.as_arrow_array().to_pylist()
+    rows = [line.split(" | ")[0] for line in text.splitlines()[2:]]
+    assert rows == ["| one/follower", "| physics", "| two/follower"]
+
+
 def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
     shown = picture()
     list(shown.on_diagnostics(physics_says("0.123456"), 0))
@@ -237,16 +258,34 @@ def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far() -> None:
     assert laid == [1, 0, 0, 1, 0]
 
 
+def origins(part: Any) -> set[str]:
+    """Where the views of a part of the layout begin."""
+    if hasattr(part, "origin"):
+        return {part.origin}
+    return set().union(*(origins(child) for child in part.contents))
+
+
 def test_the_layout_shows_every_plot_and_text_there_is() -> None:
-    origins = set()
+    shown = origins(blueprint(("",)).root_container)
+    assert {e.FOLLOW, e.HEALTH, e.LOG} <= shown
+    for path in LINES | TIME_LINES:
+        assert any(path == origin or path.startswith(f"{origin}/") for origin in shown)
 
-    def walk(part: object) -> None:
-        if hasattr(part, "origin"):
-            origins.add(part.origin)
-        for child in getattr(part, "contents", ()) if not hasattr(part, "origin") else ():
-            walk(child)
 
-    walk(blueprint().root_container)
-    assert {e.FOLLOW, e.HEALTH, e.LOG} <= origins
-    for path in LINES:
-        assert any(path == origin or path.startswith(f"{origin}/") for origin in origins)
+def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has() -> None:
+    single = origins(blueprint(("",)).root_container)
+    tabs = blueprint(("one", "two")).root_container.contents
+    assert [tab.name for tab in tabs] == ["one", "two"]
+    for tab in tabs:
+        assert origins(tab) == {
+            path if path == e.REAL_TIME else e.of_robot(path, tab.name) for path in single
+        }
+    # what a user has made of the layout of one is not taken for that of others
+    assert len({application(robots) for robots in (("",), ("one",), ("one", "two"))}) == 3
+
+
+def test_what_several_robots_have_is_below_their_names_and_what_they_share_is_not() -> None:
+    assert e.of_robot(e.GOAL, "two") == "world/two/odom/goal"
+    assert e.of_robot(e.DISTANCE, "two") == "plots/two/distance"
+    assert e.of_robot(e.HEALTH, "two") == e.HEALTH
+    assert e.of_robot(e.GOAL, "") == e.GOAL

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,12 +16,14 @@ import psutil
 import pytest
 from mecazen_viewer.config import ViewerConfig
 from mecazen_viewer.headless import headless_viewer
+from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import RerunError
 from mecazen_viewer.server import Server, serving
 from rerun.experimental import ViewerClient, ViewerState
 from viewer_stage import Stage
 
 ANYWHERE = ViewerConfig(web_port=0, data_port=0)
+LAYOUT = blueprint(("",))
 GUARD = 200
 """Questions to a viewer that are answered one after the other: only a hang needs so many."""
 
@@ -53,7 +56,7 @@ def play(stage: Stage, server: Server, run: int, ticks: int = 50) -> None:
 
 def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClient) -> None:
     stage = Stage()
-    with serving(ANYWHERE) as server:
+    with serving(ANYWHERE, LAYOUT) as server:
         play(stage, server, run=1)
         attach.open(server.uri)
         state = wait(attach, 1)
@@ -80,7 +83,7 @@ def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClien
 
 def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach: ViewerClient) -> None:
     stage = Stage()
-    with serving(ANYWHERE) as server:
+    with serving(ANYWHERE, LAYOUT) as server:
         play(stage, server, run=1)
         attach.open(server.uri)
         assert wait(attach, 1).active_recording == "Recording:mecazen:00000001"
@@ -91,7 +94,7 @@ def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach: Vie
 
 def test_every_view_of_the_layout_is_there_and_none_complains(attach: ViewerClient) -> None:
     stage = Stage()
-    with serving(ANYWHERE) as server:
+    with serving(ANYWHERE, LAYOUT) as server:
         play(stage, server, run=1, ticks=150)
         attach.open(server.uri)
         state = wait(attach, 1)
@@ -101,8 +104,27 @@ def test_every_view_of_the_layout_is_there_and_none_complains(attach: ViewerClie
         stage.viewer.end()
 
 
+def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(
+    attach: ViewerClient,
+) -> None:
+    stage = Stage(robots=("one", "two"))
+    with serving(ANYWHERE, blueprint(("one", "two"))) as server:
+        play(stage, server, run=1, ticks=150)
+        attach.open(server.uri)
+        state = wait(attach, 1)
+        assert not any(view.reports for view in state.views)
+        views = Counter(view.name for view in state.views)
+        assert (views["following"], views["distance error [m]"]) == (2, 2)
+        (recording,) = state.recordings
+        schema = attach.get_recording_schema(recording.store_id, paths_only=True)
+        paths = {entity.entity_path for entity in schema.entities}
+        for what in ("world/{}/robot/wheel", "world/{}/odom/estimate", "plots/{}/distance"):
+            assert {f"/{what.format(robot)}" for robot in ("one", "two")} <= paths
+        stage.viewer.end()
+
+
 def test_the_page_is_served_on_loopback_and_only_there() -> None:
-    with serving(ANYWHERE) as server:
+    with serving(ANYWHERE, LAYOUT) as server:
         with urllib.request.urlopen(server.url, timeout=10.0) as answer:  # noqa: S310
             assert b"Rerun" in answer.read()
         (rerun,) = psutil.Process().children()
@@ -116,14 +138,14 @@ def test_a_taken_port_is_one_line_that_names_its_key(key: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port})
-        with pytest.raises(RerunError) as caught, serving(config):
+        with pytest.raises(RerunError) as caught, serving(config, LAYOUT):
             pass
     assert str(caught.value).startswith(f"viewer.{key} = {port}: address already in use")
     assert "\n" not in str(caught.value)
 
 
 def test_a_server_that_ends_is_an_error() -> None:
-    with serving(ANYWHERE) as server:
+    with serving(ANYWHERE, LAYOUT) as server:
         server.check()
         (rerun,) = psutil.Process().children()
         rerun.kill()
@@ -136,8 +158,9 @@ def test_when_the_viewer_is_killed_the_server_ends_too() -> None:
     code = (
         "from mecazen_viewer.server import serving\n"
         "from mecazen_viewer.config import ViewerConfig\n"
+        "from mecazen_viewer.layout import blueprint\n"
         "import psutil, sys\n"
-        "with serving(ViewerConfig(web_port=0, data_port=0)):\n"
+        "with serving(ViewerConfig(web_port=0, data_port=0), blueprint([''])):\n"
         "    print(psutil.Process().children()[0].pid, flush=True)\n"
         "    sys.stdin.read()\n"
     )
@@ -156,6 +179,7 @@ import numpy as np
 import psutil
 import rerun as rr
 from mecazen_viewer.config import ViewerConfig
+from mecazen_viewer.layout import blueprint
 from mecazen_viewer.server import serving
 from viewer_stage import Stage
 
@@ -167,7 +191,7 @@ def tell():
     memory = sum(process.memory_info().rss for process in (me, *me.children())) / 1e6
     print(memory, me.num_threads(), flush=True)
 
-with serving(ViewerConfig(web_port=0, data_port=0)) as server:
+with serving(ViewerConfig(web_port=0, data_port=0), blueprint([""])) as server:
     stage.viewer.send = server.take
     for begin in range(0, 4000, 2):
         stage.play(run=1, ticks=2, begin=begin)

@@ -9,6 +9,7 @@ from harness import FORGED, FUZZ, Put, put_all, puts
 from hypothesis import given
 from mecazen import keys
 from mecazen.config import Scenario
+from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
     DiagnosticArray,
@@ -25,7 +26,7 @@ from mecazen.messages import (
     planar_odometry,
 )
 from mecazen.wire import Stamp
-from viewer_stage import COVARIANCE, Stage
+from viewer_stage import COVARIANCE, URDF, Stage
 
 
 class Recordings:
@@ -98,6 +99,30 @@ def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown() -> None
     assert stage.bus.refused == {"ground_truth/odom": 1}
     stage.play(run=1, ticks=1, begin=101)
     assert stage.bus.refused.total() == 1
+
+
+def test_several_robots_are_in_one_recording_each_by_its_own_samples() -> None:
+    stage = Stage(robots=("one", "two"))
+    taken = Recordings(stage)
+    stage.play(run=1, ticks=1)
+    assert taken.names == ["00000001"]
+    far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
+    stage.bus.beside("two").publisher(keys.GROUND_TRUTH).put(far, Stamp(10**9, 1, 7))
+    stage.bus.spin()
+    assert stage.bus.refused == {"two/ground_truth/odom": 1}
+
+
+def test_of_several_robots_the_one_that_nobody_describes_is_named(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stage = Stage(described=False, robots=("one", "two"))
+    Recordings(stage)
+    serve_description(stage.bus.beside("one"), RobotDescription(URDF, {}))
+    with caplog.at_level(logging.WARNING):
+        stage.play(run=1, ticks=2)
+    assert [record.getMessage() for record in caplog.records] == [
+        "msg='no picture of two: robot_description: nobody answers'"
+    ]
 
 
 POSE = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)

@@ -59,7 +59,11 @@ class LocalBus(Bus):
     def put_bytes(
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
-        """Publish bytes on `key` as an outsider would."""
+        """Publish bytes on `key` as an outsider would; it may be one of a bus beside this."""
+        name, _, rest = key.partition("/")
+        if name in self._beside:
+            self._beside[name].put_bytes(rest, payload, encoding, attachment)
+            return
 
         def deliver(*_: object) -> None:
             topic = self._topics.get(key)

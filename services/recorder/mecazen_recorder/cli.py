@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 import typer
 from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen.config import called
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.service import NS_PER_S
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 if TYPE_CHECKING:
     from mecazen_recorder.reader import Recording
@@ -108,6 +109,12 @@ def replay(
             show_default=False,
         ),
     ] = None,
+    robot: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="With --through: of several robots, whose.", show_default=False
+        ),
+    ] = "",
     connect: Connect = None,
     namespace: Namespace = None,
     tls: Tls = None,
@@ -115,7 +122,8 @@ def replay(
     """Publish a recording again, with its original stamps; or compute a service's part anew.
 
     Examples: mecazen replay run.mcap --keys odom --keys 'target/*' --loop ·
-    mecazen replay run.mcap --through follower
+    mecazen replay run.mcap --through follower ·
+    mecazen replay convoy.mcap --through follower --robot two
     """
     from mecazen.description import serve_description
 
@@ -128,14 +136,15 @@ def replay(
             raise ConfigError(
                 "--through takes the whole recording: no --loop, --keys, --from, --to"
             )
-        _recompute(recording, through)
+        _recompute(recording, through, robot)
         return
+    if robot:
+        raise ConfigError(f"--robot goes with --through; --keys '{robot}/**' takes all of {robot}")
     begin_ns = round(begin_s * NS_PER_S)
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
-    robot = recording.description()
     with tool_bus(connect, namespace, tls) as bus:
-        if robot is not None:
-            serve_description(bus, robot)
+        for name, description in recording.descriptions().items():
+            serve_description(bus.beside(name), description)
         for turn in count() if loop else range(1):
             published = publish(
                 recording,
@@ -151,14 +160,15 @@ def replay(
                 typer.echo(f"{published} samples published")
 
 
-def _recompute(recording: Recording, program: str) -> None:
+def _recompute(recording: Recording, program: str, robot: str) -> None:
     from mecazen_recorder.recompute import recompute
 
-    compared = recompute(recording, program)
+    compared = recompute(recording, program, robot)
     _tell_if_cut_off(recording)
     if compared.difference is not None:
-        raise MecazenError(f"{recording.path}: {compared.difference}")
-    samples = ", ".join(f"{count} of {key}" for key, count in sorted(compared.counts.items()))
+        raise MecazenError(f"{recording.path}: {called(str(compared.difference), robot)}")
+    counts = sorted(compared.counts.items())
+    samples = ", ".join(f"{count} of {called(key, robot)}" for key, count in counts)
     typer.echo(f"{program}: identical: {samples}")
 
 
@@ -176,15 +186,19 @@ def info(
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
         return
-    table = Table("key", "message", "samples", "Hz", "gaps", "longest gap")
+    table = Table(Column("key", no_wrap=True), "message", "samples", "Hz", "gaps", "longest gap")
     for key in found.keys:
         rate = "-" if key.rate_hz is None else f"{key.rate_hz:g}"
         longest = "-" if key.longest_gap_s is None else f"{key.longest_gap_s:g} s"
-        table.add_row(key.key, key.type, str(key.count), rate, str(key.gaps), longest)
+        message = key.type.rpartition("/msg/")[2]  # a terminal is narrow, and keys may be long
+        table.add_row(key.key, message, str(key.count), rate, str(key.gaps), longest)
     Console().print(table)
     for run in found.runs:
         known = "" if run.has_scenario else ", without its configuration"
-        typer.echo(f"run {run.run}, seed {run.seed}: {run.begin_s:g} to {run.end_s:g} s{known}")
+        seed = "" if run.seed is None else f", seed {run.seed}"
+        robots = f", robots {', '.join(run.robots)}" if run.robots else ""
+        span = f"{run.begin_s:g} to {run.end_s:g} s"
+        typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
 
 
 def _tell_if_cut_off(recording: Recording) -> None:

@@ -6,7 +6,7 @@ import statistics
 from itertools import pairwise
 
 import msgspec
-from mecazen.keys import topic_of
+from mecazen.config import parted
 from mecazen.service import NS_PER_S
 
 from mecazen_recorder.reader import Recording, Sample
@@ -33,7 +33,10 @@ class RunInfo(msgspec.Struct, frozen=True):
     """One run in a recording; where nothing has a stamp there is none."""
 
     run: int
-    seed: int
+    seed: int | None
+    """None where nothing is recorded but of one of several robots, each with its own."""
+    robots: tuple[str, ...]
+    """The names of several."""
     begin_s: float
     end_s: float
     has_scenario: bool
@@ -55,23 +58,32 @@ class Info(msgspec.Struct, frozen=True):
 
 def inspect(recording: Recording) -> Info:
     """Return what is inside a recording."""
-    times: dict[str, dict[tuple[int, int] | None, list[int]]] = {}
-    encodings: dict[str, str] = {}
-    spans: dict[tuple[int, int], tuple[int, int]] = {}
+    times: dict[str, dict[int | None, list[int]]] = {}
+    types: dict[str, str] = {}
+    spans: dict[int, tuple[int, int]] = {}
+    seeds: dict[int, int] = {}
     for sample in recording.samples():
-        run = None if sample.stamp is None else (sample.stamp.run, sample.stamp.seed)
+        stamp = sample.stamp
+        run = None if stamp is None else stamp.run
         times.setdefault(sample.key, {}).setdefault(run, []).append(sample.time_ns)
-        encodings.setdefault(sample.key, _type_of(sample))
-        if run is not None:
-            first, last = spans.get(run, (sample.time_ns, sample.time_ns))
-            spans[run] = min(first, sample.time_ns), max(last, sample.time_ns)
+        types.setdefault(sample.key, _type_of(sample))
+        if stamp is not None:
+            first, last = spans.get(stamp.run, (sample.time_ns, sample.time_ns))
+            spans[stamp.run] = min(first, sample.time_ns), max(last, sample.time_ns)
+            if not parted(sample.key, recording.robots(stamp.run))[0]:
+                seeds.setdefault(stamp.run, stamp.seed)
     runs = tuple(
-        RunInfo(run, seed, first / NS_PER_S, last / NS_PER_S, run in recording.scenarios)
-        for (run, seed), (first, last) in spans.items()
+        RunInfo(
+            run=run,
+            seed=seeds.get(run),
+            robots=tuple(filter(None, recording.robots(run))),
+            begin_s=first / NS_PER_S,
+            end_s=last / NS_PER_S,
+            has_scenario=run in recording.scenarios,
+        )
+        for run, (first, last) in spans.items()
     )
-    infos = tuple(
-        _key_info(key, encodings[key], list(times[key].values())) for key in sorted(times)
-    )
+    infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
     return Info(
         file=str(recording.path),
         is_cut_off=recording.is_cut_off,
@@ -83,8 +95,7 @@ def inspect(recording: Recording) -> Info:
 
 
 def _type_of(sample: Sample) -> str:
-    topic = topic_of(sample.key)
-    return sample.encoding if topic is None else topic.type.ROS_TYPE
+    return sample.encoding if sample.kind is None else sample.kind.ROS_TYPE
 
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:

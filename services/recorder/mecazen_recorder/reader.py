@@ -7,17 +7,18 @@ import struct
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, NamedTuple, TypeVar
+from typing import IO, Any, NamedTuple, TypeVar
 
 from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, Metadata
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, Metadata, Schema
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
-from mecazen.config import Scenario
+from mecazen.config import Scenario, parted
 from mecazen.description import RobotDescription
-from mecazen.keys import topic_of
-from mecazen.loading import KNOWN_SERVICES, from_tables, installed_sections
+from mecazen.explain import one_line
+from mecazen.keys import TOPICS
+from mecazen.loading import KNOWN_SERVICES, from_tables, installed_sections, robots_in
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
@@ -31,6 +32,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """What the library raises where bytes are missing or wrong."""
 
+_TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
+
 
 class Sample(NamedTuple):
     """What was published on a key."""
@@ -43,6 +46,8 @@ class Sample(NamedTuple):
     payload: bytes
     encoding: str
     """A Zenoh encoding, or `cdr`."""
+    kind: type[Message] | None
+    """What is known of it; None on a key of the user's own."""
 
     def message(self, kind: type[MessageT]) -> MessageT:
         """Return the message.
@@ -61,10 +66,9 @@ class Sample(NamedTuple):
             RefusedError: The message is not what its key carries.
         """
         attachment = None if self.stamp is None else self.stamp.pack()
-        topic = topic_of(self.key)
-        if topic is None:
+        if self.kind is None:
             return self.payload, self.encoding, attachment
-        return encode(self.message(topic.type), "json"), JSON_ENCODING, attachment
+        return encode(self.message(self.kind), "json"), JSON_ENCODING, attachment
 
 
 class Recording:
@@ -81,6 +85,7 @@ class Recording:
         self.path = path
         self.scenarios: dict[int, str] = {}
         """The configuration of each run in TOML, where it is known; filled in by `samples`."""
+        self._robots: dict[int, tuple[str, ...]] = {}
         self._files: dict[str, bytes] = {}
         self.is_cut_off = False
         """Whether the end is missing; known when `samples` has come to its end."""
@@ -100,15 +105,20 @@ class Recording:
             begin_ns: Simulated time of the first, in each run.
             end_ns: Simulated time of the last, in each run.
         """
-        channels: dict[int, tuple[str, Stamp | None, str]] = {}
+        schemas: dict[int, type[Message] | None] = {}
+        channels: dict[int, tuple[str, Stamp | None, str, type[Message] | None]] = {}
         with self._open() as file:
             for record in self._records(file):
                 if isinstance(record, Metadata):
                     self._note_run(record)
                 elif isinstance(record, Attachment):
                     self._files[record.name] = record.data
+                elif isinstance(record, Schema):
+                    schemas[record.id] = _TYPES.get(record.name)
                 elif isinstance(record, Channel):
-                    channels[record.id] = record.topic, _run_of(record), _encoding_of(record)
+                    kind = schemas.get(record.schema_id)
+                    what = record.topic, _run_of(record), _encoding_of(record), kind
+                    channels[record.id] = what
                 elif isinstance(record, DataEnd):
                     return
                 elif (
@@ -116,17 +126,27 @@ class Recording:
                     and begin_ns <= record.log_time <= end_ns
                     and record.channel_id in channels  # unless a damaged chunk had it
                 ):
-                    key, run, encoding = channels[record.channel_id]
+                    key, run, encoding, kind = channels[record.channel_id]
                     stamp = None if run is None else run._replace(time_ns=record.log_time)
-                    yield Sample(key, record.log_time, stamp, record.data, encoding)
+                    yield Sample(key, record.log_time, stamp, record.data, encoding, kind)
         self.is_cut_off = True
 
-    def description(self) -> RobotDescription | None:
-        """Return what the robot looks like, where that was recorded."""
+    def descriptions(self) -> dict[str, RobotDescription]:
+        """Return what robots look like, where that was recorded, by their names."""
         next((sample for sample in self.samples() if sample.stamp is not None), None)
-        meshes = {name: data for name, data in self._files.items() if name != URDF}
-        urdf = self._files.get(URDF)
-        return None if urdf is None else RobotDescription(urdf.decode(), meshes)
+        found = {}
+        for name, urdf in self._files.items():
+            robot, _, file = name.rpartition("/")
+            if file == URDF:
+                parts = ((*parted(other, (robot,)), data) for other, data in self._files.items())
+                own = {other: data for whose, other, data in parts if whose == robot}
+                del own[URDF]
+                found[robot] = RobotDescription(urdf.decode(), own)
+        return found
+
+    def robots(self, run: int) -> tuple[str, ...]:
+        """Return the names of a run's robots, as far as `samples` has been read."""
+        return self._robots.get(run, ("",))
 
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run with some sections of services.
@@ -139,14 +159,22 @@ class Recording:
         """
         if run not in self.scenarios:
             raise RecordingError(f"{self.path}: without the configuration of run {run}")
-        tables = tomllib.loads(self.scenarios[run])
+        try:
+            tables = tomllib.loads(self.scenarios[run])
+        except ValueError as error:
+            reason = one_line(f"the configuration of run {run} is damaged: {error}")
+            raise RecordingError(f"{self.path}: {reason}") from None
         optional = {*KNOWN_SERVICES, *installed_sections(), "bus"}
-        wanted = {
-            name: table
-            for name, table in tables.items()
-            if name not in optional or name in sections
-        }
-        return from_tables(wanted, self.path)
+
+        def wanted(tables: dict[str, Any]) -> dict[str, Any]:
+            return {
+                name: table
+                for name, table in tables.items()
+                if name not in optional or name in sections
+            }
+
+        robots = [wanted(robot) for robot in tables.get("robots", ())]
+        return from_tables({**wanted(tables), "robots": robots}, self.path)
 
     def _open(self) -> IO[bytes]:
         try:
@@ -174,6 +202,7 @@ class Recording:
         # no checksum is over metadata: what makes no sense in it is as good as not there
         if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
             self.scenarios[int(run["run"])] = run["scenario"]
+            self._robots[int(run["run"])] = robots_in(run["scenario"])
 
 
 def _run_of(channel: Channel) -> Stamp | None:

@@ -11,10 +11,11 @@ import msgspec
 from mecazen import keys
 from mecazen.bus import LocalBus, Publisher
 from mecazen.bus.base import Handler
+from mecazen.config import parted
 from mecazen.errors import ConfigError
 from mecazen.keys import Topic
 from mecazen.messages import Message
-from mecazen.runtime import find_service
+from mecazen.runtime import find_service, part_of
 from mecazen.service import NS_PER_S, Service
 from mecazen.wire import Stamp, encode
 
@@ -69,7 +70,7 @@ class Comparison(NamedTuple):
     difference: Difference | None
 
 
-def recompute(recording: Recording, program: str) -> Comparison:
+def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
     """Run a service of a recording anew.
 
     Runs that are not recorded from their beginning, or whose configuration is not in the
@@ -78,14 +79,15 @@ def recompute(recording: Recording, program: str) -> Comparison:
     Args:
         recording: Holds the inputs and the outputs.
         program: A service's name, or `file.py:Class` of one that plays its part.
+        robot: Whose service, where there are several robots.
 
     Raises:
         MecazenError: There is nothing to compute or nothing to compare, or the service failed.
     """
     counts: Counter[str] = Counter()
     for run, samples in _whole_runs(recording).items():
-        service, bus = _make_service(recording, run, program)
-        compared = _recompute_run(samples, bus)
+        service, bus = _make_service(recording, run, program, robot)
+        compared = _recompute_run(_of_robot(samples, robot, recording.robots(run)), bus)
         service.close()
         counts += compared.counts
         if compared.difference is not None:
@@ -144,7 +146,15 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     return whole
 
 
-def _make_service(recording: Recording, run: int, program: str) -> tuple[Service, _OneServiceBus]:
+def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> list[Sample]:
+    """Return the samples in the namespace of a robot, with their keys in it."""
+    parts = ((sample, *parted(sample.key, robots)) for sample in samples)
+    return [sample._replace(key=key) for sample, name, key in parts if name == robot]
+
+
+def _make_service(
+    recording: Recording, run: int, program: str, robot: str
+) -> tuple[Service, _OneServiceBus]:
     """Return the service with its recorded configuration."""
     kind = find_service(program, recording.scenario(run))
     if kind.OWNS_TIME:
@@ -152,7 +162,7 @@ def _make_service(recording: Recording, run: int, program: str) -> tuple[Service
     if issubclass(kind, RecorderService):
         raise ConfigError(f"{program}: computes nothing")
     bus = _OneServiceBus()
-    return kind(bus, recording.scenario(run, kind.NAME)), bus
+    return kind(bus, part_of(kind.NAME, recording.scenario(run, kind.NAME), robot)), bus
 
 
 def _recompute_run(samples: Sequence[Sample], bus: _OneServiceBus) -> Comparison:

@@ -11,10 +11,11 @@ from typing import Any
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, includes
-from mecazen.config import called
+from mecazen.config import called, parted
 from mecazen.description import ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
+from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
 from mecazen.runtime import stop_on_signals
 from mecazen.service import NS_PER_S
@@ -43,7 +44,7 @@ class Recorder:
         config: What to record, and where.
         services: Whose diagnostics to record on the bus within a process.
         scenario: Tells the configuration of a run that begins, in TOML, or None.
-        robots: The names of several robots, whose keys are recorded as those of one.
+        robots: The robots' names; what `scenario` tells of a run that begins, counts from then.
 
     Raises:
         RecordingError: The file can't be written.
@@ -64,7 +65,7 @@ class Recorder:
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
-        self._is_described = False
+        self._described: set[str] = set()
         for key in config.keys:
             includes(key, key)  # wrong keys are told before there is a file
         self.writer = RecordingWriter(Path(config.file), config.encoding)
@@ -102,11 +103,13 @@ class Recorder:
     ) -> None:
         if any(includes(expression, key) for expression in already):
             return  # another subscription brings it too
-        topic = self._topic_of(key)
         try:
+            topic = self._topic_of(key)
             if topic is None:
                 stamp = _own_stamp(attachment)
                 self._note(stamp)
+                topic = self._topic_of(key)  # it may be a robot's that a new run has
+            if topic is None:
                 self.writer.write_bytes(key, payload, encoding, stamp, self.now.time_ns)
             else:
                 stamp = None if attachment is None else Stamp.unpack(attachment)
@@ -121,8 +124,7 @@ class Recorder:
 
     def _topic_of(self, key: str) -> Topic[Message] | None:
         """Return the table's entry for a key, which may be that of one of several robots."""
-        robot, _, rest = key.partition("/")
-        return topic_of(rest if robot in self._robots else key)
+        return topic_of(parted(key, self._robots)[1])
 
     def _note(self, stamp: Stamp | None) -> None:
         """Remember the newest tick, and write down a run that begins."""
@@ -130,23 +132,26 @@ class Recorder:
             return
         if stamp.run not in self._runs:
             self._runs.add(stamp.run)
-            self.writer.write_run(stamp, self._scenario())
+            scenario = self._scenario()
+            self.writer.write_run(stamp, scenario)
+            if scenario is not None:
+                self._robots = robots_in(scenario)
             self.now = stamp
             self._describe()
         elif stamp.run == self.now.run:
             self.now = max(self.now, stamp)
 
     def _describe(self) -> None:
-        """Attach what the robot looks like, once, as soon as somebody says it."""
-        if self._is_described:
-            return
-        try:
-            self.writer.write_description(
-                ask_description(self._bus.beside(self._robots[0]), ANSWER_S)
-            )
-            self._is_described = True
-        except BusError:
-            pass  # nobody simulates, as in a replay of another recording
+        """Attach what each robot looks like, once, as soon as somebody says it."""
+        for robot in self._robots:
+            if robot in self._described:
+                continue
+            try:
+                description = ask_description(self._bus.beside(robot), ANSWER_S)
+            except BusError:
+                continue  # nobody simulates, as in a replay of another recording
+            self.writer.write_description(description, robot)
+            self._described.add(robot)
 
 
 def _own_stamp(attachment: bytes | None) -> Stamp | None:

@@ -3,7 +3,7 @@
 A sample's log time is its simulated time. What else its stamp holds, the run and the seed,
 is the same for many samples and stands in the metadata of their channel: each key has a
 channel for each run. Metadata records named `run` hold the run's whole configuration, and
-attachments the robot's URDF with its meshes.
+attachments the robot's URDF with its meshes, by names that begin with its own where it has one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import IO, cast
 
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
+from mecazen.config import called
 from mecazen.description import RobotDescription
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp
@@ -79,11 +80,11 @@ class RecordingWriter:
         run = {"run": str(stamp.run), "seed": str(stamp.seed)}
         self._mcap.add_metadata("run", run if scenario is None else {**run, "scenario": scenario})
 
-    def write_description(self, robot: RobotDescription) -> None:
-        """Attach what the robot looks like: its URDF last, when all that it names is there."""
-        for name, data in [*robot.meshes.items(), (URDF, robot.urdf.encode())]:
+    def write_description(self, description: RobotDescription, robot: str = "") -> None:
+        """Attach what a robot looks like: its URDF last, when all that it names is there."""
+        for name, data in [*description.meshes.items(), (URDF, description.urdf.encode())]:
             kind = "application/xml" if name == URDF else "application/octet-stream"
-            self._mcap.add_attachment(0, 0, name, kind, data)
+            self._mcap.add_attachment(0, 0, called(name, robot), kind, data)
 
     def sync_if_due(self) -> None:
         """Bring to the disk what was written, once in `SYNC_S`."""

@@ -48,3 +48,12 @@ PURPLE: Colour = (190, 90, 160)
 SKY: Colour = (86, 180, 233)
 RED: Colour = (213, 40, 30)
 GREY: Colour = (128, 128, 128)
+
+
+def of_robot(path: str, robot: str) -> str:
+    """Return where something of one of several robots is: below its name, in its branch.
+
+    A whole branch, as the table of health is, belongs to all.
+    """
+    branch, slash, rest = path.partition("/")
+    return f"{branch}/{robot}/{rest}" if robot and slash else path

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import rerun as rr
+from mecazen.config import called
 from mecazen.messages import DiagnosticArray, DiagnosticStatus
 
 from mecazen_viewer import entities as e
@@ -29,23 +30,25 @@ class Health:
     """Remembers what was said, so that only what is new is logged."""
 
     def __init__(self) -> None:
-        self._tracking = ""
+        self._tracking: dict[str, str] = {}
         self._status: dict[str, DiagnosticStatus] = {}
 
-    def tracking(self, state: str) -> Iterator[Entity]:
-        """Return a line when the tracking state changes."""
-        if state != self._tracking:
-            self._tracking = state
+    def tracking(self, state: str, robot: str) -> Iterator[Entity]:
+        """Return a line when the tracking state of a robot changes."""
+        if state != self._tracking.get(robot, ""):
+            self._tracking[robot] = state
             level = TRACKING_LEVELS.get(state, rr.TextLogLevel.INFO)
-            yield f"{e.LOG}/follower", rr.TextLog(f"tracking: {state}", level=level)
+            line = f"{called('tracking', robot)}: {state}"
+            yield f"{e.LOG}/follower", rr.TextLog(line, level=level)
 
-    def diagnostics(self, report: DiagnosticArray) -> Iterator[Entity]:
+    def diagnostics(self, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
         """Return a line for each service whose health changes, and the table of all."""
         for status in report.status:
-            before = self._status.get(status.name)
-            self._status[status.name] = status
+            name = called(status.name, robot)
+            before = self._status.get(name)
+            self._status[name] = status
             if before is None or (before.level, before.message) != (status.level, status.message):
-                line = rr.TextLog(f"{status.name}: {status.message}", level=LEVELS[status.level])
+                line = rr.TextLog(f"{name}: {status.message}", level=LEVELS[status.level])
                 yield f"{e.LOG}/{status.name}", line
         yield e.HEALTH, rr.TextDocument(self._table(), media_type=rr.MediaType.MARKDOWN)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import rerun.blueprint as rrb
 
 from mecazen_viewer import entities as e
+from mecazen_viewer.plots import TIME_LINES
 from mecazen_viewer.track import TRAIL_NS
 
 BACKGROUND = (206, 211, 218)
@@ -13,8 +16,23 @@ PLOTTED_NS = TRAIL_NS
 """Of each plot, before the time that is shown."""
 
 
-def blueprint() -> rrb.Blueprint:
-    """Return the layout; it needs no click."""
+def application(robots: Sequence[str]) -> str:
+    """Return the name by which Rerun remembers what its user has made of the layout."""
+    return " ".join(("mecazen", *filter(None, robots)))
+
+
+def blueprint(robots: Sequence[str]) -> rrb.Blueprint:
+    """Return the layout; it needs no click. Each of several robots has a tab, by its name."""
+    parts = [_of_robot(robot) for robot in robots]
+    return rrb.Blueprint(
+        parts[0] if len(parts) == 1 else rrb.Tabs(*parts),
+        rrb.TimePanel(timeline=e.TIMELINE, play_state="following", state="collapsed"),
+        collapse_panels=True,
+    )
+
+
+def _of_robot(robot: str) -> rrb.Horizontal:
+    """Return views of all that is there from where a robot is, and the robot's own plots."""
     past = rrb.VisibleTimeRange(
         e.TIMELINE,
         start=rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS),
@@ -23,7 +41,7 @@ def blueprint() -> rrb.Blueprint:
 
     def plot(path: str, name: str) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(
-            origin=path,
+            origin=path if path in TIME_LINES else e.of_robot(path, robot),
             name=name,
             time_ranges=past,
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
@@ -31,7 +49,7 @@ def blueprint() -> rrb.Blueprint:
 
     def scene(name: str, eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
         return rrb.Spatial3DView(
-            origin=e.FOLLOW,
+            origin=e.of_robot(e.FOLLOW, robot),
             contents=f"{e.WORLD}/**",
             name=name,
             background=BACKGROUND,
@@ -67,8 +85,4 @@ def blueprint() -> rrb.Blueprint:
         plot(e.WHEEL_SPEED, "wheel speed [rad/s]"),
         rrb.Horizontal(plot(e.NEES, "estimator: NEES"), plot(e.REAL_TIME, "real-time factor")),
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(scenes, plots, column_shares=[3, 2]),
-        rrb.TimePanel(timeline=e.TIMELINE, play_state="following", state="collapsed"),
-        collapse_panels=True,
-    )
+    return rrb.Horizontal(scenes, plots, column_shares=[3, 2], name=robot or None)

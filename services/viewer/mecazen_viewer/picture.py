@@ -1,4 +1,4 @@
-"""A run as a picture: each message to what is logged of it. No bus, no clock."""
+"""A run as pictures: each message to what is logged of it. No bus, no clock."""
 
 from __future__ import annotations
 
@@ -42,39 +42,50 @@ PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
 """The person's body where physics says nothing of it."""
 
 
+def surroundings(scenario: Scenario) -> Iterator[Entity]:
+    """Return what is there once for all robots, and never changes."""
+    yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    # obstacles and the person's body are physics' to know
+    obstacles = getattr(scenario.sections.get("physics"), "obstacles", ())
+    for number, obstacle in enumerate(obstacles):
+        (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
+        yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
+    yield from plots.styles(plots.TIME_LINES)
+
+
 class Picture:
-    """What is shown of one run.
+    """What is shown of what is said in one namespace in one run: of a robot, as a rule.
 
     Each method takes a message and the time of its tick [ns], and returns the entities that
     it changes. All of them raise ValueError where a message can't be drawn.
+
+    Args:
+        scenario: As the robot's services see it.
+        health: Is told what services say of themselves; of all namespaces there is one.
+        robot: The name of one of several robots. The entities' paths are those of a single one.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+    def __init__(self, scenario: Scenario, health: Health, robot: str = "") -> None:
+        self._scenario, self._health, self._name = scenario, health, robot
         self._robot, self._odom, self._person = Track(), Track(), Track()
         self._model: RobotModel | None = None
         self._seen: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
         self._grid: tuple[int, int] | None = None
         self._centre: tuple[int, int] | None = None
         self._shown_ns: dict[str, int] = {}
-        self._health = Health()
         self._standoff = wanted_view(scenario)
 
     def shapes(self) -> Iterator[Entity]:
-        """Return what never changes, but for the robot."""
-        yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-        # obstacles and the person's body are physics' to know
-        physics = self._scenario.sections.get("physics")
-        body = getattr(physics, "person", None)
+        """Return what never changes of what is the robot's, but for itself."""
+        body = getattr(self._scenario.sections.get("physics"), "person", None)
         base = self._scenario.robot.base
         yield from things.marks(base.length_m, base.width_m)
         yield from things.person(
             getattr(body, "radius_m", PERSON_RADIUS_M), getattr(body, "height_m", PERSON_HEIGHT_M)
         )
-        for number, obstacle in enumerate(getattr(physics, "obstacles", ())):
-            (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
-            yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
-        yield from plots.styles()
+        if self._name:
+            yield things.label(self._name)
+        yield from plots.styles(plots.LINES)
 
     def robot_shapes(self, description: RobotDescription) -> list[Entity]:
         """Return what never changes of the robot."""
@@ -148,7 +159,7 @@ class Picture:
 
     def on_follower_state(self, state: FollowerState, time_ns: int) -> Iterator[Entity]:
         """Show estimate and goal, and how far off the robot and the estimate are."""
-        yield from self._health.tracking(state.tracking)
+        yield from self._health.tracking(state.tracking, self._name)
         if not (state.estimate and state.goal and self._is_due(e.ESTIMATE, time_ns)):
             return
         person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
@@ -175,7 +186,7 @@ class Picture:
     def on_diagnostics(self, report: DiagnosticArray, time_ns: int) -> Iterator[Entity]:
         """Show the health of a service, and the real-time factor that physics tells."""
         del time_ns
-        yield from self._health.diagnostics(report)
+        yield from self._health.diagnostics(report, self._name)
         for status in report.status:
             for pair in status.values:
                 if status.name == "physics" and pair.key == "rtf":

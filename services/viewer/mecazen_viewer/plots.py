@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import rerun as rr
@@ -57,12 +57,16 @@ LINES: dict[str, tuple[Line, ...]] = {
         Line("95 % of a good filter", e.ORANGE),
         Line("NEES", e.BLUE),
     ),
+}
+"""Of each robot."""
+TIME_LINES: dict[str, tuple[Line, ...]] = {
     e.REAL_TIME: (
         Line("standstill", e.GREY),
         Line("real time", e.GREEN),
         Line("simulated", e.BLUE, 2.0),
     ),
 }
+"""Of the simulation."""
 
 DISTANCE_BAND_M, ANGLE_BAND_DEG = (0.1, -0.1), (10.0, -10.0)
 """Without them a small error fills its plot as a large one does."""
@@ -70,9 +74,9 @@ GOOD_NEES = 3.0, 7.815
 """Mean, and the value below which 95 % lie: chi-square with three freedoms."""
 
 
-def styles() -> Iterator[Entity]:
-    """Return the names, colours and widths of all lines, which never change."""
-    for path, lines in LINES.items():
+def styles(plots: Mapping[str, tuple[Line, ...]]) -> Iterator[Entity]:
+    """Return the names, colours and widths of the lines of plots, which never change."""
+    for path, lines in plots.items():
         yield (
             path,
             rr.SeriesLines(

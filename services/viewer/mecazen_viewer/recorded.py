@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, cast
 
 import rerun as rr
+import rerun.blueprint as rrb
 from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
@@ -40,8 +41,8 @@ class Recording(Protocol):
     def samples(self) -> Iterator[Sample]:
         """Return the samples in the order of recording."""
 
-    def description(self) -> RobotDescription | None:
-        """Return what the robot looks like."""
+    def descriptions(self) -> dict[str, RobotDescription]:
+        """Return what robots look like, by their names."""
 
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run, with some sections of services."""
@@ -55,17 +56,17 @@ def draw(file: Path, folder: Path) -> list[Path]:
     """
     recording = _reader(file)(file)
     bus = LocalBus()
-    description = recording.description()
-    if description is not None:
-        serve_description(bus, description)
+    for robot, description in recording.descriptions().items():
+        serve_description(bus.beside(robot), description)
     files: list[Path] = []
     viewer: ViewerService | None = None
     for sample in _frames(recording.samples()):
         if viewer is None:
             if sample.stamp is None:
                 continue  # before there is a run
-            viewer = ViewerService(bus, recording.scenario(sample.stamp.run, *SECTIONS))
-            viewer.send = _Saver(folder, files).take
+            scenario = recording.scenario(sample.stamp.run, *SECTIONS)
+            viewer = ViewerService(bus, scenario)
+            viewer.send = _Saver(folder, files, blueprint(scenario.names)).take
         try:
             bus.put_bytes(sample.key, *sample.as_published())
         except RefusedError:
@@ -103,10 +104,10 @@ def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
 class _Saver:
     """Has each recording written to a file of its own."""
 
-    def __init__(self, folder: Path, files: list[Path]) -> None:
-        self._folder, self._files = folder, files
+    def __init__(self, folder: Path, files: list[Path], layout: rrb.Blueprint) -> None:
+        self._folder, self._files, self._layout = folder, files, layout
 
     def take(self, recording: rr.RecordingStream) -> None:
         file = self._folder / f"{len(self._files)}.rrd"
         self._files.append(file)
-        recording.save(file, default_blueprint=blueprint())
+        recording.save(file, default_blueprint=self._layout)

@@ -10,7 +10,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mecazen_viewer.config import ViewerConfig
-from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import (
     SERVES,
     SHOWS,
@@ -31,13 +30,15 @@ BUFFER = "32MiB"
 class Server:
     """A server that holds the newest data of all runs, and a page that shows them."""
 
-    def __init__(self, process: RerunProcess, data_port: int, web_port: int) -> None:
+    def __init__(
+        self, process: RerunProcess, data_port: int, web_port: int, layout: rrb.Blueprint
+    ) -> None:
         self.uri = uri(data_port)
         """Where native viewers connect."""
         self.url = page(web_port, self.uri)
         """What a browser opens."""
         self.check = process.check
-        self._layout: rrb.Blueprint | None = blueprint()
+        self._layout: rrb.Blueprint | None = layout
 
     def take(self, recording: rr.RecordingStream) -> None:
         """Take what is logged in a new recording; attached viewers turn to it."""
@@ -47,8 +48,8 @@ class Server:
 
 
 @contextmanager
-def serving(config: ViewerConfig) -> Iterator[Server]:
-    """Serve meanwhile, and open a window where the configuration wants one.
+def serving(config: ViewerConfig, layout: rrb.Blueprint) -> Iterator[Server]:
+    """Serve meanwhile, in a layout, and open a window where the configuration wants one.
 
     Raises:
         RerunError: A port is taken.
@@ -60,7 +61,7 @@ def serving(config: ViewerConfig) -> Iterator[Server]:
         process = processes.enter_context(
             rerun("--serve-web", *arguments, ready=SERVES, bind=config.listen)
         )
-        server = Server(process, data, web)
+        server = Server(process, data, web, layout)
         if config.native:
             try:
                 window = rerun("--port=auto", f"--connect={server.uri}", ready=SHOWS)

@@ -21,15 +21,16 @@ from mecazen.service import Service
 from mecazen.wire import Stamp
 
 from mecazen_viewer.config import ViewerConfig
-from mecazen_viewer.entities import TIMELINE, Entity
-from mecazen_viewer.picture import Picture
+from mecazen_viewer.entities import TIMELINE, Entity, of_robot
+from mecazen_viewer.health import Health
+from mecazen_viewer.layout import application, blueprint
+from mecazen_viewer.picture import Picture, surroundings
 from mecazen_viewer.server import serving
 
 MessageT = TypeVar("MessageT", bound=Message)
 
 logger = logging.getLogger(__name__)
 
-APPLICATION = "mecazen"
 FRAME_S = 1 / 30
 BATCH_S = 0.1
 """What is logged in this time is sent together: each batch costs as much as a few frames."""
@@ -37,10 +38,7 @@ DESCRIPTION_TIMEOUT_S = 2.0
 
 
 class ViewerService(Service):
-    """Shows every run as a recording of its own. Nobody waits for it.
-
-    Of several robots it shows the first.
-    """
+    """Shows every run, with all its robots, as a recording of its own. Nobody waits for it."""
 
     NAME = "viewer"
 
@@ -51,28 +49,32 @@ class ViewerService(Service):
         """Takes the recording of each run before anything is logged in it."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
-        first = scenario.names[0]
-        super().__init__(bus.beside(first), scenario.of(first))
-        self.show(keys.GROUND_TRUTH, Picture.on_ground_truth)
-        self.show(keys.JOINT_STATES, Picture.on_joint_states)
-        self.show(keys.JOINT_COMMAND, Picture.on_joint_command)
-        self.show(keys.ODOM, Picture.on_odom)
-        self.show(keys.TARGET_ODOM, Picture.on_target_odom)
-        self.show(keys.OBSERVATION, Picture.on_observation)
-        self.show(keys.FOLLOWER_STATE, Picture.on_follower_state)
-        self.show(keys.CMD_VEL, Picture.on_cmd_vel, tells_time=False)
-        for part in scenario.services:
-            self.show(keys.diagnostics(part), Picture.on_diagnostics)
+        super().__init__(bus, scenario)
+        for robot in scenario.names:
+            self.show(robot, keys.GROUND_TRUTH, Picture.on_ground_truth)
+            self.show(robot, keys.JOINT_STATES, Picture.on_joint_states)
+            self.show(robot, keys.JOINT_COMMAND, Picture.on_joint_command)
+            self.show(robot, keys.ODOM, Picture.on_odom)
+            self.show(robot, keys.TARGET_ODOM, Picture.on_target_odom)
+            self.show(robot, keys.OBSERVATION, Picture.on_observation)
+            self.show(robot, keys.FOLLOWER_STATE, Picture.on_follower_state)
+            self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel, tells_time=False)
+        for part, robot in scenario.processes:
+            self.show(robot, keys.diagnostics(part), Picture.on_diagnostics)
 
     def reset(self, seed: int) -> None:
-        """Begin a new picture."""
+        """Begin new pictures: one for each robot, and one for what several share."""
         del seed
         self.end()
-        self.picture = Picture(self.scenario)
+        scenario, health = self.scenario, Health()
+        self.pictures = {
+            robot: Picture(scenario.of(robot) if robot else scenario, health, robot)
+            for robot in dict.fromkeys(("", *scenario.names))
+        }
 
     def run(self) -> None:
         """Show what is newest, 30 times a second."""
-        with serving(self.config) as server:
+        with serving(self.config, blueprint(self.scenario.names)) as server:
             self.send = server.take
             logger.info("msg=serving url=%s", server.url)
             try:
@@ -87,52 +89,58 @@ class ViewerService(Service):
 
     def show(
         self,
+        robot: str,
         topic: Topic[MessageT],
         draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
         *,
         tells_time: bool = True,
     ) -> None:
-        """Log what `draw` makes of each sample, at the time of its tick."""
+        """Log what `draw` makes of each sample of a robot's topic, at the time of its tick."""
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is None and self.recording is None:
                 return  # an outsider speaks before there is a run
             time_ns = (self.stamp if stamp is None else stamp).time_ns
             try:
-                entities = list(draw(self.picture, message, time_ns))
+                entities = list(draw(self.pictures[robot], message, time_ns))
             except ValueError as refusal:
-                self.bus.refuse(topic.key, str(refusal))
+                self.bus.beside(robot).refuse(topic.key, str(refusal))
                 return
-            self.log(entities, time_ns)
+            self.log(robot, entities, time_ns)
 
-        self.subscribe(topic, deliver, tells_time=tells_time)
+        self.subscribe(topic, deliver, tells_time=tells_time, robot=robot)
 
-    def log(self, entities: Iterable[Entity], time_ns: int) -> None:
-        """Log entities at a simulated time, in the recording of this run."""
+    def log(self, robot: str, entities: Iterable[Entity], time_ns: int) -> None:
+        """Log a robot's entities at a simulated time, in the recording of this run."""
         if self.recording is None:
             self.recording = self.begin()
         if time_ns != self.logged_ns:
             self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
             self.logged_ns = time_ns
         for path, archetype in entities:
-            self.recording.log(path, archetype)
-        for path, archetype in self.picture.ground():
-            self.recording.log(path, archetype, static=True)
+            self.recording.log(of_robot(path, robot), archetype)
+        for path, archetype in self.pictures[robot].ground():
+            self.recording.log(of_robot(path, robot), archetype, static=True)
 
     def begin(self) -> rr.RecordingStream:
         """Return the recording of a new run, with all that never changes."""
         self.runs += 1
         recording = rr.RecordingStream(
-            APPLICATION,
+            application(self.scenario.names),
             recording_id=f"{self.stamp.run:08x}",
             batcher_config=rr.ChunkBatcherConfig(flush_tick=BATCH_S),
         )
         recording.set_log_tick_enabled(False)
         recording.set_log_time_enabled(False)
         self.send(recording)
-        recording.send_recording_name(f"run {self.runs}, seed {self.stamp.seed}")
-        for path, archetype in [*self.picture.shapes(), *self.robot()]:
+        # each of several robots has a seed of its own
+        seed = "" if self.scenario.robots else f", seed {self.stamp.seed}"
+        recording.send_recording_name(f"run {self.runs}{seed}")
+        for path, archetype in surroundings(self.scenario):
             recording.log(path, archetype, static=True)
+        for robot in self.scenario.names:
+            for path, archetype in [*self.pictures[robot].shapes(), *self.robot(robot)]:
+                recording.log(of_robot(path, robot), archetype, static=True)
         return recording
 
     def end(self) -> None:
@@ -141,11 +149,11 @@ class ViewerService(Service):
         # a recording that nobody holds any more keeps its threads until then
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
-    def robot(self) -> Iterable[Entity]:
-        """Ask for the robot; return nothing where nobody describes it."""
+    def robot(self, name: str) -> Iterable[Entity]:
+        """Ask for a robot; return nothing where nobody describes it."""
         try:
-            description = ask_description(self.bus, DESCRIPTION_TIMEOUT_S)
-            return self.picture.robot_shapes(description)
+            description = ask_description(self.bus.beside(name), DESCRIPTION_TIMEOUT_S)
+            return self.pictures[name].robot_shapes(description)
         except (BusError, ValueError) as error:
-            logger.warning("msg=%r", f"no picture of the robot: {error}")
+            logger.warning("msg=%r", f"no picture of {name or 'the robot'}: {error}")
             return []

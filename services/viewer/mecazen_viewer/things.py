@@ -39,6 +39,10 @@ POINT_RADIUS = 0.012
 OBSTACLE_COLOUR = (165, 140, 110)
 CLOTHES, TROUSERS = (112, 128, 150), (70, 78, 92)
 SKIN = (226, 180, 160)
+LABEL_Z = 0.35
+"""Height of a robot's name [m]: above it."""
+LABEL_COLOUR = (25, 25, 25)
+"""Of the letters, on grey in a dark and in a light viewer."""
 CIRCLE_POINTS = 49
 DOT_M = 1e-3
 
@@ -159,6 +163,13 @@ def marks(length: float, width: float) -> Iterator[Entity]:
     for name, colour in TRAIL_COLOURS.items():
         line = rr.LineStrips3D.from_fields(colors=[colour], radii=TRAIL_RADIUS)
         yield f"{e.TRAILS}/{name}", line
+
+
+def label(robot: str) -> Entity:
+    """Return the name of one of several robots, above it."""
+    place = [(0.0, 0.0, LABEL_Z)]
+    point = rr.Points3D(place, labels=[robot], colors=[LABEL_COLOUR], radii=[DOT_M])
+    return f"{e.ROBOT}/label", point
 
 
 def trail(name: str, points: Array) -> Entity:
