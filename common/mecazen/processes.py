@@ -30,6 +30,8 @@ STEADY_S = 1.0
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """... so long at first, twice as long each time it is so again, and at most so long."""
 
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
+"""NumPy's further threads have nothing to do, and each spins for 0.1 s when a process starts."""
 ADDR_NO_RANDOMIZE = 0x0040000
 """Linux' personality(2): programs find their code where every other run of them does."""
 
@@ -114,6 +116,7 @@ class Supervisor:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            env=ONE_THREAD | os.environ,
         )
         watcher = threading.Thread(target=self._watch, args=(name, process), daemon=True)
         watcher.start()
