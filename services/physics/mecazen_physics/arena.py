@@ -44,6 +44,8 @@ class Arena:
         self._stage = Stage(first, config) if len(robots) > 1 else None
         self._closing = 2.0 * config.dt_s * max(world.fastest for world in self.worlds)
         """No two robots come nearer to each other in a step [m]."""
+        self._circles = 2.0 * max(world.footprint().radius for world in self.worlds)
+        """Robots whose middles are farther apart than this do not touch, however they stand [m]."""
         self._met: set[int] = set()
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
@@ -75,13 +77,15 @@ class Arena:
         """
         if len(self.worlds) == 1:
             return _MANY
-        robots = [world.footprint() for world in self.worlds]
+        places = [world.state().position[:2] for world in self.worlds]
         met = set()
         clear = math.inf
-        for one, other in combinations(range(len(robots)), 2):
+        for one, other in combinations(range(len(places)), 2):
             # It takes more to part: nothing goes back and forth at the border.
-            margin = 1.5 if {one, other} <= self._met else 1.0
-            gap = robots[one].gap(robots[other]) - margin * NEAR_M
+            near = (1.5 if {one, other} <= self._met else 1.0) * NEAR_M
+            gap = math.dist(places[one], places[other]) - self._circles - near
+            if gap <= 0.0:
+                gap = self.worlds[one].footprint().gap(self.worlds[other].footprint()) - near
             if gap <= 0.0:
                 met |= {one, other}
             else:

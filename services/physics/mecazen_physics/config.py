@@ -69,7 +69,7 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     """Spheres whose convex hull is a roller's collision shape; odd: one in its middle."""
     rollers: Literal["near", "all"] = "near"
     """Bodies are the rollers that can touch anything soon ("near") or always all of them: the
-    same robot, at half the speed."""
+    same robot, at less than half the speed."""
     drive: Literal["velocity", "effort"] = "velocity"
     """A commanded wheel speed is held by an ideal servo within the motor's torque
     ("velocity") or by a PID controller in the physics loop ("effort")."""

@@ -38,6 +38,11 @@ class Footprint(NamedTuple):
     rim: float = 0.0
     speed: float = 0.0
 
+    @property
+    def radius(self) -> float:
+        """The circle round it [m]."""
+        return math.hypot(self.half_length, self.half_width) + self.rim
+
     def gap(self, other: Footprint) -> float:
         """Return a distance [m] that is between the two at least: each against the other's circle.
 
@@ -60,8 +65,7 @@ class Footprint(NamedTuple):
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         ahead = max(abs(cos * x + sin * y) - self.half_length, 0.0)
         aside = max(abs(cos * y - sin * x) - self.half_width, 0.0)
-        circle = math.hypot(other.half_length, other.half_width) + other.rim
-        return math.hypot(ahead, aside) - self.rim - circle
+        return math.hypot(ahead, aside) - self.rim - other.radius
 
 
 class Outline:
