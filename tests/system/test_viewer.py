@@ -298,13 +298,18 @@ def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
     assert view.communicate(timeout=60)[1] == ""
 
 
-def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerClient) -> None:
-    file = tmp_path / "run.mcap"
-    record = mecazen("simulate", "side", "--duration", "12", "--record", str(file))
+def recorded(scenario: str, seconds: str, folder: Path) -> Path:
+    """Simulate and record a scenario; return what is drawn of the recording."""
+    file = folder / "run.mcap"
+    record = mecazen("simulate", scenario, "--duration", seconds, "--record", str(file))
     record.communicate(timeout=60)
     assert record.returncode == 0
-    (drawn,) = draw(file, tmp_path)
-    attach.open(str(drawn))
+    (drawn,) = draw(file, folder)
+    return drawn
+
+
+def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerClient) -> None:
+    attach.open(str(recorded("side", "12", tmp_path)))
     until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
     state = attach.get_state()
     (follow,) = (view.view_id for view in state.views if view.name == "following")
@@ -318,12 +323,7 @@ def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerCli
 def test_a_recorded_run_of_several_robots_is_shown_whole(
     tmp_path: Path, attach: ViewerClient
 ) -> None:
-    file = tmp_path / "run.mcap"
-    record = mecazen("simulate", "convoy", "--duration", "4", "--record", str(file))
-    record.communicate(timeout=60)
-    assert record.returncode == 0
-    (drawn,) = draw(file, tmp_path)
-    attach.open(str(drawn))
+    attach.open(str(recorded("convoy", "4", tmp_path)))
     until_shown(attach.take_screenshot, shows_two_persons)
     (recording,) = attach.get_state().recordings
     schema = attach.get_recording_schema(recording.store_id, paths_only=True)

@@ -9,6 +9,7 @@ from threading import Event
 from typing import Any, TypeVar
 
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
+from mecazen.config import parted
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
@@ -60,9 +61,9 @@ class LocalBus(Bus):
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
         """Publish bytes on `key` as an outsider would; it may be one of a bus beside this."""
-        name, _, rest = key.partition("/")
-        if name in self._beside:
-            self._beside[name].put_bytes(rest, payload, encoding, attachment)
+        robot, rest = parted(key, self._beside)
+        if robot:
+            self._beside[robot].put_bytes(rest, payload, encoding, attachment)
             return
 
         def deliver(*_: object) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from mecazen.geometry import Pose2D, Twist2D
@@ -18,9 +19,6 @@ from mecazen_physics.reach import LONGEST_S, Footprint, Outline
 from mecazen_physics.scene import Drive, Stage, Walking
 
 Vector = tuple[float, float, float]
-
-
-Range = tuple[float, float]
 
 AT_EASE = 0.8
 """Motors that are asked for less than this share of their torque need no limit."""
@@ -82,7 +80,8 @@ class World:
         self._bearing_friction = robot.rollers.bearing_friction_nms
         self._longest = longest_chunk(config)
         self._hub_inertia = model.links(robot)[0].moments[1]
-        self._jerk_nms = model.driven_inertia(robot) / config.dt_s
+        self._kick_nms = model.driven_inertia(robot) / config.dt_s
+        """What a motor gives for each rad/s by which its wheel's speed changes in one step."""
         self._outline = Outline(robot)
         self._plant = Plant(robot, config, start)
         self.joint_names = self._plant.joint_names
@@ -163,12 +162,13 @@ class World:
         """
         steps = min(steps, self._longest)
         speeds = self._state.joint_velocity[: len(WHEELS)]
-        push = None
+        push: Callable[[], None] | None
         if command.is_effort:
             gain = steps * self._config.dt_s / self._hub_inertia
             changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
             expected = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
-            push = self._push_always(command.values)
+            self._use("torque")
+            push = partial(self._push, command.values)
         else:
             limit = self._max_speed
             target = [min(max(speed, -limit), limit) for speed in command.values]
@@ -179,15 +179,11 @@ class World:
             push = self._aim(target, steps)
         return self._plant.prepare(expected, steps), push
 
-    def _push_always(self, torques: Sequence[float]) -> Callable[[], None]:
-        self._use("torque")
-        return lambda: self._push(torques, self._wheel_speeds())
-
     def _aim(self, target: Sequence[float], steps: int) -> Callable[[], None] | None:
         """Have the motors bring the wheels to `target` [rad/s]; see `prepare`."""
         if self._config.drive == "effort":
             self._use("torque")
-            return lambda: self._control(target)
+            return partial(self._control, target)
         rise = self._rise(target) if self._plant.alone else math.inf
         self._use("speed" if rise <= steps else "servo")
         wheels = self._plant.scene.wheels
@@ -204,7 +200,7 @@ class World:
             return math.inf
         speeds = self._state.joint_velocity
         change = max(abs(goal - speed) for goal, speed in zip(target, speeds, strict=False))
-        return self._jerk_nms * change / left
+        return self._kick_nms * change / left
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated."""
@@ -215,24 +211,21 @@ class World:
 
     def _control(self, target: Sequence[float]) -> None:
         """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
-        speeds = self._wheel_speeds()
-        torques = [
-            pid.update(goal - speed)
-            for pid, goal, speed in zip(self._pids, target, speeds, strict=True)
-        ]
-        self._push(torques, speeds)
-
-    def _push(self, torques: Sequence[float], speeds: Sequence[float]) -> None:
-        """Set the wheels' torques [N·m], as far as motors give them at these speeds [rad/s]."""
         wheels = self._plant.scene.wheels
+        torques = [
+            pid.update(goal - wheel.getVelocity(0))
+            for pid, goal, wheel in zip(self._pids, target, wheels, strict=True)
+        ]
+        self._push(torques)
+
+    def _push(self, torques: Sequence[float]) -> None:
+        """Set the wheels' torques [N·m], as far as motors give them at their speeds."""
         limit, fastest = self._max_torque, self._max_speed
-        for index, (torque, speed) in enumerate(zip(torques, speeds, strict=True)):
+        for wheel, torque in zip(self._plant.scene.wheels, torques, strict=True):
+            speed = wheel.getVelocity(0)
             upper = limit if speed < fastest else 0.0
             lower = -limit if speed > -fastest else 0.0
-            wheels[index].setCommand(0, min(max(torque, lower), upper))
-
-    def _wheel_speeds(self) -> list[float]:
-        return [wheel.getVelocity(0) for wheel in self._plant.scene.wheels]
+            wheel.setCommand(0, min(max(torque, lower), upper))
 
     def _use(self, drive: Drive) -> None:
         self._plant.scene.use(drive)
