@@ -6,8 +6,9 @@ ENV PIP_CONSTRAINT=/constraints.txt PIP_NO_CACHE_DIR=1 PIP_QUIET=1 PIP_ROOT_USER
 COPY constraints.txt /
 
 FROM base AS sdk-wheel
-COPY common /src
-RUN pip wheel --no-deps -w /wheels /src
+COPY common /src/common
+COPY tools /src/tools
+RUN pip wheel --no-deps -w /wheels /src/common /src/tools
 
 # all images share these layers; the router needs no more
 FROM base AS sdk

@@ -9,7 +9,7 @@ import io
 from pathlib import Path
 
 from mecazen.loading import load_scenario
-from mecazen.processes import Supervisor, private_meeting_point
+from mecazen_tools.processes import Supervisor, private_router
 from mecazen_viewer.headless import headless_viewer
 from mecazen_viewer.rerun_process import free_port, uri
 from PIL import Image
@@ -32,7 +32,7 @@ def main() -> None:
     settings = (
         f"viewer.data_port={data_port}",
         "viewer.web_port=0",
-        *private_meeting_point(),
+        *private_router(),
     )
     supervisor = Supervisor(SCENARIO, settings)
     try:

@@ -1,8 +1,21 @@
-"""Settings of every project's tests."""
+"""Settings of every project's tests, and what several of them need: a scenario, a router."""
 
+from __future__ import annotations
+
+import shutil
 import signal
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
+from mecazen.bus.zenoh_bus import open_session
+from mecazen.config import BusConfig, Scenario
+from mecazen.errors import BusError
+from mecazen.loading import load_scenario
+
+ROBOT_FILE = Path(__file__).parents[1] / "configs" / "robots" / "nexus.toml"
 
 # a shared core may be slow: examples are limited in number, not in time
 settings.register_profile("mecazen", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -12,3 +25,45 @@ settings.load_profile("mecazen")
 # tests start and interrupt would never end.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def write_scenario(tmp_path: Path) -> Callable[..., Path]:
+    """Write a scenario into `scenarios/`, beside `robots/nexus.toml`; return its path."""
+    for folder in ("robots", "scenarios"):
+        (tmp_path / folder).mkdir()
+    shutil.copy(ROBOT_FILE, tmp_path / "robots" / "nexus.toml")
+
+    def write(text: str = "", robot: str = 'robot = "../robots/nexus.toml"\n') -> Path:
+        path = tmp_path / "scenarios" / "test.toml"
+        path.write_text(robot + text)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def scenario(write_scenario: Callable[..., Path]) -> Scenario:
+    return load_scenario(write_scenario("seed = 5\n"))
+
+
+@pytest.fixture
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+@pytest.fixture(scope="session")
+def router() -> Iterator[str]:
+    """A Zenoh router on loopback; its endpoint."""
+    for _ in range(10):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        try:
+            session = open_session(BusConfig(connect=(endpoint,)), "router")
+        except BusError:
+            continue  # another process was faster on this port
+        with session:
+            yield endpoint
+        return
+    pytest.fail("no free port")

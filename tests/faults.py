@@ -20,8 +20,8 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import FollowerState, Odometry
-from mecazen.processes import private_meeting_point
 from mecazen.wire import Stamp
+from mecazen_tools.processes import private_router
 
 ROOT = Path(__file__).parents[1]
 GUARD_S = 60.0
@@ -129,12 +129,12 @@ class Up:
     """`mecazen up`, and a bus beside it."""
 
     def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
-        self.settings = (*settings, *private_meeting_point())
+        self.settings = (*settings, *private_router())
         self.scenario = load_scenario(scenario_path(scenario), self.settings)
         options = [*(["--restart"] if restart else []), "--no-viewer"]
         flags = [f"--set={setting}" for setting in self.settings]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mecazen", "up", scenario, *options, *flags],
+            [sys.executable, "-m", "mecazen_tools", "up", scenario, *options, *flags],
             stdout=subprocess.DEVNULL,
             cwd=ROOT,
         )

@@ -37,7 +37,7 @@ def mecazen(
     `before` is called in its process, before it begins.
     """
     return subprocess.run(
-        [sys.executable, "-m", "mecazen", *map(str, arguments)],
+        [sys.executable, "-m", "mecazen_tools", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=COMMAND_GUARD_S,

@@ -56,7 +56,7 @@ class Stage:
         self.names = robots or ("",)
         if described:
             for robot in self.names:
-                serve_description(self.bus.beside(robot), RobotDescription(URDF, {}))
+                serve_description(self.bus.namespaced(robot), RobotDescription(URDF, {}))
         members = tuple(
             RobotConfig(name=name, start=StartConfig(y_m=float(number)))
             for number, name in enumerate(robots)
@@ -68,7 +68,7 @@ class Stage:
         for tick in range(begin, begin + ticks):
             for number, robot in enumerate(self.names):
                 stamp = Stamp(tick * TICK_NS, run, SEED + number)
-                self._publish(self.bus.beside(robot), tick, stamp)
+                self._publish(self.bus.namespaced(robot), tick, stamp)
             self.bus.spin()
 
     def _publish(self, bus: LocalBus, tick: int, stamp: Stamp) -> None:

@@ -13,14 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 import psutil
-from mecazen import certificates, keys
+from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock, Empty, JointState
-from mecazen.processes import Supervisor, private_meeting_point
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, Stamp
+from mecazen_tools import certificates
+from mecazen_tools.processes import Supervisor, private_router
 
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.scenarios import SCENARIOS
@@ -100,7 +101,7 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
 
 def measure(flood: Flood, window_s: float, folder: Path) -> dict[str, Figure]:
     """Return the figures of one flood; certificates, where needed, are made in `folder`."""
-    settings: tuple[str, ...] = private_meeting_point("tls" if flood.secure else "tcp")
+    settings: tuple[str, ...] = private_router("tls" if flood.secure else "tcp")
     if flood.secure:
         certificates.create(folder)
         settings = (*settings, f"bus.zenoh_config={SECURE}", f"bus.keys={folder}")

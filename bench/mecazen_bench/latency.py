@@ -20,8 +20,8 @@ from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
 from mecazen.loading import load_scenario
 from mecazen.messages import JointState, Twist
-from mecazen.processes import Supervisor, private_meeting_point
 from mecazen.wire import JSON_ENCODING, Stamp, encode
+from mecazen_tools.processes import Supervisor, private_router
 
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.scenarios import SCENARIOS
@@ -150,7 +150,7 @@ def figures(latencies: Sequence[float | None], goal: Target = P99_MS) -> dict[st
 def teleop() -> Iterator[Scenario]:
     """Run the scenario's processes meanwhile, apart from any others; yield how to reach them."""
     path = SCENARIOS / "teleop.toml"
-    settings = private_meeting_point()
+    settings = private_router()
     scenario = load_scenario(path, settings)
     supervisor = Supervisor(path, settings)
     try:

@@ -15,9 +15,9 @@ from mecazen.keys import Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
 from mecazen.runtime import find_service
-from mecazen.simulate import Result, in_lockstep, simulate, simulate_distributed
-from mecazen.trajectory import Trajectory
 from mecazen.wire import Stamp
+from mecazen_tools.simulate import Result, in_lockstep, simulate, simulate_distributed
+from mecazen_tools.trajectory import Trajectory
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.scenarios import SCENARIOS
@@ -98,9 +98,9 @@ class TimedBus:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._bus, name)
 
-    def beside(self, name: str) -> TimedBus:
+    def namespaced(self, name: str) -> TimedBus:
         """Return the bus of a namespace, timed for the same part."""
-        bus = self._bus.beside(name)
+        bus = self._bus.namespaced(name)
         return self if bus is self._bus else TimedBus(bus, self._watch, self._part)
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:

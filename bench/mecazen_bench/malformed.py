@@ -23,8 +23,6 @@ from mecazen.keys import Call, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray, Message
 from mecazen.runtime import find_service
-from mecazen.simulate import in_lockstep
-from mecazen.trajectory import Trajectory
 from mecazen.wire import (
     ENCODINGS,
     JSON_ENCODING,
@@ -35,6 +33,8 @@ from mecazen.wire import (
     decode,
     encode,
 )
+from mecazen_tools.simulate import in_lockstep
+from mecazen_tools.trajectory import Trajectory
 
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.scenarios import SCENARIOS

@@ -19,8 +19,8 @@ from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock
-from mecazen.processes import private_meeting_point
 from mecazen.wire import Stamp
+from mecazen_tools.processes import private_router
 
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.latency import go_first
@@ -89,12 +89,12 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
     Raises:
         MecazenError: It does not start.
     """
-    settings = private_meeting_point()
+    settings = private_router()
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
     flags = [f"--set={setting}" for setting in settings]
     begin = time.monotonic()
     up = subprocess.Popen(
-        [sys.executable, "-m", "mecazen", "up", "back", "--no-viewer", *flags],
+        [sys.executable, "-m", "mecazen_tools", "up", "back", "--no-viewer", *flags],
         stdout=subprocess.DEVNULL,
     )
     try:

@@ -14,12 +14,12 @@ from mecazen.errors import MecazenError
 from mecazen.keys import topic_of
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen.processes import Supervisor, private_meeting_point
-from mecazen.simulate import simulate
 from mecazen_recorder.config import Encoding
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.replay import publish
 from mecazen_recorder.writer import RecordingWriter
+from mecazen_tools.processes import Supervisor, private_router
+from mecazen_tools.simulate import simulate
 
 from mecazen_bench.figures import Figure, Group, Row
 from mecazen_bench.scenarios import SCENARIOS
@@ -86,7 +86,7 @@ def _listen(recording: Recording, encoding: Encoding) -> Row:
     """
     path = recording.path.with_name(f"{encoding}.mcap")
     settings = (
-        *private_meeting_point(),
+        *private_router(),
         f'recorder.file="{path}"',
         f"recorder.encoding={encoding}",
     )

@@ -17,9 +17,9 @@ from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen.processes import Supervisor, beside_that_core, on_one_core, private_meeting_point
 from mecazen.runtime import announce_readiness
 from mecazen.wire import Stamp
+from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
 
 from mecazen_bench.scenarios import SCENARIOS
 
@@ -78,7 +78,7 @@ def own_mb(pid: int) -> float:
 @contextmanager
 def running(*settings: str) -> Iterator[tuple[Scenario, Supervisor, ZenohBus, Ticks]]:
     """Start the scenario with a witness; in lockstep as `mecazen simulate --distributed` does."""
-    settings = (*settings, *private_meeting_point())
+    settings = (*settings, *private_router())
     parts = load_scenario(SCENARIO, settings).services
     settings = (*settings, f"services={json.dumps([*parts, WITNESS])}")
     scenario = load_scenario(SCENARIO, settings)

@@ -10,7 +10,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
-from mecazen.processes import Supervisor, private_meeting_point
+from mecazen_tools.processes import Supervisor, private_router
 
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.scenarios import SCENARIOS
@@ -27,7 +27,7 @@ MEMORY_MB = Target.below(300.0)
 def run(window_s: float = WINDOW_S) -> list[Group]:
     """Run the scenario `side` with a viewer that nobody looks at."""
     path = SCENARIOS / "side.toml"
-    settings = ("viewer.web_port=0", "viewer.data_port=0", *private_meeting_point())
+    settings = ("viewer.web_port=0", "viewer.data_port=0", *private_router())
     scenario = load_scenario(path, settings)
     supervisor = Supervisor(path, settings)
     try:

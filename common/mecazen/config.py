@@ -29,12 +29,12 @@ SECURE_ROUTER = "tls/127.0.0.1:7447"
 """The same where there are certificates."""
 
 
-ONLOOKERS = ("viewer", "recorder")
+OBSERVERS = ("viewer", "recorder")
 """Services that no tick waits for, and that nothing else needs."""
 
 COLLECTOR = "collector"
 """The part that writes down a distributed run; physics waits for it as for the others."""
-SHARED = ("physics", *ONLOOKERS, COLLECTOR)
+SHARED = ("physics", *OBSERVERS, COLLECTOR)
 """Parts of which there is one for all robots; of any other, each robot has its own."""
 
 LIVELINESS = "mecazen"
@@ -141,7 +141,7 @@ class BusConfig(Section):
     """A folder of `mecazen keys create`: all links are TLS, with certificates at both ends."""
 
     @property
-    def meeting_point(self) -> tuple[str, ...] | None:
+    def router_endpoints(self) -> tuple[str, ...] | None:
         """Endpoints of the router; None where only the Zenoh configuration file knows."""
         if self.connect or self.zenoh_config:
             return self.connect
@@ -255,12 +255,23 @@ class Scenario(Section):
         return kind() if section is None else cast(SectionT, section)
 
 
-def called(part: str, robot: str) -> str:
+def wanted_view(scenario: Scenario) -> tuple[float, float]:
+    """Return the distance [m] and the difference of headings [rad] that are to be kept.
+
+    They are the follower's to know; a follower that says nothing is held to 1 m and 0°.
+    """
+    standoff = getattr(scenario.sections.get("follower"), "standoff", None)
+    if standoff is None:
+        return 1.0, 0.0
+    return standoff.distance, math.remainder(standoff.heading, math.tau)
+
+
+def join_key(part: str, robot: str) -> str:
     """Return what a part of the robot `robot` is called beside those of others."""
     return f"{robot}/{part}" if robot else part
 
 
-def parted(key: str, robots: Container[str]) -> tuple[str, str]:
+def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
     """Return whose a key is, of the robots of these names, and what it is within its namespace."""
     robot, _, rest = key.partition("/")
     return (robot, rest) if robot in robots else ("", key)

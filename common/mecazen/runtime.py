@@ -21,7 +21,7 @@ from types import ModuleType
 from mecazen import log
 from mecazen.bus.base import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import ONLOOKERS, SHARED, BusConfig, Scenario, called
+from mecazen.config import OBSERVERS, SHARED, BusConfig, Scenario, join_key
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.service import NS_PER_S, Service
@@ -90,7 +90,7 @@ def run_service(kind: type[Service], scenario: Scenario, robot: str = "") -> Non
     """
     scenario = part_of(kind.NAME, scenario, robot)
     service: Service | None = None
-    name = called(kind.NAME, robot)
+    name = join_key(kind.NAME, robot)
     log.set_up(name, lambda: service.stamp.time_ns / NS_PER_S if service else 0.0)
     _refuse_taken_name(kind.NAME, scenario.bus)
     bus = ZenohBus(scenario.bus, lossless=scenario.sim.mode == "lockstep", name=kind.NAME)
@@ -102,7 +102,7 @@ def run_service(kind: type[Service], scenario: Scenario, robot: str = "") -> Non
         # what is loaded stays: the garbage collector need not look through it in mid-tick
         gc.collect()
         gc.freeze()
-        _take_precedence(kind, scenario)
+        _set_real_time_priority(kind, scenario)
         logger.info("msg=started mode=%s", scenario.sim.mode)
         service.run()
     except StoppedError:
@@ -126,7 +126,7 @@ def part_of(name: str, scenario: Scenario, robot: str) -> Scenario:
     return scenario if name in SHARED else scenario.of(robot)
 
 
-def _take_precedence(kind: type[Service], scenario: Scenario) -> None:
+def _set_real_time_priority(kind: type[Service], scenario: Scenario) -> None:
     """Let a service of real time go before what else the machine does, where that is allowed.
 
     As ros2_control's controller manager does. The parts of a stack then share one core: they
@@ -146,7 +146,7 @@ def _take_precedence(kind: type[Service], scenario: Scenario) -> None:
 def _core_of(bus: BusConfig) -> int:
     """Return the core of a stack: of several, each has one by chance, and always the same."""
     cores = sorted(os.sched_getaffinity(0))
-    stack = f"{bus.meeting_point} {bus.namespace}"
+    stack = f"{bus.router_endpoints} {bus.namespace}"
     return cores[zlib.crc32(stack.encode()) % len(cores)]
 
 
@@ -175,7 +175,7 @@ def run_router(scenario: Scenario) -> None:
     # in lockstep nobody keeps time: what is lost there is waited for
     most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
     with open_session(scenario.bus, "router", "router", most_hz=most_hz, robots=scenario.names):
-        logger.info("msg=started endpoints=%s", ",".join(scenario.bus.meeting_point or ()))
+        logger.info("msg=started endpoints=%s", ",".join(scenario.bus.router_endpoints or ()))
         stopped.wait()
 
 
@@ -209,7 +209,7 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
 def declare_alive(bus: Bus, name: str, scenario: Scenario) -> None:
     """Hold a part's token: of one that several robots share, also in the namespace of each."""
     for robot in _namespaces(scenario):
-        bus.beside(robot).declare_alive(name)
+        bus.namespaced(robot).declare_alive(name)
 
 
 def _namespaces(scenario: Scenario) -> tuple[str, ...]:
@@ -226,11 +226,11 @@ def announce_readiness(bus: Bus, name: str, scenario: Scenario) -> None:
     """
     others = set(scenario.services) - {name}
     if scenario.sim.mode == "real_time":
-        others -= set(ONLOOKERS)
+        others -= set(OBSERVERS)
     for robot in _namespaces(scenario):
         # where there are several robots, only what they share is in no one's namespace
         here = others & set(SHARED) if scenario.robots and not robot else others
-        _announce_readiness(bus.beside(robot), name, here)
+        _announce_readiness(bus.namespaced(robot), name, here)
 
 
 def _announce_readiness(bus: Bus, name: str, others: set[str]) -> None:

@@ -10,7 +10,7 @@ from typing import ClassVar, TypeVar
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.bus.base import Handler
-from mecazen.config import Scenario, called
+from mecazen.config import Scenario, join_key
 from mecazen.keys import Topic
 from mecazen.messages import (
     DiagnosticArray,
@@ -96,30 +96,30 @@ class Service(ABC):
         handler: Handler[MessageT],
         *,
         every: bool = False,
-        tells_time: bool = True,
+        advances_clock: bool = True,
         robot: str = "",
     ) -> None:
         """Deliver samples of this run; one of a new run resets the service first.
 
-        Where `tells_time` is false, as on a key that anyone writes, samples of another run
+        Where `advances_clock` is false, as on a key that anyone writes, samples of another run
         are dropped: they can't end this one. With the name of a `robot`, one of several, it
         is its topic.
         """
-        heard = self._inputs.setdefault(called(topic.key, robot), _Input())
+        heard = self._inputs.setdefault(join_key(topic.key, robot), _Input())
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             # within a process all samples of a tick have the same stamp: most are known at once
             if (
                 stamp is not None
                 and stamp is not self.stamp
-                and not (self._is_current(stamp) if tells_time else stamp.run == self.stamp.run)
+                and not (self._is_current(stamp) if advances_clock else stamp.run == self.stamp.run)
             ):
                 return
             heard.count += 1
             heard.newest = stamp or self.stamp
             handler(message, stamp)
 
-        self.bus.beside(robot).subscribe(topic, deliver, every=every)
+        self.bus.namespaced(robot).subscribe(topic, deliver, every=every)
 
     def answer_every_tick(
         self, topic: Topic[MessageT], handler: Callable[[MessageT, Stamp], None]
@@ -173,10 +173,10 @@ class Service(ABC):
         for key, count in self.bus.refused.items():
             values[f"refused/{key}"] = count
         for robot in dict.fromkeys(("", *self.scenario.names)):
-            returns = self.bus.beside(robot).presence.returns
+            returns = self.bus.namespaced(robot).presence.returns
             for name in self.scenario.services:
                 if name in returns:
-                    values[f"restarts/{called(name, robot)}"] = returns[name]
+                    values[f"restarts/{join_key(name, robot)}"] = returns[name]
         status = DiagnosticStatus(
             level=1 if refused else 0,
             name=self.NAME,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from mecazen.cli.options import Settings
+from mecazen_tools.cli.options import Settings
 
 app = typer.Typer(no_args_is_help=True, help="Run scenarios many times and score them.")
 

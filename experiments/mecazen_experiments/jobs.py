@@ -18,9 +18,9 @@ import msgspec
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
-from mecazen.simulate import in_lockstep
 from mecazen_target.config import Recorded, TargetConfig
 from mecazen_target.paths import make_path
+from mecazen_tools.simulate import in_lockstep
 
 from mecazen_experiments.config import BaseCase, Case, Settings
 

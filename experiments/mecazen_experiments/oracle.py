@@ -14,7 +14,7 @@ from mecazen.service import NS_PER_S, Service
 from mecazen.wire import Stamp
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Array, Estimate, Estimator, Params
-from mecazen_follower.following import Following, Sighting
+from mecazen_follower.following import Following, Measurement
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 """Covariance of what is known; not 0, which would say that it is unknown."""
@@ -86,5 +86,5 @@ class OracleFollower(Service):
         twist = self._heard[keys.TARGET_ODOM.key][0].twist.twist.to_planar()
         self._truth.tell(seen, Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw))
         time = stamp.time_ns / NS_PER_S
-        step = self._following.step(time, self._dt, odom, Sighting(seen, CERTAIN))
+        step = self._following.step(time, self._dt, odom, Measurement(seen, CERTAIN))
         self._cmd_vel.put(Twist.planar(step.command), stamp)

@@ -8,8 +8,8 @@ import time
 
 import msgspec
 from mecazen.loading import load_scenario
-from mecazen.simulate import simulate
 from mecazen_follower.config import FollowerConfig
+from mecazen_tools.simulate import simulate
 
 from mecazen_experiments.jobs import Job, Key, check_version
 from mecazen_experiments.scores import Scores, score

@@ -15,8 +15,8 @@ import numpy as np
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
-from mecazen.simulate import simulate
 from mecazen_target.sensor import Sensor
+from mecazen_tools.simulate import simulate
 from rich.table import Table as Shown
 
 from mecazen_experiments.jobs import Job, Key, Series, check_version

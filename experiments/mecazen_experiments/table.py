@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mecazen.errors import ConfigError
-from mecazen.trajectory import COLUMNS, Trajectory
+from mecazen_tools.trajectory import COLUMNS, Trajectory
 
 from mecazen_experiments.poses import Floats, Poses
 
@@ -18,7 +18,7 @@ class Table:
     """The columns of a run, one number a tick in each; NaN where there was nothing.
 
     Args:
-        columns: By their names in `mecazen.trajectory.COLUMNS`; `tracking` is text, empty
+        columns: By their names in `mecazen_tools.trajectory.COLUMNS`; `tracking` is text, empty
             where there was nothing.
         tick_s: The control period.
     """

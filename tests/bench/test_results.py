@@ -9,13 +9,13 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
-from mecazen.cli.app import app
 from mecazen_bench import machine, results
 from mecazen_bench.compare import Change, compare, notes
 from mecazen_bench.figures import Better, Figure, Group, Row, Target, merged
 from mecazen_bench.machine import Machine, Others, OtherWork
 from mecazen_bench.parts import PARTS, Part, measure
 from mecazen_bench.results import Results, ResultsError
+from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
 MACHINE = Machine("Some(R) CPU(TM) i7 @ 2.60GHz", 2, "6.1", "3.11.7", {"numpy": "2.4.6"})

@@ -3,72 +3,24 @@
 from __future__ import annotations
 
 import secrets
-import shutil
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
 from mecazen.bus import Bus, LocalBus, StoppedError
-from mecazen.bus.zenoh_bus import ZenohBus, open_session
-from mecazen.config import BusConfig, Scenario
-from mecazen.errors import BusError
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import BusConfig
 from mecazen.keys import Topic
-from mecazen.loading import load_scenario
 from mecazen.messages import String
 from mecazen.wire import Stamp
 
-ROBOT_FILE = Path(__file__).parents[2] / "configs" / "robots" / "nexus.toml"
 GUARD_S = 10.0
 """Only ends a test that would hang; nothing is measured with it."""
 
 END = Topic("test/end", String, "once", "a test", "all before it has arrived")
-
-
-@pytest.fixture
-def write_scenario(tmp_path: Path) -> Callable[..., Path]:
-    """Write a scenario into `scenarios/`, beside `robots/nexus.toml`; return its path."""
-    for folder in ("robots", "scenarios"):
-        (tmp_path / folder).mkdir()
-    shutil.copy(ROBOT_FILE, tmp_path / "robots" / "nexus.toml")
-
-    def write(text: str = "", robot: str = 'robot = "../robots/nexus.toml"\n') -> Path:
-        path = tmp_path / "scenarios" / "test.toml"
-        path.write_text(robot + text)
-        return path
-
-    return write
-
-
-@pytest.fixture
-def scenario(write_scenario: Callable[..., Path]) -> Scenario:
-    return load_scenario(write_scenario("seed = 5\n"))
-
-
-@pytest.fixture
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
-
-
-@pytest.fixture(scope="session")
-def router() -> Iterator[str]:
-    """A Zenoh router on loopback; its endpoint."""
-    for _ in range(10):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        try:
-            session = open_session(BusConfig(connect=(endpoint,)), "router")
-        except BusError:
-            continue  # another process was faster on this port
-        with session:
-            yield endpoint
-        return
-    pytest.fail("no free port")
 
 
 @pytest.fixture

@@ -360,10 +360,10 @@ def test_when_the_sensors_rate_does_not_divide_the_tick_rate_expect_its_key(writ
 
 
 def test_processes_meet_at_the_usual_port_unless_something_else_is_said():
-    assert BusConfig().meeting_point == ("tcp/127.0.0.1:7447",)
-    assert BusConfig(connect=("tcp/127.0.0.1:1",)).meeting_point == ("tcp/127.0.0.1:1",)
-    assert BusConfig(zenoh_config=Path("zenoh.json5")).meeting_point is None
-    assert BusConfig(keys=Folder("keys")).meeting_point == ("tls/127.0.0.1:7447",)
+    assert BusConfig().router_endpoints == ("tcp/127.0.0.1:7447",)
+    assert BusConfig(connect=("tcp/127.0.0.1:1",)).router_endpoints == ("tcp/127.0.0.1:1",)
+    assert BusConfig(zenoh_config=Path("zenoh.json5")).router_endpoints is None
+    assert BusConfig(keys=Folder("keys")).router_endpoints == ("tls/127.0.0.1:7447",)
 
 
 def test_a_path_is_found_from_the_scenario_and_then_from_where_one_is(

@@ -1,15 +1,12 @@
 """Where strangers may be: which endpoints need certificates, or the word that none are needed."""
 
-import json
 import logging
 
 import pytest
-from mecazen import certificates
 from mecazen.bus.endpoints import is_open
 from mecazen.bus.zenoh_bus import session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
-from mecazen.schema import Folder
 
 LOCAL = [
     "tcp/127.0.0.1:7447",
@@ -114,17 +111,3 @@ def test_endpoints_of_a_zenoh_configuration_are_held_to_the_same(tmp_path, mode,
     with pytest.raises(BusError, match="beyond loopback and without TLS") as caught:
         session_config(BusConfig(zenoh_config=path), mode)
     assert endpoint in str(caught.value)
-
-
-@pytest.mark.parametrize("mode", ["router", "peer"])
-def test_with_keys_all_links_are_tls_and_may_be_beyond_loopback(tmp_path, mode):
-    certificates.create(tmp_path / "keys", ["robot.local"])
-    folder = Folder(tmp_path / "keys")
-    config = session_config(BusConfig(connect=("tls/0.0.0.0:7447",), keys=folder), mode, "physics")
-    assert json.loads(config.get_json("transport/link/protocols")) == ["tls"]
-    assert config.get_json("transport/link/tls/enable_mtls") == "true"
-    own = json.loads(config.get_json("transport/link/tls/listen_private_key"))
-    assert own == str(folder / "physics.key")
-    assert "tls/127.0.0.1:" in session_config(BusConfig(keys=folder), mode).get_json(
-        "listen/endpoints"
-    )

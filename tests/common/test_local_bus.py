@@ -112,12 +112,12 @@ def test_close_drops_what_is_pending(bus):
 
 def test_a_bus_beside_has_keys_of_its_own_and_is_delivered_with_the_other():
     bus = LocalBus()
-    one = bus.beside("one")
+    one = bus.namespaced("one")
     heard = []
-    for name, where in (("", bus), ("one", one), ("two", bus.beside("two"))):
+    for name, where in (("", bus), ("one", one), ("two", bus.namespaced("two"))):
         where.subscribe(keys.CLOCK, lambda message, stamp, name=name: heard.append(name))
-    assert bus.beside("one") is one
-    assert bus.beside("") is bus
+    assert bus.namespaced("one") is one
+    assert bus.namespaced("") is bus
     one.publisher(keys.CLOCK).put(Clock(), Stamp(0, 1, 0))
     bus.publisher(keys.CLOCK).put(Clock(), Stamp(0, 1, 0))
     assert bus.spin_once()
@@ -134,7 +134,7 @@ def test_a_bus_beside_has_keys_of_its_own_and_is_delivered_with_the_other():
 def test_bytes_reach_a_bus_beside_by_a_key_that_begins_with_its_name():
     bus, heard = LocalBus(), []
     for name in ("", "one"):
-        bus.beside(name).subscribe(keys.CLOCK, lambda *_, name=name: heard.append(name))
+        bus.namespaced(name).subscribe(keys.CLOCK, lambda *_, name=name: heard.append(name))
     bus.put_bytes("one/clock", b"{}")
     bus.put_bytes("two/clock", b"{}")
     bus.put_bytes("clock", b"{}")
@@ -144,7 +144,7 @@ def test_bytes_reach_a_bus_beside_by_a_key_that_begins_with_its_name():
 
 def test_what_a_bus_beside_refuses_is_counted_under_its_name():
     bus = LocalBus()
-    bus.beside("one").subscribe(keys.CLOCK, lambda *_: None)
-    bus.beside("one").put_bytes("clock", b"{")
+    bus.namespaced("one").subscribe(keys.CLOCK, lambda *_: None)
+    bus.namespaced("one").put_bytes("clock", b"{")
     bus.spin()
     assert bus.refused == {"one/clock": 1}

@@ -7,7 +7,7 @@ import pytest
 import tomli_w
 from harness import ROBOTS
 from mecazen import loading
-from mecazen.config import BusConfig, parted, seed_of
+from mecazen.config import BusConfig, seed_of, split_key
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
 from mecazen.loading import effective, load_scenario, robots_in, to_toml
@@ -91,12 +91,12 @@ def test_the_effective_configuration_of_robots_loads_again_to_the_same(write_sce
 def test_whose_a_key_is_is_told_by_the_names_of_a_configuration(write_scenario):
     names = robots_in(to_toml(load_scenario(write_scenario(TWO))))
     assert names == ("one", "two")
-    assert parted("two/target/odom", names) == ("two", "target/odom")
-    assert parted("target/odom", names) == ("", "target/odom")
-    assert parted("three/odom", names) == ("", "three/odom")
+    assert split_key("two/target/odom", names) == ("two", "target/odom")
+    assert split_key("target/odom", names) == ("", "target/odom")
+    assert split_key("three/odom", names) == ("", "three/odom")
     for text in (to_toml(load_scenario(write_scenario())), "robots = 3", "no TOML"):
         assert robots_in(text) == ("",)
-    assert parted("odom", ("",)) == ("", "odom")
+    assert split_key("odom", ("",)) == ("", "odom")
 
 
 def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):

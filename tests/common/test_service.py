@@ -110,7 +110,7 @@ def test_an_outsiders_sample_has_no_stamp_and_is_of_any_run(toy, bus, put):
 
 def test_a_key_that_does_not_tell_time_can_not_end_a_run(toy, bus, put):
     heard = []
-    toy.subscribe(keys.TARGET_CMD_VEL, lambda twist, _: heard.append(twist), tells_time=False)
+    toy.subscribe(keys.TARGET_CMD_VEL, lambda twist, _: heard.append(twist), advances_clock=False)
     put(keys.CLOCK, Clock(), at(0))
     toy.events.clear()
     put(keys.TARGET_CMD_VEL, forward(0.1), at(3, run=2))

@@ -486,7 +486,7 @@ def test_a_routers_limit_is_for_each_of_several_robots(free_port, wait_until):
 def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus, wait_until):
     name = f"test{secrets.token_hex(6)}"
     root, one = open_bus(namespace=name), open_bus(namespace=f"{name}/one")
-    beside = root.beside("one")
+    beside = root.namespaced("one")
     heard, answers = [], []
     beside.subscribe(keys.CMD_VEL, lambda twist, _: heard.append(twist.linear.x))
     root.subscribe(keys.CMD_VEL, lambda twist, _: heard.append("in no one's namespace"))
@@ -504,7 +504,7 @@ def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus, wait_u
     wait_until(one, lambda: answers == ["odom"])
     one.put_bytes("cmd_vel", b"{")
     wait_until(root, lambda: root.refused == {"one/cmd_vel": 1})
-    asker = open_bus("client", namespace=name).beside("one")
+    asker = open_bus("client", namespace=name).namespaced("one")
     assert asker.alive() == {"physics", "controller"}
     with ThreadPoolExecutor() as pool:
         asked = pool.submit(asker.call, keys.SIM_STATE, Empty())

@@ -11,10 +11,10 @@ from pathlib import Path
 import msgspec
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen.simulate import simulate
 from mecazen_bench import containers
 from mecazen_bench.compose import docker
 from mecazen_recorder.reader import Recording
+from mecazen_tools.simulate import simulate
 
 ROOT = Path(__file__).parents[2]
 IMAGE_BYTES = 450e6

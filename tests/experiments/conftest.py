@@ -49,7 +49,7 @@ class Folder(NamedTuple):
     def popen(self, *arguments: object) -> subprocess.Popen[str]:
         """Start `mecazen experiment` as a shell does: in a process group of its own."""
         return subprocess.Popen(
-            [sys.executable, "-m", "mecazen", "experiment", *map(str, arguments)],
+            [sys.executable, "-m", "mecazen_tools", "experiment", *map(str, arguments)],
             cwd=self.path,
             env={**os.environ, "COLUMNS": "160", "TERM": "dumb"},
             stdout=subprocess.PIPE,

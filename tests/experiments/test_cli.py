@@ -8,9 +8,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from mecazen.cli.app import app
 from mecazen.errors import MecazenError
 from mecazen_experiments import commands
+from mecazen_tools.cli.app import app
 
 SIX = """
 [[cases]]

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mecazen.config import wanted_view
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
-from mecazen.simulate import simulate, wanted_view
-from mecazen.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
 from mecazen_experiments.poses import Poses, wrap
 from mecazen_experiments.scores import Score, Scores, nees, score
 from mecazen_experiments.table import Table
 from mecazen_follower.goal import Standoff
+from mecazen_tools.simulate import simulate
+from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
 from scipy import stats
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mecazen.loading import load_scenario
-from mecazen.simulate import simulate
 from mecazen_experiments.shares import ORACLE, sights
 from mecazen_experiments.table import Table
+from mecazen_tools.simulate import simulate
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SHORT = ("sim.duration_s=4", "physics.dt_s=0.005")

@@ -6,9 +6,9 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
-from mecazen.trajectory import COLUMNS, Trajectory
 from mecazen.wire import Stamp
 from mecazen_experiments.table import Table
+from mecazen_tools.trajectory import COLUMNS, Trajectory
 
 TICK_NS = 20_000_000
 TICKS = 3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_follower.config import FollowerConfig, PolarControl
-from mecazen_follower.following import Following, Sighting
+from mecazen_follower.following import Following, Measurement
 
 DT = 0.01
 FRAME = 4
@@ -43,7 +43,7 @@ def mean_error(*, response=0.0, told=0.0, robot_delay=0.0, sensor_delay=0.0, noi
         if tick:
             following.predict(DT)
         seen = Pose2D(*(np.array(person) + noise * rng.normal(size=3)).tolist())
-        frames.append(Sighting(seen, covariance) if tick % FRAME == 0 else None)
+        frames.append(Measurement(seen, covariance) if tick % FRAME == 0 else None)
         step = following.step(tick * DT, DT, robot, frames.popleft())
         commands.append(step.command)
         robot = robot.integrate(commands.popleft(), DT)

@@ -58,6 +58,6 @@ def test_seen_is_always_following_and_waiting_never_comes_back(steps):
         state = tracker.update(time, seen)
         assert not seen or state is TrackingState.FOLLOWING
         assert state is not TrackingState.WAITING or before is TrackingState.WAITING
-        # Only a sighting ends a loss.
+        # Only a measurement ends a loss.
         assert before is not TrackingState.LOST or seen or state is TrackingState.LOST
         before = state

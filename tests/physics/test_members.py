@@ -43,7 +43,7 @@ class Rig:
                 sections={"physics": PhysicsConfig(roller_spheres=3, dt_s=0.002)},
             ),
         )
-        self.buses = {name: self.bus.beside(name) for name in NAMES}
+        self.buses = {name: self.bus.namespaced(name) for name in NAMES}
         for bus in self.buses.values():
             for part in ("physics", "controller", "target"):
                 bus.declare_alive(part)

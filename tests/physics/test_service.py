@@ -778,7 +778,7 @@ def test_after_all_that_a_reset_is_as_good_as_a_fresh_start(long_lived: Rig):
 def test_in_real_time_a_run_begins_without_onlookers(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
-    monkeypatch.setattr("mecazen_physics.service.ONLOOKERS_S", 0.0)
+    monkeypatch.setattr("mecazen_physics.service.OBSERVERS_S", 0.0)
     rig = Rig(services=("physics", "recorder"), mode="real_time")
     rig.bus.subscribe(keys.CLOCK, lambda *_: rig.bus.stop())
     with pytest.raises(StoppedError):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import secrets
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -13,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mecazen.bus.zenoh_bus import ZenohBus, open_session
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
-from mecazen.errors import BusError
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import stamp_of, tick, topic_named
 
@@ -42,22 +40,6 @@ def make_recording(tmp_path: Path) -> Callable[..., Path]:
     return make
 
 
-@pytest.fixture(scope="session")
-def router() -> Iterator[str]:
-    """A Zenoh router on loopback; its endpoint."""
-    for _ in range(10):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        try:
-            session = open_session(BusConfig(connect=(endpoint,)), "router")
-        except BusError:
-            continue  # another process was faster on this port
-        with session:
-            yield endpoint
-        return
-    pytest.fail("no free port")
-
-
 class Net:
     """A namespace on the router: a bus in it, and the commands of the recorder."""
 
@@ -77,7 +59,7 @@ class Net:
     def start_quietly(self, *arguments: object) -> subprocess.Popen[str]:
         """Start a command that goes on and says nothing."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "mecazen", *map(str, arguments), *self.tools],
+            [sys.executable, "-m", "mecazen_tools", *map(str, arguments), *self.tools],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -111,7 +93,7 @@ class Net:
 
 def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "mecazen", *map(str, arguments)],
+        [sys.executable, "-m", "mecazen_tools", *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=GUARD_S,

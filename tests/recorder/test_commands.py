@@ -193,7 +193,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
     names = ("one", "two")
     toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
-    buses = [net.bus.beside(name) for name in names]
+    buses = [net.bus.namespaced(name) for name in names]
     for name, bus in zip(names, buses, strict=True):
         serve_description(bus, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
@@ -239,11 +239,11 @@ def test_a_replay_tells_what_several_robots_look_like(net: Net, tmp_path: Path) 
         writer.write("two/odom", odometry(number), stamp, stamp.time_ns)
     writer.close()
     heard: list[Any] = []
-    net.bus.beside("two").subscribe(keys.ODOM, lambda *sample: heard.append(sample))
+    net.bus.namespaced("two").subscribe(keys.ODOM, lambda *sample: heard.append(sample))
     net.start_quietly("replay", path, "--loop")
     net.wait(lambda: bool(heard))
     for name in ("one", "two"):
-        described = ask_description(net.bus.beside(name), timeout_s=10.0)
+        described = ask_description(net.bus.namespaced(name), timeout_s=10.0)
         assert described == RobotDescription(name, ROBOT.meshes)
 
 

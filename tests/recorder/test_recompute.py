@@ -73,13 +73,13 @@ def recorded(tmp_path: Path) -> Callable[..., Path]:
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots)
         bus = LocalBus()
         for robot in scenario.names:
-            find_service(program, scenario)(bus.beside(robot), scenario.of(robot))
+            find_service(program, scenario)(bus.namespaced(robot), scenario.of(robot))
         config = msgspec.convert({"file": str(path), "encoding": encoding}, RecorderConfig)
         recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
         for run in range(7, 7 + runs):
             for number in range(first, TICKS):
                 for other, robot in enumerate(scenario.names):
-                    publish(bus.beside(robot), number, other, stamp_of(number, run, 3 + other))
+                    publish(bus.namespaced(robot), number, other, stamp_of(number, run, 3 + other))
                 bus.spin()
         recorder.close()
         return path

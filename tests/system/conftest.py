@@ -10,7 +10,7 @@ import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
 from mecazen.loading import load_scenario
-from mecazen.processes import Supervisor, private_meeting_point
+from mecazen_tools.processes import Supervisor, private_router
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
@@ -24,13 +24,13 @@ class Stack:
 
     def __init__(self, path: Path, settings: tuple[str, ...]) -> None:
         secure = any(setting.startswith("bus.keys=") for setting in settings)
-        self.settings = (*settings, *private_meeting_point("tls" if secure else "tcp"))
+        self.settings = (*settings, *private_router("tls" if secure else "tcp"))
         self.scenario: Scenario = load_scenario(path, self.settings)
         self.supervisor = Supervisor(path, self.settings)
         self.supervisor.start_router()
         self.bus = ZenohBus(self.scenario.bus, lossless=True)
         for robot in dict.fromkeys(("", *self.scenario.names)):
-            self.bus.beside(robot).declare_alive("test")
+            self.bus.namespaced(robot).declare_alive("test")
 
     @property
     def endpoint(self) -> str:
@@ -43,7 +43,7 @@ class Stack:
         for part, robot in self.scenario.processes:
             self.supervisor.start(part, robot)
         ready = {f"{part}/ready" for part in self.scenario.services}
-        here = [self.bus.beside(robot).presence for robot in self.scenario.names]
+        here = [self.bus.namespaced(robot).presence for robot in self.scenario.names]
         self.wait(lambda: all(ready <= presence.names for presence in here))
 
     def wait(self, condition: Callable[[], bool]) -> None:

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 from harness import mecazen
 from mecazen.loading import effective, load_scenario
-from mecazen.processes import private_meeting_point
+from mecazen_tools.processes import private_router
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
@@ -72,7 +72,7 @@ def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(
     ],
 )
 def test_without_a_router_tools_say_so_in_one_line(arguments: tuple[str, ...]) -> None:
-    meeting = private_meeting_point()[0].partition("=")[2]
+    meeting = private_router()[0].partition("=")[2]
     endpoint = tomllib.loads(f"x = {meeting}")["x"][0]
     assert_one_line(mecazen(*arguments, "--connect", endpoint), 1, endpoint, "mecazen up")
 
@@ -140,11 +140,11 @@ class Up:
     """`mecazen up` in a process of its own."""
 
     def __init__(self, scenario: str, *settings: str) -> None:
-        self.meeting = private_meeting_point()
+        self.meeting = private_router()
         ports = ("viewer.web_port=0", "viewer.data_port=0")
         flags = [f"--set={setting}" for setting in (*settings, *ports, *self.meeting)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mecazen", "up", scenario, *flags],
+            [sys.executable, "-m", "mecazen_tools", "up", scenario, *flags],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -255,10 +255,10 @@ def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file: Pa
 
 
 def test_status_says_in_one_line_that_nobody_is_there() -> None:
-    meeting = private_meeting_point()
+    meeting = private_router()
     flags = [f"--set={setting}" for setting in meeting]
     router = subprocess.Popen(
-        [sys.executable, "-m", "mecazen", "run", "router", "back", *flags],
+        [sys.executable, "-m", "mecazen_tools", "run", "router", "back", *flags],
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,

@@ -27,11 +27,11 @@ from harness import mecazen
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.messages import Empty, JointState, ResetRequest
-from mecazen.processes import ProcessError
 from mecazen.wire import Stamp
 from mecazen_recorder.reader import Recording
 from mecazen_target.config import TargetConfig
 from mecazen_target.walker import Walker
+from mecazen_tools.processes import ProcessError
 
 CIRCLE = ROOT / "configs" / "scenarios" / "circle.toml"
 AT_REST_M_S = 0.02
@@ -328,7 +328,7 @@ def test_a_forged_earlier_tick_changes_nothing(running: Running) -> None:
     assert running.watch.follows
 
 
-CERTIFICATES = ROOT / "common" / "mecazen" / "certificates.py"
+CERTIFICATES = ROOT / "tools" / "mecazen_tools" / "certificates.py"
 """From when to when those hold is told by no other clock."""
 WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
 """What jumps when somebody sets the clock."""

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from mecazen.processes import ProcessError, private_meeting_point
+from mecazen_tools.processes import ProcessError, private_router
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 GUARD_S = 60
@@ -49,7 +49,7 @@ def test_a_service_is_healthy_as_long_as_it_lives(stack) -> None:
 @pytest.mark.parametrize(
     ("scenario", "settings", "words"),
     [
-        (str(SCENARIOS / "back.toml"), private_meeting_point()[:1], "nothing answers"),
+        (str(SCENARIOS / "back.toml"), private_router()[:1], "nothing answers"),
         (str(SCENARIOS / "back.toml"), ("bus.format=xml",), "bus.format"),
         ("/nowhere.toml", (), "/nowhere.toml"),
     ],

@@ -10,10 +10,10 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import open_session
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty
-from mecazen.simulate import simulate
-from mecazen.trajectory import Trajectory
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES
 from mecazen_bench.malformed import CALLS, Loop, Malformed
+from mecazen_tools.simulate import simulate
+from mecazen_tools.trajectory import Trajectory
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 BACK = SCENARIOS / "back.toml"

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
-from mecazen.simulate import collect, simulate, simulate_distributed
+from mecazen_tools.simulate import collect, simulate, simulate_distributed
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
@@ -115,7 +115,7 @@ def test_a_fresh_interpreter_gives_the_same_trajectory(hash_seed: str, tmp_path:
     file = tmp_path / "run.csv"
     settings = [f"--set={setting}" for setting in HARD]
     done = subprocess.run(
-        [sys.executable, "-m", "mecazen", "simulate", str(SCENARIOS / "back.toml"), "--json",
+        [sys.executable, "-m", "mecazen_tools", "simulate", str(SCENARIOS / "back.toml"), "--json",
          "--trajectory", str(file), *settings],
         env={**os.environ, "PYTHONHASHSEED": hash_seed},
         capture_output=True,

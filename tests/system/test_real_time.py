@@ -15,9 +15,9 @@ from mecazen.errors import BusError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, Odometry, ResetRequest, SimState, StepRequest
-from mecazen.simulate import simulate
-from mecazen.trajectory import Trajectory
 from mecazen.wire import Stamp
+from mecazen_tools.simulate import simulate
+from mecazen_tools.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from harness import mecazen
 from mecazen import keys
-from mecazen.cli.status import _Listener
-from mecazen.config import called
+from mecazen.config import join_key
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, Odometry, ResetRequest
-from mecazen.simulate import simulate, simulate_distributed
+from mecazen_tools.cli.status import _Listener
+from mecazen_tools.simulate import simulate, simulate_distributed
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 CONVOY = SCENARIOS / "convoy.toml"
@@ -81,7 +81,7 @@ class Watch:
         self.newest: dict[str, Odometry] = {}
         self.seeds: dict[str, int] = {}
         for robot in running.scenario.names:
-            self._watch(running.bus.beside(robot), topic, robot)
+            self._watch(running.bus.namespaced(robot), topic, robot)
 
     def _watch(self, bus, topic, robot: str) -> None:
         def take(message, stamp) -> None:
@@ -125,7 +125,7 @@ def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack) -> None:
     running.wait(lambda: len(odom.newest) == 2)
     where = ("--connect", running.endpoint, "--namespace", running.scenario.bus.namespace)
     drive = '{"linear":{"x":0.3}}'
-    done = mecazen("pub", called("cmd_vel", "one"), drive, *where)
+    done = mecazen("pub", join_key("cmd_vel", "one"), drive, *where)
     assert done.returncode == 0, done.stderr
     running.wait(lambda: odom.pose("one").x > -0.95)
     assert odom.pose("two").x == pytest.approx(-1.0, abs=1e-3)

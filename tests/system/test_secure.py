@@ -19,16 +19,17 @@ from typing import Any, NamedTuple
 
 import pytest
 import zenoh
-from mecazen import certificates, keys
+from mecazen import keys
 from mecazen.bus.zenoh_bus import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, OdometryRequest
-from mecazen.processes import private_meeting_point
 from mecazen.schema import Folder
-from mecazen.simulate import simulate, simulate_distributed
 from mecazen.wire import Stamp
+from mecazen_tools import certificates
+from mecazen_tools.processes import private_router
+from mecazen_tools.simulate import simulate, simulate_distributed
 
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
@@ -73,7 +74,7 @@ class Net(NamedTuple):
 
 @pytest.fixture(params=[None, "robot1", "fleet/robot2"])
 def net(request: pytest.FixtureRequest, folder: Folder) -> Iterator[Net]:
-    endpoint = private_meeting_point("tls")[0].split('"')[1]
+    endpoint = private_router("tls")[0].split('"')[1]
     with ExitStack() as stack:
 
         def open_one(name: str, mode: str = "client", connect: str = endpoint, **more: Any) -> Any:
@@ -99,7 +100,7 @@ class Host:
     """A peer that hears everything, and answers what it may answer."""
 
     def __init__(self, net: Net, name: str, *answers: str) -> None:
-        self.endpoint = private_meeting_point("tls")[0].split('"')[1]
+        self.endpoint = private_router("tls")[0].split('"')[1]
         self.session = net.open(name, "peer", listen=(self.endpoint,))
         self.heard: list[str] = []
         self.asked: list[str] = []
@@ -266,7 +267,7 @@ def test_without_a_certificate_of_this_authority_nobody_gets_in(
 
 
 def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mecazen", *map(str, arguments)]
+    command = [sys.executable, "-m", "mecazen_tools", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 

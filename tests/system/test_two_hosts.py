@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mecazen import certificates
+from mecazen_tools import certificates
 
 ROOT = Path(__file__).parents[2]
 BACK = ROOT / "configs" / "scenarios" / "back.toml"

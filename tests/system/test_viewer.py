@@ -225,7 +225,7 @@ def test_a_viewer_that_hangs_holds_nobody_up(stack) -> None:
 
 def mecazen(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-m", "mecazen", *arguments],
+        [sys.executable, "-m", "mecazen_tools", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -277,9 +277,9 @@ def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes
 
 
 def meeting() -> tuple[str, ...]:
-    from mecazen.processes import private_meeting_point
+    from mecazen_tools.processes import private_router
 
-    return private_meeting_point()
+    return private_router()
 
 
 def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:

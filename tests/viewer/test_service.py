@@ -107,7 +107,7 @@ def test_several_robots_are_in_one_recording_each_by_its_own_samples() -> None:
     stage.play(run=1, ticks=1)
     assert taken.names == ["00000001"]
     far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
-    stage.bus.beside("two").publisher(keys.GROUND_TRUTH).put(far, Stamp(10**9, 1, 7))
+    stage.bus.namespaced("two").publisher(keys.GROUND_TRUTH).put(far, Stamp(10**9, 1, 7))
     stage.bus.spin()
     assert stage.bus.refused == {"two/ground_truth/odom": 1}
 
@@ -117,7 +117,7 @@ def test_of_several_robots_the_one_that_nobody_describes_is_named(
 ) -> None:
     stage = Stage(described=False, robots=("one", "two"))
     Recordings(stage)
-    serve_description(stage.bus.beside("one"), RobotDescription(URDF, {}))
+    serve_description(stage.bus.namespaced("one"), RobotDescription(URDF, {}))
     with caplog.at_level(logging.WARNING):
         stage.play(run=1, ticks=2)
     assert [record.getMessage() for record in caplog.records] == [

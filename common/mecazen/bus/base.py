@@ -88,23 +88,23 @@ class Bus(ABC):
         self.presence = Presence()
         self._last_report: dict[str, float] = {}
         self._prefix = ""
-        self._beside: dict[str, Self] = {}
+        self._namespaced: dict[str, Self] = {}
 
-    def beside(self, name: str) -> Self:
+    def namespaced(self, name: str) -> Self:
         """Return the bus of a namespace within this one's, or this bus where it has no name.
 
         What arrives on either is delivered by the `spin_once` of any; both end together.
         """
         if not name:
             return self
-        if name not in self._beside:
-            bus = self._make_beside()
+        if name not in self._namespaced:
+            bus = self._make_namespaced()
             bus._prefix, bus.refused = f"{self._prefix}{name}/", self.refused
-            self._beside[name] = bus
-        return self._beside[name]
+            self._namespaced[name] = bus
+        return self._namespaced[name]
 
     @abstractmethod
-    def _make_beside(self) -> Self:
+    def _make_namespaced(self) -> Self:
         """Return a new bus that shares what this one waits for."""
 
     @abstractmethod

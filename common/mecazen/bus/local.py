@@ -9,7 +9,7 @@ from threading import Event
 from typing import Any, TypeVar
 
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
-from mecazen.config import parted
+from mecazen.config import split_key
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
@@ -39,7 +39,7 @@ class LocalBus(Bus):
         self._files: dict[str, bytes] = {}
         self._stopped = Event()
 
-    def _make_beside(self) -> LocalBus:
+    def _make_namespaced(self) -> LocalBus:
         """Return a bus of the same queue."""
         bus = LocalBus()
         bus._pending, bus._stopped = self._pending, self._stopped
@@ -61,9 +61,9 @@ class LocalBus(Bus):
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
         """Publish bytes on `key` as an outsider would; it may be one of a bus beside this."""
-        robot, rest = parted(key, self._beside)
+        robot, rest = split_key(key, self._namespaced)
         if robot:
-            self._beside[robot].put_bytes(rest, payload, encoding, attachment)
+            self._namespaced[robot].put_bytes(rest, payload, encoding, attachment)
             return
 
         def deliver(*_: object) -> None:

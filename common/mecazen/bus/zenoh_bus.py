@@ -21,8 +21,7 @@ import zenoh
 
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample
 from mecazen.bus.endpoints import is_open
-from mecazen.certificates import AUTHORITY, OPERATOR
-from mecazen.config import LIVELINESS, BusConfig, called
+from mecazen.config import LIVELINESS, BusConfig, join_key
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Call, Topic
 from mecazen.messages import Message
@@ -61,6 +60,11 @@ CONNECT_MS = 10_000
 BETWEEN_PAUSES = 0.1
 """Of a pause: so long it takes to receive what has gathered in it."""
 
+AUTHORITY = "ca"
+"""The name of the certificate authority's own certificate, in a folder of keys."""
+OPERATOR = "operator"
+"""Whose certificate the tools use."""
+
 SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
 
@@ -96,7 +100,7 @@ def session_config(
                 f"{config.zenoh_config}: not a Zenoh configuration: {_reason(error)}"
             ) from None
         listen = config.listen
-    meeting = config.meeting_point
+    meeting = config.router_endpoints
     settings: dict[str, Any] = {
         "mode": mode,
         "scouting/multicast/enabled": config.multicast_scouting,
@@ -124,7 +128,7 @@ def session_config(
                     "messages": ["put"],
                     # two keys of one rule share its rate: physics tells of all robots at once
                     "rules": [
-                        {"key_expr": f"**/{called(topic.key, robot)}", "freq": most_hz}
+                        {"key_expr": f"**/{join_key(topic.key, robot)}", "freq": most_hz}
                         for robot in robots
                         for topic in TOPICS
                     ],
@@ -215,7 +219,7 @@ def open_session(
     try:
         return zenoh.open(session_config(config, mode, name, most_hz=most_hz, robots=robots))
     except zenoh.ZError as error:
-        endpoints = ", ".join(config.meeting_point or (str(config.zenoh_config),))
+        endpoints = ", ".join(config.router_endpoints or (str(config.zenoh_config),))
         reason = _reason(error)
         if mode == "router" and "Address already in use" in reason:
             raise BusError(
@@ -287,7 +291,7 @@ class ZenohBus(Bus):
         self._session = open_session(config, mode or config.mode, name)
         self._tokens: list[zenoh.LivelinessToken] = []
 
-    def _make_beside(self) -> ZenohBus:
+    def _make_namespaced(self) -> ZenohBus:
         """Return a bus of the same session and queue."""
         bus = copy(self)
         Bus.__init__(bus)

@@ -72,7 +72,7 @@ class ControllerService(Service):
         else:
             self.answer_every_tick(keys.GROUND_TRUTH, self.on_ground_truth)
         self.command_topic = replace(keys.CMD_VEL, key=config.command_key)
-        self.subscribe(self.command_topic, self.on_cmd_vel, tells_time=False)
+        self.subscribe(self.command_topic, self.on_cmd_vel, advances_clock=False)
         bus.serve(keys.SET_ODOMETRY, self.on_set_odometry)
 
     def reset(self, seed: int) -> None:

@@ -18,7 +18,7 @@ MAX_SPEED = 10.0
 """... and than at this speed [m/s, rad/s], nothing moves: the odometry was set anew."""
 
 
-class Sighting(NamedTuple):
+class Measurement(NamedTuple):
     """An observed pose of the person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
     pose: Pose2D
@@ -59,24 +59,24 @@ class Following:
         self._robot: Pose2D | None = None
         self._last_seen = 0.0
 
-    def step(self, time: float, dt: float, robot: Pose2D, sighting: Sighting | None) -> Step:
+    def step(self, time: float, dt: float, robot: Pose2D, measurement: Measurement | None) -> Step:
         """Go ahead by `dt` [s] to `time` [s], with base_link at `robot` in odom.
 
         Raises:
-            ValueError: The sighting is no pose, see `Estimator.update`; without it the call
+            ValueError: The measurement is no pose, see `Estimator.update`; without it the call
                 may be made again.
         """
         if self._robot is not None and _jumped(self._robot, robot, dt):
             self.estimator.reset()
             self._controller.stop()
-        if sighting is not None:
+        if measurement is not None:
             if self._tracking is TrackingState.LOST:
                 # where they were last is no prior any more for where they appear
                 self.estimator.reset()
-            self.estimator.update(*sighting)
+            self.estimator.update(*measurement)
             self._last_seen = time
         self._robot = robot
-        self._tracking = self._tracker.update(time, seen=sighting is not None)
+        self._tracking = self._tracker.update(time, seen=measurement is not None)
         person = self.estimator.ahead(self._latency)
         if person is None:
             return Step(self._sent(self._controller.stop(), dt), self._tracking, 0.0)

@@ -24,7 +24,7 @@ from mecazen.wire import Stamp
 
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.following import Following, Sighting, Step
+from mecazen_follower.following import Following, Measurement, Step
 from mecazen_follower.observation import in_odom, ros_covariance
 
 HISTORY_TICKS = 500
@@ -69,7 +69,7 @@ class FollowerService(Follower):
         self.last_ns = stamp.time_ns
         time = stamp.time_ns / NS_PER_S
         try:
-            step = self.following.step(time, dt, robot, self._sighting(frame, robot))
+            step = self.following.step(time, dt, robot, self._measurement(frame, robot))
         except ValueError as refusal:
             self.bus.refuse(keys.OBSERVATION.key, str(refusal))
             step = self.following.step(time, dt, robot, None)
@@ -78,7 +78,7 @@ class FollowerService(Follower):
         self.state.put(self.told, stamp)
         return step.command
 
-    def _sighting(self, frame: Observation | None, robot: Pose2D) -> Sighting | None:
+    def _measurement(self, frame: Observation | None, robot: Pose2D) -> Measurement | None:
         """Return the person in a frame in odom, if it shows one."""
         if frame is None or not frame.poses:
             return None

@@ -7,7 +7,7 @@ from operator import itemgetter
 
 from mecazen import keys
 from mecazen.bus import Bus
-from mecazen.config import Scenario, called, seed_of
+from mecazen.config import Scenario, join_key, seed_of
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
@@ -85,9 +85,9 @@ class Member:
         """Those whose answer is awaited, and who are not alive."""
         return self.awaited - self.bus.presence.names
 
-    def called(self, part: str) -> str:
+    def join_key(self, part: str) -> str:
         """Return what a service of this robot is called."""
-        return called(part, self.name)
+        return join_key(part, self.name)
 
     def on_joint_command(self, joints: JointState, stamp: Stamp | None) -> None:
         """Take velocities [rad/s] or efforts [N·m] of the wheels, by name."""

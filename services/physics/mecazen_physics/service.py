@@ -8,7 +8,7 @@ import time
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
-from mecazen.config import ONLOOKERS, Scenario, whole_ticks
+from mecazen.config import OBSERVERS, Scenario, whole_ticks
 from mecazen.errors import StepTimeoutError
 from mecazen.loading import to_toml
 from mecazen.messages import (
@@ -30,7 +30,7 @@ from mecazen_physics.schedule import Schedule
 
 logger = logging.getLogger(__name__)
 
-ONLOOKERS_S = 1.0
+OBSERVERS_S = 1.0
 """In real time, how long onlookers may come after all others are ready and miss nothing."""
 PRESENCE_POLL_S = 0.25
 """How long a missing answer may take before it is asked whether its service still lives."""
@@ -56,7 +56,7 @@ class PhysicsService(Service):
         self.steps_per_tick = whole_ticks("sim.tick_s", scenario.sim.tick_s, self.config.dt_s)
         self.lockstep = scenario.sim.mode == "lockstep"
         self.members = [
-            Member(name, bus.beside(name), scenario.of(name)) for name in scenario.names
+            Member(name, bus.namespaced(name), scenario.of(name)) for name in scenario.names
         ]
         self.schedule = Schedule(scenario.sim.tick_s, scenario.sim.speed)
         self.paused = False
@@ -211,8 +211,8 @@ class PhysicsService(Service):
         }
         for member in self.members:
             x, y, _ = member.world.state().position
-            values[member.called("x_m")] = round(x, 3)
-            values[member.called("y_m")] = round(y, 3)
+            values[member.join_key("x_m")] = round(x, 3)
+            values[member.join_key("y_m")] = round(y, 3)
         return values
 
     @property
@@ -223,13 +223,13 @@ class PhysicsService(Service):
     @property
     def awaited(self) -> list[str]:
         """Services whose answer to this tick is still to come."""
-        return [member.called(part) for member in self.members for part in sorted(member.awaited)]
+        return [member.join_key(part) for member in self.members for part in sorted(member.awaited)]
 
     def _await_services(self) -> None:
         others = set(self.scenario.services) - {self.NAME}
-        onlookers = set() if self.lockstep else others & set(ONLOOKERS)
+        onlookers = set() if self.lockstep else others & set(OBSERVERS)
         missing = self._await_ready(others - onlookers, self.scenario.sim.answer_timeout_s)
-        missing += self._await_ready(onlookers, ONLOOKERS_S)
+        missing += self._await_ready(onlookers, OBSERVERS_S)
         if missing and self.lockstep:
             raise StepTimeoutError(f"not there to start with: {', '.join(missing)}")
         if missing:
@@ -240,7 +240,7 @@ class PhysicsService(Service):
         deadline = time.monotonic() + timeout_s
         while True:
             missing = [
-                member.called(name)
+                member.join_key(name)
                 for member in self.members
                 for name in sorted(names)
                 if f"{name}/ready" not in member.bus.presence.names
@@ -254,7 +254,9 @@ class PhysicsService(Service):
         while not self.is_answered and self.asked_reset is None:
             if self.bus.spin_once(PRESENCE_POLL_S):
                 continue
-            gone = [member.called(part) for member in self.members for part in sorted(member.gone)]
+            gone = [
+                member.join_key(part) for member in self.members for part in sorted(member.gone)
+            ]
             if self.lockstep and (gone or time.monotonic() > deadline):
                 missing = ", ".join(gone or self.awaited)
                 raise StepTimeoutError(

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
-from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
-from mecazen.config import called
+from mecazen.config import join_key
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.service import NS_PER_S
+from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from rich.console import Console
 from rich.table import Column, Table
 
@@ -144,7 +144,7 @@ def replay(
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
     with tool_bus(connect, namespace, tls) as bus:
         for name, description in recording.descriptions().items():
-            serve_description(bus.beside(name), description)
+            serve_description(bus.namespaced(name), description)
         for turn in count() if loop else range(1):
             published = publish(
                 recording,
@@ -166,9 +166,9 @@ def _recompute(recording: Recording, program: str, robot: str) -> None:
     compared = recompute(recording, program, robot)
     _tell_if_cut_off(recording)
     if compared.difference is not None:
-        raise MecazenError(f"{recording.path}: {called(str(compared.difference), robot)}")
+        raise MecazenError(f"{recording.path}: {join_key(str(compared.difference), robot)}")
     counts = sorted(compared.counts.items())
-    samples = ", ".join(f"{count} of {called(key, robot)}" for key, count in counts)
+    samples = ", ".join(f"{count} of {join_key(key, robot)}" for key, count in counts)
     typer.echo(f"{program}: identical: {samples}")
 
 

@@ -6,7 +6,7 @@ import statistics
 from itertools import pairwise
 
 import msgspec
-from mecazen.config import parted
+from mecazen.config import split_key
 from mecazen.service import NS_PER_S
 
 from mecazen_recorder.reader import Recording, Sample
@@ -70,7 +70,7 @@ def inspect(recording: Recording) -> Info:
         if stamp is not None:
             first, last = spans.get(stamp.run, (sample.time_ns, sample.time_ns))
             spans[stamp.run] = min(first, sample.time_ns), max(last, sample.time_ns)
-            if not parted(sample.key, recording.robots(stamp.run))[0]:
+            if not split_key(sample.key, recording.robots(stamp.run))[0]:
                 seeds.setdefault(stamp.run, stamp.seed)
     runs = tuple(
         RunInfo(

@@ -14,7 +14,7 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
-from mecazen.config import Scenario, parted
+from mecazen.config import Scenario, split_key
 from mecazen.description import RobotDescription
 from mecazen.explain import one_line
 from mecazen.keys import TOPICS
@@ -138,7 +138,7 @@ class Recording:
         for name, urdf in self._files.items():
             robot, _, file = name.rpartition("/")
             if file == URDF:
-                parts = ((*parted(other, (robot,)), data) for other, data in self._files.items())
+                parts = ((*split_key(other, (robot,)), data) for other, data in self._files.items())
                 own = {other: data for whose, other, data in parts if whose == robot}
                 del own[URDF]
                 found[robot] = RobotDescription(urdf.decode(), own)

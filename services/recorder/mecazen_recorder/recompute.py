@@ -11,7 +11,7 @@ import msgspec
 from mecazen import keys
 from mecazen.bus import LocalBus, Publisher
 from mecazen.bus.base import Handler
-from mecazen.config import parted
+from mecazen.config import split_key
 from mecazen.errors import ConfigError
 from mecazen.keys import Topic
 from mecazen.messages import Message
@@ -148,7 +148,7 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 
 def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> list[Sample]:
     """Return the samples in the namespace of a robot, with their keys in it."""
-    parts = ((sample, *parted(sample.key, robots)) for sample in samples)
+    parts = ((sample, *split_key(sample.key, robots)) for sample in samples)
     return [sample._replace(key=key) for sample, name, key in parts if name == robot]
 
 

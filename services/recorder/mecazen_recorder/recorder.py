@@ -11,7 +11,7 @@ from typing import Any
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus, includes
-from mecazen.config import called, parted
+from mecazen.config import join_key, split_key
 from mecazen.description import ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
@@ -78,10 +78,10 @@ class Recorder:
             topics += map(keys.diagnostics, services)
             for robot in dict.fromkeys(("", *robots)):
                 for topic in topics:
-                    name = called(topic.key, robot)
+                    name = join_key(topic.key, robot)
                     if any(includes(key, name) for key in config.keys):
                         take = partial(self._take, name)
-                        bus.beside(robot).subscribe(topic, take, every=True)
+                        bus.namespaced(robot).subscribe(topic, take, every=True)
 
     def run(self) -> None:
         """Record until the bus is stopped."""
@@ -124,7 +124,7 @@ class Recorder:
 
     def _topic_of(self, key: str) -> Topic[Message] | None:
         """Return the table's entry for a key, which may be that of one of several robots."""
-        return topic_of(parted(key, self._robots)[1])
+        return topic_of(split_key(key, self._robots)[1])
 
     def _note(self, stamp: Stamp | None) -> None:
         """Remember the newest tick, and write down a run that begins."""
@@ -147,7 +147,7 @@ class Recorder:
             if robot in self._described:
                 continue
             try:
-                description = ask_description(self._bus.beside(robot), ANSWER_S)
+                description = ask_description(self._bus.namespaced(robot), ANSWER_S)
             except BusError:
                 continue  # nobody simulates, as in a replay of another recording
             self.writer.write_description(description, robot)

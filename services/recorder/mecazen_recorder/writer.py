@@ -15,7 +15,7 @@ from typing import IO, cast
 
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
-from mecazen.config import called
+from mecazen.config import join_key
 from mecazen.description import RobotDescription
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp
@@ -84,7 +84,7 @@ class RecordingWriter:
         """Attach what a robot looks like: its URDF last, when all that it names is there."""
         for name, data in [*description.meshes.items(), (URDF, description.urdf.encode())]:
             kind = "application/xml" if name == URDF else "application/octet-stream"
-            self._mcap.add_attachment(0, 0, called(name, robot), kind, data)
+            self._mcap.add_attachment(0, 0, join_key(name, robot), kind, data)
 
     def sync_if_due(self) -> None:
         """Bring to the disk what was written, once in `SYNC_S`."""

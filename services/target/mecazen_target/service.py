@@ -47,7 +47,7 @@ class TargetService(Service):
         self.observation = bus.publisher(keys.OBSERVATION)
         super().__init__(bus, scenario)
         self.answer_every_tick(keys.GROUND_TRUTH, self.on_ground_truth)
-        self.subscribe(keys.TARGET_CMD_VEL, self.on_cmd_vel, tells_time=False)
+        self.subscribe(keys.TARGET_CMD_VEL, self.on_cmd_vel, advances_clock=False)
 
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""

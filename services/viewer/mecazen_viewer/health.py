@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import rerun as rr
-from mecazen.config import called
+from mecazen.config import join_key
 from mecazen.messages import DiagnosticArray, DiagnosticStatus
 
 from mecazen_viewer import entities as e
@@ -38,13 +38,13 @@ class Health:
         if state != self._tracking.get(robot, ""):
             self._tracking[robot] = state
             level = TRACKING_LEVELS.get(state, rr.TextLogLevel.INFO)
-            line = f"{called('tracking', robot)}: {state}"
+            line = f"{join_key('tracking', robot)}: {state}"
             yield f"{e.LOG}/follower", rr.TextLog(line, level=level)
 
     def diagnostics(self, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
         """Return a line for each service whose health changes, and the table of all."""
         for status in report.status:
-            name = called(status.name, robot)
+            name = join_key(status.name, robot)
             before = self._status.get(name)
             self._status[name] = status
             if before is None or (before.level, before.message) != (status.level, status.message):

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
-from mecazen.config import Scenario
+from mecazen.config import Scenario, wanted_view
 from mecazen.description import RobotDescription
 from mecazen.geometry import Pose2D
 from mecazen.messages import (
@@ -20,7 +20,6 @@ from mecazen.messages import (
     Twist,
 )
 from mecazen.robot import WHEEL_JOINTS, WHEELS
-from mecazen.simulate import wanted_view
 
 from mecazen_viewer import covariance, plots, things, urdf
 from mecazen_viewer import entities as e

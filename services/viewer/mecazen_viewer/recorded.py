@@ -57,7 +57,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
     recording = _reader(file)(file)
     bus = LocalBus()
     for robot, description in recording.descriptions().items():
-        serve_description(bus.beside(robot), description)
+        serve_description(bus.namespaced(robot), description)
     files: list[Path] = []
     viewer: ViewerService | None = None
     for sample in _frames(recording.samples()):

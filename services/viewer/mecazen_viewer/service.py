@@ -58,7 +58,7 @@ class ViewerService(Service):
             self.show(robot, keys.TARGET_ODOM, Picture.on_target_odom)
             self.show(robot, keys.OBSERVATION, Picture.on_observation)
             self.show(robot, keys.FOLLOWER_STATE, Picture.on_follower_state)
-            self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel, tells_time=False)
+            self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel, advances_clock=False)
         for part, robot in scenario.processes:
             self.show(robot, keys.diagnostics(part), Picture.on_diagnostics)
 
@@ -93,7 +93,7 @@ class ViewerService(Service):
         topic: Topic[MessageT],
         draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
         *,
-        tells_time: bool = True,
+        advances_clock: bool = True,
     ) -> None:
         """Log what `draw` makes of each sample of a robot's topic, at the time of its tick."""
 
@@ -104,11 +104,11 @@ class ViewerService(Service):
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
             except ValueError as refusal:
-                self.bus.beside(robot).refuse(topic.key, str(refusal))
+                self.bus.namespaced(robot).refuse(topic.key, str(refusal))
                 return
             self.log(robot, entities, time_ns)
 
-        self.subscribe(topic, deliver, tells_time=tells_time, robot=robot)
+        self.subscribe(topic, deliver, advances_clock=advances_clock, robot=robot)
 
     def log(self, robot: str, entities: Iterable[Entity], time_ns: int) -> None:
         """Log a robot's entities at a simulated time, in the recording of this run."""
@@ -152,7 +152,7 @@ class ViewerService(Service):
     def robot(self, name: str) -> Iterable[Entity]:
         """Ask for a robot; return nothing where nobody describes it."""
         try:
-            description = ask_description(self.bus.beside(name), DESCRIPTION_TIMEOUT_S)
+            description = ask_description(self.bus.namespaced(name), DESCRIPTION_TIMEOUT_S)
             return self.pictures[name].robot_shapes(description)
         except (BusError, ValueError) as error:
             logger.warning("msg=%r", f"no picture of {name or 'the robot'}: {error}")

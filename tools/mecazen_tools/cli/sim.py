@@ -7,12 +7,12 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-
 from mecazen import keys
-from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen.errors import ConfigError
 from mecazen.keys import Call
 from mecazen.messages import Message, SimState
+
+from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 
 STEP_TIMEOUT_S = 3600.0
 

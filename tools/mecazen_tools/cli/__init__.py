@@ -1,5 +1,5 @@
 """The command line: `mecazen --help`."""
 
-from mecazen.cli.app import main
+from mecazen_tools.cli.app import main
 
 __all__ = ["main"]

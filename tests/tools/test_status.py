@@ -1,8 +1,8 @@
 """What `mecazen status` shows of what services say of themselves."""
 
 import pytest
-from mecazen.cli.status import Input, ServiceStatus, screen, status_of
 from mecazen.messages import SimState, Time
+from mecazen_tools.cli.status import Input, ServiceStatus, screen, status_of
 from rich.console import Console
 
 PARTS = ("physics", "controller", "follower")

@@ -13,10 +13,9 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import msgspec
-
 from mecazen import keys
 from mecazen.bus import Bus
-from mecazen.config import called
+from mecazen.config import join_key
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.wire import Stamp
@@ -98,7 +97,7 @@ class Trajectory:
     def columns(self) -> tuple[str, ...]:
         """The names of what a row holds: `COLUMNS`; of several robots, those of each."""
         time, *others = COLUMNS
-        return time, *(called(name, robot) for robot in self._robots for name in others)
+        return time, *(join_key(name, robot) for robot in self._robots for name in others)
 
     @property
     def complete(self) -> bool:
@@ -185,7 +184,7 @@ class Trajectory:
             if stamp is not None:
                 column.setdefault(stamp.time_ns // tick_ns, read(message))
 
-        bus.beside(robot).subscribe(topic, take, every=True)
+        bus.namespaced(robot).subscribe(topic, take, every=True)
 
 
 def _planar(row: Row) -> Pose2D:

@@ -11,21 +11,21 @@ from pathlib import Path
 from typing import Any, cast
 
 import msgspec
-
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import COLLECTOR, ONLOOKERS, Scenario, called
+from mecazen.config import COLLECTOR, OBSERVERS, Scenario, join_key, wanted_view
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
-from mecazen.processes import (
+from mecazen.runtime import announce_readiness, declare_alive, find_service, part_of
+from mecazen.service import NS_PER_S
+
+from mecazen_tools.processes import (
     Supervisor,
     beside_that_core,
     on_one_core,
-    private_meeting_point,
+    private_router,
 )
-from mecazen.runtime import announce_readiness, declare_alive, find_service, part_of
-from mecazen.service import NS_PER_S
-from mecazen.trajectory import Scores, Trajectory
+from mecazen_tools.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
 """Is told, now and then, how many ticks are done."""
@@ -78,8 +78,8 @@ def simulate(
     parts = {}
     for role, robot in scenario.processes:
         seen = part_of(role, scenario, robot)
-        parts[called(role, robot)] = kinds[role](bus.beside(robot), seen)
-        declare_alive(bus.beside(robot), role, seen)
+        parts[join_key(role, robot)] = kinds[role](bus.namespaced(robot), seen)
+        declare_alive(bus.namespaced(robot), role, seen)
     # Physics is the one part that is not driven by samples alone; its class is not known here.
     physics = cast(Any, parts["physics"])
     begin = time.perf_counter()
@@ -145,17 +145,6 @@ def _mean(values: Iterable[float | None]) -> float | None:
     return math.fsum(known) / len(known) if known else None
 
 
-def wanted_view(scenario: Scenario) -> tuple[float, float]:
-    """Return the distance [m] and the difference of headings [rad] that are to be kept.
-
-    They are the follower's to know; a follower that says nothing is held to 1 m and 0°.
-    """
-    standoff = getattr(scenario.sections.get("follower"), "standoff", None)
-    if standoff is None:
-        return 1.0, 0.0
-    return standoff.distance, math.remainder(standoff.heading, math.tau)
-
-
 def simulate_distributed(
     path: Path, settings: tuple[str, ...], name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
@@ -175,7 +164,7 @@ def simulate_distributed(
         *settings,
         "sim.mode=lockstep",
         f"services={json.dumps([*scenario.services, COLLECTOR])}",
-        *private_meeting_point("tls" if scenario.bus.keys else "tcp"),
+        *private_router("tls" if scenario.bus.keys else "tcp"),
     )
     scenario = load_scenario(path, settings)
     supervisor = Supervisor(path, settings)
@@ -190,7 +179,7 @@ def simulate_distributed(
                 if part == COLLECTOR:
                     continue
                 # who no tick waits for keeps off the core of those that it does
-                with beside_that_core() if part in ONLOOKERS else on_one_core():
+                with beside_that_core() if part in OBSERVERS else on_one_core():
                     supervisor.start(part, robot)
             with beside_that_core():
                 wall_s = _collect(trajectory, bus, lambda: supervisor.poll(0.0), progress)
@@ -223,10 +212,10 @@ def collect(
         alive = {
             (part, robot)
             for robot in scenario.names
-            for part in bus.beside(robot).presence.names & set(scenario.services)
+            for part in bus.namespaced(robot).presence.names & set(scenario.services)
         }
         seen.update(alive)
-        if gone := sorted({called(*part) for part in seen - alive}):
+        if gone := sorted({join_key(*part) for part in seen - alive}):
             raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
 
     bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)

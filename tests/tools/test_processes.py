@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from mecazen import processes
-from mecazen.processes import Line, ProcessError, Supervisor
+from mecazen_tools import processes
+from mecazen_tools.processes import Line, ProcessError, Supervisor
 
 GUARD_S = 60.0
 """Only ends a test that would hang."""

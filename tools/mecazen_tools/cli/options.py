@@ -9,7 +9,6 @@ from typing import Annotated
 
 import msgspec
 import typer
-
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, SECURE_ROUTER, BusConfig, Scenario
 from mecazen.errors import ConfigError

@@ -11,18 +11,18 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import SHARED, join_key
+from mecazen.errors import BusError
+from mecazen.messages import DiagnosticArray, Empty, SimState
+from mecazen.wire import RefusedError, decode
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from mecazen import keys
-from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
-from mecazen.config import SHARED, called
-from mecazen.errors import BusError
-from mecazen.messages import DiagnosticArray, Empty, SimState
-from mecazen.wire import RefusedError, decode
+from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 
 REFRESH_S = 0.5
 ANSWER_S = 0.5
@@ -174,8 +174,10 @@ class _Listener:
         self._alive = self._bus.alive()
         for robot in self._robots:
             # of what the robots share it is known already
-            alive = {n for n in self._bus.beside(robot).alive() if n.split("/")[0] not in SHARED}
-            self._alive |= {called(name, robot) for name in alive}
+            alive = {
+                n for n in self._bus.namespaced(robot).alive() if n.split("/")[0] not in SHARED
+            }
+            self._alive |= {join_key(name, robot) for name in alive}
         sim = None
         if "physics" in self._alive:
             try:
@@ -192,7 +194,7 @@ class _Listener:
         """Learn from a scenario's tables who takes part."""
         self._robots = tuple(robot["name"] for robot in scenario["robots"])
         self._parts = tuple(
-            called(part, robot)
+            join_key(part, robot)
             for part in scenario["services"]
             for robot in (("",) if part in SHARED else self._robots or ("",))
         )
@@ -200,7 +202,7 @@ class _Listener:
             self._hear(robot)
 
     def _hear(self, robot: str) -> None:
-        self._bus.beside(robot).subscribe_bytes(ALL_DIAGNOSTICS, partial(self._take, robot))
+        self._bus.namespaced(robot).subscribe_bytes(ALL_DIAGNOSTICS, partial(self._take, robot))
 
     def _take(
         self, robot: str, key: str, payload: bytes, encoding: str, attachment: bytes | None
@@ -212,7 +214,7 @@ class _Listener:
             self._bus.refuse(key, str(refusal))
             return
         for status in report.status:
-            self.reports[called(status.name, robot)] = {
+            self.reports[join_key(status.name, robot)] = {
                 pair.key: pair.value for pair in status.values
             }
 

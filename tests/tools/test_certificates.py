@@ -1,15 +1,19 @@
 """`mecazen keys create`: an authority and a certificate for each part, and no way around."""
 
 import ipaddress
+import json
 import sys
 
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
-from mecazen import certificates
+from mecazen.bus.zenoh_bus import session_config
+from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.loading import KNOWN_SERVICES
+from mecazen.schema import Folder
+from mecazen_tools import certificates
 
 
 @pytest.fixture(scope="module")
@@ -87,4 +91,18 @@ def test_when_the_library_is_missing_expect_one_line_that_says_what_to_install(
 ):
     monkeypatch.setitem(sys.modules, "cryptography", None)
     text = error_of(lambda: certificates.create(tmp_path / "keys"))
-    assert text == "keys need the library cryptography: pip install 'mecazen[keys]'"
+    assert text == "keys need the library cryptography: pip install 'mecazen-tools[keys]'"
+
+
+@pytest.mark.parametrize("mode", ["router", "peer"])
+def test_with_keys_all_links_are_tls_and_may_be_beyond_loopback(tmp_path, mode):
+    certificates.create(tmp_path / "keys", ["robot.local"])
+    folder = Folder(tmp_path / "keys")
+    config = session_config(BusConfig(connect=("tls/0.0.0.0:7447",), keys=folder), mode, "physics")
+    assert json.loads(config.get_json("transport/link/protocols")) == ["tls"]
+    assert config.get_json("transport/link/tls/enable_mtls") == "true"
+    own = json.loads(config.get_json("transport/link/tls/listen_private_key"))
+    assert own == str(folder / "physics.key")
+    assert "tls/127.0.0.1:" in session_config(BusConfig(keys=folder), mode).get_json(
+        "listen/endpoints"
+    )

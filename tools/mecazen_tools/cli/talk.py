@@ -8,14 +8,14 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-from rich.console import Console
-from rich.table import Table
-
 from mecazen import keys
-from mecazen.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen.errors import ConfigError
 from mecazen.keys import topic_of
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
+from rich.console import Console
+from rich.table import Table
+
+from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 
 LIVE_S = 1.0
 

@@ -10,15 +10,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mecazen.bus.zenoh_bus import AUTHORITY, OPERATOR
 from mecazen.errors import MecazenError
 
 if TYPE_CHECKING:
     from cryptography import x509
 
-AUTHORITY = "ca"
-"""The name of the authority's own certificate."""
-OPERATOR = "operator"
-"""Whose certificate the tools use."""
 NAMES = (
     "router",
     "physics",
@@ -56,7 +53,7 @@ def create(folder: Path, hosts: Sequence[str] = ()) -> None:
         from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID  # noqa: PLC0415
     except ImportError:
         raise MecazenError(
-            "keys need the library cryptography: pip install 'mecazen[keys]'"
+            "keys need the library cryptography: pip install 'mecazen-tools[keys]'"
         ) from None
 
     places = x509.SubjectAlternativeName([_place(host) for host in (*LOOPBACK, *hosts)])

@@ -13,21 +13,21 @@ from pathlib import Path
 from types import FrameType
 from typing import Literal
 
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import OBSERVERS, ROUTER, SECURE_ROUTER, Scenario, join_key
+from mecazen.errors import ConfigError
+from mecazen.loading import load_scenario
+from mecazen.messages import DiagnosticArray
+from mecazen.runtime import find_service, installed_services
+from mecazen.service import NS_PER_S
+from mecazen.wire import Stamp
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from mecazen import keys
-from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ONLOOKERS, ROUTER, SECURE_ROUTER, Scenario, called
-from mecazen.errors import ConfigError
-from mecazen.loading import load_scenario
-from mecazen.messages import DiagnosticArray
-from mecazen.processes import Line, Supervisor
-from mecazen.runtime import find_service, installed_services
-from mecazen.service import NS_PER_S
-from mecazen.wire import Stamp
+from mecazen_tools.processes import Line, Supervisor
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
@@ -80,7 +80,7 @@ def run_up(
         with closing(ZenohBus(scenario.bus, "client")) as bus:
             status = Status(bus, scenario)
             for part, robot in scenario.processes:
-                supervisor.start(part, robot, needed=part not in ONLOOKERS)
+                supervisor.start(part, robot, needed=part not in OBSERVERS)
             if shown:
                 supervisor.start(VIEWER, needed=False)
             _introduce(console, scenario, supervisor, path)
@@ -118,7 +118,7 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
 
 def _is_told_at_its_end(line: Line) -> bool:
     """Return whether this is the error by which a needed part ends, which names the part then."""
-    return line.name not in ONLOOKERS and line.text.startswith("error: ")
+    return line.name not in OBSERVERS and line.text.startswith("error: ")
 
 
 class Status:
@@ -135,8 +135,8 @@ class Status:
         self._health: dict[str, Mapping[str, str]] = {}
         for part, robot in scenario.processes:
             if part in REPORTING:
-                hear = partial(self._on_report, called(part, robot))
-                bus.beside(robot).subscribe(keys.diagnostics(part), hear)
+                hear = partial(self._on_report, join_key(part, robot))
+                bus.namespaced(robot).subscribe(keys.diagnostics(part), hear)
 
     @property
     def text(self) -> str:
@@ -160,9 +160,9 @@ class Status:
         """Return what a robot, its person and its follower do."""
         physics, person, follower = (
             self._health.get(part, {})
-            for part in ("physics", called("target", robot), called("follower", robot))
+            for part in ("physics", join_key("target", robot), join_key("follower", robot))
         )
-        x, y = (_number(physics, called(name, robot)) for name in ("x_m", "y_m"))
+        x, y = (_number(physics, join_key(name, robot)) for name in ("x_m", "y_m"))
         person_x, person_y = _number(person, "x_m"), _number(person, "y_m")
         error = _number(follower, "distance_error_m")
         said = []
@@ -197,12 +197,12 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
         table.add_row(name, str(pid), WORK.get(part, scenario.programs.get(part, "")))
     console.print(table)
     folder = scenario.bus.keys
-    endpoint = (scenario.bus.meeting_point or (SECURE_ROUTER if folder else ROUTER,))[0]
+    endpoint = (scenario.bus.router_endpoints or (SECURE_ROUTER if folder else ROUTER,))[0]
     tls = f" --tls {os.path.relpath(folder)}" if folder else ""
     console.print(f"Tools attach at [bold]{endpoint}[/]. In another terminal:")
     drive = '{"linear":{"x":0.3}}'
     odom, cmd_vel, walk = (
-        called(topic.key, scenario.names[0])
+        join_key(topic.key, scenario.names[0])
         for topic in (keys.ODOM, keys.CMD_VEL, keys.TARGET_CMD_VEL)
     )
     lines = [

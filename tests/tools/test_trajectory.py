@@ -8,8 +8,8 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
-from mecazen.trajectory import COLUMNS, Scores, Trajectory
 from mecazen.wire import Stamp
+from mecazen_tools.trajectory import COLUMNS, Scores, Trajectory
 
 TICK_NS = 10_000_000
 ALL = ("physics", "controller", "target", "follower")
@@ -188,7 +188,7 @@ def test_of_several_robots_each_has_its_columns_and_scores_and_all_make_the_hash
     for name, gap in (("one", 1.5), ("two", 3.0)):
         for topic, x in ((keys.GROUND_TRUTH, 0.0), (keys.TARGET_ODOM, gap)):
             odometry = planar_odometry(Time(), "world", "base", Pose2D(x=x), Twist2D())
-            bus.beside(name).publisher(topic).put(odometry, Stamp(0, 1, 0))
+            bus.namespaced(name).publisher(topic).put(odometry, Stamp(0, 1, 0))
             assert not trajectory.complete
             bus.spin()
     assert trajectory.complete

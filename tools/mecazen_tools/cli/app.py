@@ -12,18 +12,18 @@ from typing import Annotated, Literal
 
 import msgspec
 import typer
+from mecazen import keys, runtime
+from mecazen.errors import MecazenError
+from mecazen.loading import scenario_path, to_toml
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen import keys, runtime
-from mecazen.cli import certificates, sim, status, talk
-from mecazen.cli.options import ScenarioArgument, Settings, load
-from mecazen.cli.up import run_up
-from mecazen.errors import MecazenError
-from mecazen.loading import scenario_path, to_toml
-from mecazen.simulate import Result, collect, simulate, simulate_distributed
-from mecazen.trajectory import Scores, Trajectory
+from mecazen_tools.cli import certificates, sim, status, talk
+from mecazen_tools.cli.options import ScenarioArgument, Settings, load
+from mecazen_tools.cli.up import run_up
+from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
+from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
 

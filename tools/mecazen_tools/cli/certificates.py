@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mecazen import certificates
+from mecazen_tools import certificates
 
 app = typer.Typer(no_args_is_help=True, help="Certificates, for TLS and access control.")
 

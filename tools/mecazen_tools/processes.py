@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from mecazen.config import called
+from mecazen.config import join_key
 from mecazen.errors import MecazenError
 
 STOP_TIMEOUT_S = 5.0
@@ -104,7 +104,7 @@ class Supervisor:
 
         Where it is not `needed`, its end is no error.
         """
-        name = called(service, robot)
+        name = join_key(service, robot)
         arguments = (service, f"--robot={robot}")
         self._parts[name] = _Part(self._spawn(name, arguments), arguments, needed)
 
@@ -227,7 +227,7 @@ def _how(event: Ended) -> str:
     return event.error.removeprefix("error: ") or f"ended with code {event.code}"
 
 
-def private_meeting_point(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
+def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
     """Return settings by which processes meet at a free port, under a namespace of their own.
 
     Several runs, and one that is `up`, then do not hear each other.

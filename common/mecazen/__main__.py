@@ -1,5 +1,0 @@
-"""The command line: `python -m mecazen`."""
-
-from mecazen.cli import main
-
-main()

@@ -1,0 +1,1 @@
+"""The command `mecazen`: starts, simulates, scores and watches; makes certificates."""
