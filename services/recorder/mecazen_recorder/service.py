@@ -13,7 +13,7 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.config import Scenario
 from mecazen.loading import to_toml
 from mecazen.messages import Clock
-from mecazen.service import Service
+from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
 from mecazen_recorder.config import RecorderConfig
@@ -27,19 +27,17 @@ QUIET_S = 0.1
 """... and until nothing has come for so long."""
 
 
-class RecorderService(Service):
+class RecorderService(Observer):
     """Records beside the services of a scenario: it takes everything and answers nothing."""
 
-    NAME = "recorder"
-
-    def __init__(self, bus: Bus, scenario: Scenario) -> None:
-        config = scenario.section(RecorderConfig, self.NAME)
+    def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
+        super().__init__(name, bus, scenario)
+        config = scenario.section(RecorderConfig, "recorder")
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
         self.recorder = Recorder(
             bus, config, scenario.services, lambda: to_toml(scenario), scenario.names
         )
-        super().__init__(bus, scenario)
         self.subscribe(keys.CLOCK, self.on_clock)
 
     def reset(self, seed: int) -> None:
@@ -51,7 +49,7 @@ class RecorderService(Service):
         self.recorder.run()
 
     def on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
-        """Do nothing: the base class tells the time by it."""
+        """Do nothing: the base class knows the newest tick by it."""
 
     def close(self) -> None:
         """Take what is still on its way from those that end with this service; end the file."""
