@@ -13,6 +13,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
+from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.wire import MAX_SAMPLE_BYTES, RefusedError, Stamp, decode
 
@@ -241,6 +242,7 @@ class Bus(ABC):
             return call.request()
         try:
             request = decode(payload, call.request)
+            refuse_implausible(call.key, request)
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
@@ -281,4 +283,5 @@ def decode_sample(
         raise RefusedError(f"payload of more than {MAX_SAMPLE_BYTES} bytes")
     stamp = None if attachment is None else Stamp.unpack(attachment)
     message = decode(payload, topic.type, encoding)
+    refuse_implausible(topic.key, message)
     return message, stamp

@@ -1,0 +1,112 @@
+"""Which numbers are plausible: the one table of limits of what comes from outside.
+
+A sample or a request beyond its limits is refused where its bytes are decoded, before any node
+sees it. What is published within the process is not decoded, so it is not checked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple
+
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.wire import RefusedError
+
+FARTHEST_M = 1e6
+"""The largest coordinate: beyond it the arithmetic of poses loses millimetres."""
+FARTHEST_START_M = 1e5
+"""The largest coordinate that odometry can be set to: it leaves room to drive on."""
+FASTEST = 1e6
+"""The largest component of a velocity of the robot or its joints [m/s, rad/s]."""
+FASTEST_PERSON = 10.0
+"""The largest component of a velocity of the person [m/s, rad/s]."""
+LONGEST_QUATERNION = 1e6
+"""The largest component of a quaternion, which need not be normalised."""
+
+
+class Limit(NamedTuple):
+    """The largest magnitude that some numbers of a message may have."""
+
+    what: str
+    unit: str
+    most: float
+    part: Callable[[Any], Any]
+    """Takes the part of a message that holds them ..."""
+    numbers: Callable[[Any], Sequence[float]]
+    """... and the numbers from that part."""
+
+
+def _xyz(vector: m.Vector3 | m.Point) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _xyzw(q: m.Quaternion) -> tuple[float, float, float, float]:
+    return q.x, q.y, q.z, q.w
+
+
+_planar = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+"""Takes the entries of x, y and yaw from a row-major 6x6; others may say "unknown" by 1e99."""
+
+
+def _pose(path: str, farthest_m: float = FARTHEST_M) -> tuple[Limit, ...]:
+    return (
+        Limit("position", "m", farthest_m, attrgetter(f"{path}position"), _xyz),
+        Limit("quaternion", "", LONGEST_QUATERNION, attrgetter(f"{path}orientation"), _xyzw),
+    )
+
+
+def _twist(path: str, linear: float = FASTEST, angular: float = FASTEST) -> tuple[Limit, ...]:
+    return (
+        Limit("linear velocity", "m/s", linear, attrgetter(f"{path}linear"), _xyz),
+        Limit("angular velocity", "rad/s", angular, attrgetter(f"{path}angular"), _xyz),
+    )
+
+
+def _each(path: str, limits: tuple[Limit, ...]) -> tuple[Limit, ...]:
+    """Return the limits of a message that has several parts at `path`, of one of them."""
+
+    def of_all(limit: Limit) -> Callable[[Sequence[Any]], list[float]]:
+        return lambda parts: [n for part in parts for n in limit.numbers(limit.part(part))]
+
+    return tuple(limit._replace(part=attrgetter(path), numbers=of_all(limit)) for limit in limits)
+
+
+BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
+    m.Twist: _twist(""),
+    m.Odometry: _pose("pose.pose.") + _twist("twist.twist."),
+    m.OdometryRequest: _pose("pose.", FARTHEST_START_M),
+    m.JointState: (Limit("joint velocity", "rad/s", FASTEST, attrgetter("velocity"), tuple),),
+    m.Observation: _each(
+        "poses",
+        (
+            *_pose("pose."),
+            Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar),
+        ),
+    ),
+    m.FollowerState: _each("estimate", _pose("pose.pose.")) + _each("goal", _pose("")),
+}
+"""The limits of a message, whichever key carries it."""
+
+BY_KEY: Mapping[str, tuple[Limit, ...]] = {
+    keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON, FASTEST_PERSON),
+    keys.TARGET_ODOM.key: _pose("pose.pose.") + _twist("twist.twist.", FASTEST_PERSON),
+}
+"""The limits of a key that has others."""
+
+
+def refuse_implausible(key: str, message: m.Message) -> None:
+    """Check a message that came on `key`, without a robot's namespace.
+
+    Raises:
+        RefusedError: A number is beyond its limit.
+    """
+    for what, unit, most, part, numbers in BY_KEY.get(key) or BY_TYPE.get(type(message), ()):
+        values = numbers(part(message))
+        if math.hypot(*values) > most:  # where it is not, no number is; quicker than each
+            for value in values:
+                if abs(value) > most:
+                    at_most = f"{most:g} {unit}".rstrip()
+                    raise RefusedError(f"{what} {value} is out of range, at most {at_most}")
