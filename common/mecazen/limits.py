@@ -23,8 +23,6 @@ FASTEST = 1e6
 """The largest component of a velocity of the robot or its joints [m/s, rad/s]."""
 FASTEST_PERSON = 10.0
 """The largest component of a velocity of the person [m/s, rad/s]."""
-LONGEST_QUATERNION = 1e6
-"""The largest component of a quaternion, which need not be normalised."""
 
 
 class Limit(NamedTuple):
@@ -43,19 +41,12 @@ def _xyz(vector: m.Vector3 | m.Point) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def _xyzw(q: m.Quaternion) -> tuple[float, float, float, float]:
-    return q.x, q.y, q.z, q.w
-
-
 _planar = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
 """Takes the entries of x, y and yaw from a row-major 6x6; others may say "unknown" by 1e99."""
 
 
-def _pose(path: str, farthest_m: float = FARTHEST_M) -> tuple[Limit, ...]:
-    return (
-        Limit("position", "m", farthest_m, attrgetter(f"{path}position"), _xyz),
-        Limit("quaternion", "", LONGEST_QUATERNION, attrgetter(f"{path}orientation"), _xyzw),
-    )
+def _position(path: str, farthest_m: float = FARTHEST_M) -> Limit:
+    return Limit("position", "m", farthest_m, attrgetter(f"{path}position"), _xyz)
 
 
 def _twist(path: str, linear: float = FASTEST, angular: float = FASTEST) -> tuple[Limit, ...]:
@@ -65,34 +56,33 @@ def _twist(path: str, linear: float = FASTEST, angular: float = FASTEST) -> tupl
     )
 
 
-def _each(path: str, limits: tuple[Limit, ...]) -> tuple[Limit, ...]:
-    """Return the limits of a message that has several parts at `path`, of one of them."""
-
-    def of_all(limit: Limit) -> Callable[[Sequence[Any]], list[float]]:
-        return lambda parts: [n for part in parts for n in limit.numbers(limit.part(part))]
-
-    return tuple(limit._replace(part=attrgetter(path), numbers=of_all(limit)) for limit in limits)
+def _each(path: str, limit: Limit) -> Limit:
+    """Return the limit of a message whose parts at `path` all have that limit."""
+    return limit._replace(
+        part=attrgetter(path),
+        numbers=lambda parts: [n for part in parts for n in limit.numbers(limit.part(part))],
+    )
 
 
 BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
     m.Twist: _twist(""),
-    m.Odometry: _pose("pose.pose.") + _twist("twist.twist."),
-    m.OdometryRequest: _pose("pose.", FARTHEST_START_M),
+    m.Odometry: (_position("pose.pose."), *_twist("twist.twist.")),
+    m.OdometryRequest: (_position("pose.", FARTHEST_START_M),),
     m.JointState: (Limit("joint velocity", "rad/s", FASTEST, attrgetter("velocity"), tuple),),
-    m.Observation: _each(
-        "poses",
-        (
-            *_pose("pose."),
-            Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar),
-        ),
+    m.Observation: (
+        _each("poses", _position("pose.")),
+        _each("poses", Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar)),
     ),
-    m.FollowerState: _each("estimate", _pose("pose.pose.")) + _each("goal", _pose("")),
+    m.FollowerState: (
+        _each("estimate", _position("pose.pose.")),
+        _each("goal", _position("")),
+    ),
 }
-"""The limits of a message, whichever key carries it."""
+"""The limits of a message, whichever key carries it; a quaternion may have any length."""
 
 BY_KEY: Mapping[str, tuple[Limit, ...]] = {
     keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON, FASTEST_PERSON),
-    keys.TARGET_ODOM.key: _pose("pose.pose.") + _twist("twist.twist.", FASTEST_PERSON),
+    keys.TARGET_ODOM.key: (_position("pose.pose."), *_twist("twist.twist.", FASTEST_PERSON)),
 }
 """The limits of a key that has others."""
 
