@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from mecazen import keys
-from mecazen.bus.zenoh_bus import OPERATOR
+from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, Row, services
 

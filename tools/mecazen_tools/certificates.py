@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mecazen.bus.zenoh_bus import AUTHORITY, OPERATOR
+from mecazen.bus.session import AUTHORITY, OPERATOR
 from mecazen.errors import MecazenError
 from mecazen.graph import SERVICES
 

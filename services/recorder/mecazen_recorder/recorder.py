@@ -10,7 +10,8 @@ from typing import Any
 
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
-from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.bus.session import includes
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import join_key, split_key
 from mecazen.description import ask_description
 from mecazen.errors import BusError
