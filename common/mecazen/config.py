@@ -20,6 +20,7 @@ from mecazen.geometry import Pose2D, overlap
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
+from mecazen.world import WorldConfig
 
 SectionT = TypeVar("SectionT", bound=Section)
 
@@ -184,6 +185,7 @@ class Scenario(Section):
     """Your own class in a service's place: `follower = "my_follower.py:MyFollower"`."""
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
+    world: WorldConfig = WorldConfig()
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     bus: BusConfig = BusConfig()

@@ -102,10 +102,33 @@ class Robot(Section):
 
     @property
     def footprint(self) -> tuple[float, float]:
-        """Half the length and half the width of the robot seen from above [m]."""
-        length = max(self.half_wheelbase + self.wheels.radius_m, self.base.length_m / 2)
-        width = max(self.half_track + self.wheels.hub_width_m / 2, self.base.width_m / 2)
-        return length, width
+        """Half the length and half the width [m] of a rectangle that holds the robot from above.
+
+        A wheel with its rollers reaches as far as its radius along x, and to `_half_wheel_width`
+        along y. Its radius is taken for that as well where it is more: on the safe side, for
+        all who ask whether something can touch the robot.
+        """
+        radius = self.wheels.radius_m
+        length = max(self.half_wheelbase + radius, self.base.length_m / 2)
+        wheel = max(radius, self.wheels.hub_width_m / 2, self._half_wheel_width)
+        return length, max(self.half_track + wheel, self.base.width_m / 2)
+
+    @property
+    def _half_wheel_width(self) -> float:
+        """The farthest that a roller reaches along the wheel's axle from its middle, or more [m].
+
+        With the roller's axis at γ to the axle, a point on it s from its middle, where its
+        radius is r, reaches s·cos γ + r·sin γ. It is at most that of its end with its largest
+        radius. The end is at the wheel angle φ = π/N, of N rollers: with the wheel's radius R and
+        the distance d of the roller's axis from the axle (Gfrerer, Geometry and kinematics of
+        the Mecanum wheel, 2008), s = R·sin γ·sin φ + d·cos γ·tan φ/tan γ.
+        """
+        angle, end = self.roller_angle, math.pi / self.rollers.count
+        radius, thickest = self.wheels.radius_m, self.rollers.max_radius_m
+        s = radius * math.sin(angle) * math.sin(end) + (
+            (radius - thickest) * math.cos(angle) * math.tan(end) / math.tan(angle)
+        )
+        return s * math.cos(angle) + thickest * math.sin(angle)
 
     @property
     def roller_angle(self) -> float:

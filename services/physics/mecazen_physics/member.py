@@ -26,10 +26,10 @@ from mecazen.messages import (
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.wire import Stamp
 
-from mecazen_physics.arena import Arena
 from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.motors import WheelCommand
 from mecazen_physics.urdf import build_urdf, meshes
-from mecazen_physics.world import WheelCommand
+from mecazen_physics.world import World
 
 FARTHEST_M = 1e6
 """Largest coordinate of a person: beyond it collisions are no numbers."""
@@ -60,10 +60,10 @@ class Member:
         self.ground_truth = bus.publisher(keys.GROUND_TRUTH)
         serve_description(bus, RobotDescription(build_urdf(scenario.robot), meshes(scenario.robot)))
 
-    def reset(self, arena: Arena, number: int, stamp: Stamp) -> None:
-        """Begin a run at the tick of `stamp`, as a robot of `arena`."""
-        self.arena, self.number = arena, number
-        self.world = arena.worlds[number]
+    def reset(self, world: World, number: int, stamp: Stamp) -> None:
+        """Begin a run at the tick of `stamp`, as a robot of `world`."""
+        self.world, self.number = world, number
+        self.robot = world.robots[number]
         self.seed = seed_of(stamp.seed, self.name)
         self.tick = 0
         self.command: tuple[float, ...] = (0.0,) * len(WHEELS)
@@ -122,7 +122,7 @@ class Member:
             self.awaited.discard("target")
 
     def _place(self, pose: Pose2D, velocity: Twist2D) -> None:
-        self.arena.place_person(self.number, pose, velocity)
+        self.world.place_person(self.number, pose, velocity)
 
     def _is_intrusion(self, part: str, stamp: Stamp | None) -> bool:
         """Return whether an outsider speaks in lockstep for a service that takes part."""
@@ -141,7 +141,7 @@ class Member:
             self.last_command = self.command
             return
         if self.command_is_effort:
-            self.last_command = tuple(self.world.state().joint_velocity[: len(WHEELS)])
+            self.last_command = tuple(self.robot.state().joint_velocity[: len(WHEELS)])
             self.command_is_effort = False
         left = max(0.0, 1.0 - (silent_s - self.watchdog_s) / SLOW_DOWN_S)
         self.command = tuple(speed * left for speed in self.last_command)
@@ -155,13 +155,13 @@ class Member:
 
     def publish(self) -> None:
         """Publish the state of this tick."""
-        state = self.world.state()
+        state = self.robot.state()
         stamp, now = self.stamp, self.stamp.time
         self.clock.put(Clock(clock=now), stamp)
         self.joint_states.put(
             JointState(
                 header=Header(stamp=now, frame_id="base_link"),
-                name=self.world.joint_names,
+                name=self.robot.joint_names,
                 position=tuple(state.joint_position),
                 velocity=tuple(state.joint_velocity),
                 effort=tuple(state.joint_effort),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,14 @@ class Link:
     mass: float
     moments: tuple[float, float, float]
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Tree(NamedTuple):
+    """The links of a model of the robot but for its base, in the order of `links`."""
+
+    links: list[Link]
+    lumped: list[list[Link]]
+    """For each wheel what is lumped with it, in its frame; empty where every roller is a link."""
 
 
 def hub_radius(robot: Robot) -> float:
@@ -76,13 +85,17 @@ def lump(parts: list[Link]) -> tuple[float, Array, Array]:
     return mass, centre, inertia
 
 
-def near(robot: Robot) -> tuple[list[Link], list[list[Link]]]:
-    """Return the links of which some rollers are lumped with their wheels.
+def full_tree(robot: Robot) -> Tree:
+    """Return the robot with every roller."""
+    return Tree(links(robot), [])
+
+
+def near_tree(robot: Robot) -> Tree:
+    """Return the robot of which all rollers but two a wheel are lumped with their wheels.
 
     The rollers left are the first and the last of each wheel, those beside the ground while
-    the wheel's angle is between 0 and a pitch. With the links come, for each wheel, the parts
-    that turn with it, placed in its frame. A roller turns freely about its own axis, so the
-    wheel does not feel its moment of inertia about it: its part has none.
+    the wheel's angle is between 0 and a pitch. A roller turns freely about its own axis, so the
+    wheel does not feel its moment of inertia about it: its lumped part has none.
     """
     count = robot.rollers.count
     everything = links(robot)
@@ -90,15 +103,15 @@ def near(robot: Robot) -> tuple[list[Link], list[list[Link]]]:
     lumped = []
     kept = []
     for index, wheel in enumerate(wheels):
-        first, *absent, last = rollers[index * count : (index + 1) * count]
+        first, *airborne, last = rollers[index * count : (index + 1) * count]
         kept += [first, last]
         lumped.append(
             [
                 replace(wheel, translation=(0.0, 0.0, 0.0)),
-                *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in absent),
+                *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in airborne),
             ]
         )
-    return [*wheels, *kept, *everything[-2:]], lumped
+    return Tree([*wheels, *kept, *everything[-2:]], lumped)
 
 
 def driven_inertia(robot: Robot) -> float:

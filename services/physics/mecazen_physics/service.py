@@ -23,10 +23,10 @@ from mecazen.messages import (
 from mecazen.service import NS_PER_S, Service
 from mecazen.wire import Stamp
 
-from mecazen_physics.arena import Arena
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.member import Member
 from mecazen_physics.schedule import Schedule
+from mecazen_physics.world import World
 
 logger = logging.getLogger(__name__)
 
@@ -81,16 +81,17 @@ class PhysicsService(Service):
 
     def reset(self, seed: int) -> None:
         """Put the robots back to the start, in a world made anew, and begin a run."""
-        self.arena = self.make_arena()
+        self.world = self.make_world()
         self.tick = 0
         self.stamp = Stamp(0, secrets.randbits(32), seed)
         for number, member in enumerate(self.members):
-            member.reset(self.arena, number, self.stamp)
+            member.reset(self.world, number, self.stamp)
 
-    def make_arena(self) -> Arena:
+    def make_world(self) -> World:
         """Return the world of a new run."""
         parts = [self.scenario.of(name) for name in self.scenario.names]
-        return Arena([(part.robot, part.start.pose) for part in parts], self.config)
+        robots = [(part.robot, part.start.pose) for part in parts]
+        return World(robots, self.config, self.scenario.world)
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready; then simulate until stopped."""
@@ -117,7 +118,7 @@ class PhysicsService(Service):
             self._reset_as_asked(*self.asked_reset)
             return
         commands = [member.end_tick() for member in self.members]
-        self.arena.advance(commands, self.steps_per_tick)
+        self.world.advance(commands, self.steps_per_tick)
         self.tick += 1
         self.stamp = Stamp(self.tick * self.tick_ns, self.stamp.run, self.stamp.seed)
         for member in self.members:
@@ -210,7 +211,7 @@ class PhysicsService(Service):
             "paused": self.paused,
         }
         for member in self.members:
-            x, y, _ = member.world.state().position
+            x, y, _ = member.robot.state().position
             values[member.join_key("x_m")] = round(x, 3)
             values[member.join_key("y_m")] = round(y, 3)
         return values
