@@ -54,6 +54,8 @@ class AirborneRollers:
         self._all: Array = np.zeros((4, _WHEELS * count))
         self._next: Array = np.zeros((3, _WHEELS * count))
         self.state: Array = self._all[:3]
+        self.places: Array = self.state.reshape(3, _WHEELS, count)
+        """A view of `state`."""
         self._spins: Array = self._all[1:3].reshape(-1)
         angles, spins, _, _ = self._all.reshape(4, _WHEELS, count)
         self.body_angles, self.body_spins = angles[:, :: count - 1], spins[:, :: count - 1]

@@ -18,9 +18,6 @@ from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.model import full_tree
 from mecazen_physics.state import Motion
 
-BASE_DOFS = 7
-"""Of the base in space, and of its front axle."""
-
 Drive = Literal["speed", "servo", "torque"]
 """What the wheels' motors hold: a speed, whatever it takes; a speed within their torque; a torque.
 
@@ -128,16 +125,9 @@ class AllRollersBody(RobotBody):
 
     def read(self) -> Motion:
         """See `RobotBody`."""
-        position = self.skeleton.getPositions().tolist()
-        velocity = self.skeleton.getVelocities().tolist()
-        return Motion(
-            position[:BASE_DOFS],
-            velocity[:BASE_DOFS],
-            position[BASE_DOFS:],
-            velocity[BASE_DOFS:],
-        )
+        return Motion(self.skeleton.getPositions().tolist(), self.skeleton.getVelocities().tolist())
 
     def write(self, motion: Motion) -> None:
         """See `RobotBody`."""
-        self.skeleton.setPositions(motion.base_position + motion.joint_position)
-        self.skeleton.setVelocities(motion.base_velocity + motion.joint_velocity)
+        self.skeleton.setPositions(motion.position)
+        self.skeleton.setVelocities(motion.velocity)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.robot import WHEELS, Robot, roller_joint, wheel_joint
+from mecazen.robot import WHEELS, Attachment, Robot, roller_joint, wheel_joint
 
 from mecazen_physics.rollers import Roller
 
@@ -166,35 +166,18 @@ def _roller(roller: Roller, wheel: str, index: int) -> Link:
 
 
 def _camera(robot: Robot) -> Link:
-    part = robot.camera
-    length, width, height = part.size_m
-    moments = _box(part.mass_kg, length, width, height)
-    return Link(
-        "camera_link",
-        "base_link",
-        "camera_joint",
-        part.position_m,
-        np.eye(3),
-        None,
-        part.mass_kg,
-        moments,
-    )
+    return _attachment("camera", robot.camera, _box(robot.camera.mass_kg, *robot.camera.size_m))
 
 
 def _lidar(robot: Robot) -> Link:
-    part = robot.lidar
-    radius, height = part.size_m
-    across, along = _cylinder(part.mass_kg, radius, height)
-    return Link(
-        "lidar_link",
-        "base_link",
-        "lidar_joint",
-        part.position_m,
-        np.eye(3),
-        None,
-        part.mass_kg,
-        (across, across, along),
-    )
+    across, along = _cylinder(robot.lidar.mass_kg, *robot.lidar.size_m)
+    return _attachment("lidar", robot.lidar, (across, across, along))
+
+
+def _attachment(name: str, part: Attachment, moments: tuple[float, float, float]) -> Link:
+    link, joint = f"{name}_link", f"{name}_joint"
+    place = part.position_m
+    return Link(link, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)
 
 
 def _about_y(angle: float) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from mecazen_physics.state import RobotState
 TORQUE_HEADROOM = 0.8
 """Motors that need less than this share of their torque are simulated without its limit."""
 
-Push = Callable[[], None]
+Push = Callable[[], object]
 """Sets the wheels' commands before a step."""
 
 
@@ -81,7 +81,8 @@ class Motors:
         rise = self._steps_within_headroom(target, state) if isolated else math.inf
         self._use("speed" if rise <= steps else "servo", body)
         if 1.0 < rise <= steps:
-            return ranges, _ramp(body.wheels, speeds, target, math.ceil(rise))
+            ramp = _ramp(body.wheels, speeds, target, math.ceil(rise))
+            return ranges, partial(next, ramp, None)
         for wheel, speed in zip(body.wheels, target, strict=True):
             wheel.setCommand(0, speed)
         return ranges, None
@@ -125,15 +126,10 @@ class Motors:
 
 def _ramp(
     wheels: Sequence[Any], speeds: Sequence[float], target: Sequence[float], steps: int
-) -> Push:
-    """Return what brings wheels from `speeds` to `target` [rad/s] in `steps` equal steps."""
-    ways = list(zip(wheels, speeds, target, strict=True))
-    parts = iter([(step + 1) / steps for step in range(steps)])
-
-    def push() -> None:
-        part = next(parts, None)
-        if part is not None:
-            for wheel, begin, end in ways:
-                wheel.setCommand(0, begin + part * (end - begin))
-
-    return push
+) -> Iterator[None]:
+    """Bring wheels from `speeds` to `target` [rad/s] in `steps` equal steps, one at each `next`."""
+    for step in range(1, steps + 1):
+        part = step / steps
+        for wheel, begin, end in zip(wheels, speeds, target, strict=True):
+            wheel.setCommand(0, begin + part * (end - begin))
+        yield

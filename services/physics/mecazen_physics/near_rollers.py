@@ -15,20 +15,19 @@ from collections.abc import Sequence
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
 from mecazen_physics.airborne import AirborneRollers
-from mecazen_physics.body import BASE_DOFS, RobotBody
+from mecazen_physics.body import RobotBody
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.model import near_tree
-from mecazen_physics.state import Motion
+from mecazen_physics.state import BASE_DOFS, Motion
 
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
@@ -69,9 +68,10 @@ class NearRollersBody(RobotBody):
             )
         self._base = self.skeleton.getBodyNode(0)
         self._airborne = AirborneRollers(robot, physics.dt_s)
-        self._places = np.arange(_WHEELS * count).reshape(_WHEELS, count)
-        self._order = self._places.copy()
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
+        """Indices that do as `np.roll` does, which takes ten times as long."""
+        self._order = np.arange(_WHEELS * count).reshape(_WHEELS, count)
+        """The column of `AirborneRollers.state` of each roller."""
         self._pitches = [0] * _WHEELS
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
@@ -90,7 +90,10 @@ class NearRollersBody(RobotBody):
         for wheel, ((low, high), angle) in enumerate(zip(ahead, angles, strict=True)):
             middle = angle + half_way * (low + high)
             if not -SLACK_RAD <= middle <= self._pitch + SLACK_RAD:
-                self._bring_back(wheel, math.floor(middle / self._pitch))
+                pitches = math.floor(middle / self._pitch)
+                self._turn_back(wheel, pitches)
+                places = self._airborne.places[:, wheel]
+                places[:] = places[:, self._rolls[pitches % len(self._rolls)]]
                 moved = True
         if moved:
             self._write_bodies()
@@ -109,46 +112,29 @@ class NearRollersBody(RobotBody):
     def read(self) -> Motion:
         """See `RobotBody`."""
         angles, spins = self._airborne.state[:2, self._order.ravel()].tolist()
-        position, velocity = self._position, self._velocity
-        wheel_angles = [
-            angle + pitches * self._pitch
-            for angle, pitches in zip(position[BASE_DOFS:_FIRST_ROLLER], self._pitches, strict=True)
-        ]
-        return Motion(
-            position[:BASE_DOFS],
-            velocity[:BASE_DOFS],
-            wheel_angles + angles,
-            velocity[BASE_DOFS:_FIRST_ROLLER] + spins,
-        )
+        position = self._position[:_FIRST_ROLLER] + angles
+        for wheel, pitches in enumerate(self._pitches):
+            position[BASE_DOFS + wheel] += pitches * self._pitch
+        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins)
 
     def write(self, motion: Motion) -> None:
         """See `RobotBody`."""
-        self._position[:BASE_DOFS] = motion.base_position
-        self._velocity[:BASE_DOFS] = motion.base_velocity
-        self._velocity[BASE_DOFS:_FIRST_ROLLER] = motion.joint_velocity[:_WHEELS]
-        for wheel, angle in enumerate(motion.joint_position[:_WHEELS]):
-            pitches = math.floor(angle / self._pitch)
-            self._position[BASE_DOFS + wheel] = angle - pitches * self._pitch
-            self._set_pitches(wheel, pitches)
-        self._airborne.state[0, self._order.ravel()] = motion.joint_position[_WHEELS:]
-        self._airborne.state[1, self._order.ravel()] = motion.joint_velocity[_WHEELS:]
+        self._position[:_FIRST_ROLLER] = motion.position[:_FIRST_ROLLER]
+        self._velocity[:_FIRST_ROLLER] = motion.velocity[:_FIRST_ROLLER]
+        self._pitches = [0] * _WHEELS
+        for wheel, angle in enumerate(motion.position[BASE_DOFS:_FIRST_ROLLER]):
+            self._turn_back(wheel, math.floor(angle / self._pitch))
+        self._airborne.state[0, self._order.ravel()] = motion.position[_FIRST_ROLLER:]
+        self._airborne.state[1, self._order.ravel()] = motion.velocity[_FIRST_ROLLER:]
         self._write_bodies()
         self._airborne.set_rates(self._rates())
 
-    def _bring_back(self, wheel: int, pitches: int) -> None:
+    def _turn_back(self, wheel: int, pitches: int) -> None:
+        """Take whole pitches off a wheel's angle; its rollers' places are others then."""
         self._position[BASE_DOFS + wheel] -= pitches * self._pitch
-        self._set_pitches(wheel, self._pitches[wheel] + pitches)
-        places = self._places[wheel]
-        self._airborne.state[:, places] = self._airborne.state[:, self._rolled(wheel, pitches)]
-
-    def _set_pitches(self, wheel: int, pitches: int) -> None:
-        self._pitches[wheel] = pitches
-        self._order[wheel] = self._rolled(wheel, -pitches)
-
-    def _rolled(self, wheel: int, pitches: int) -> Array:
-        """Return the wheel's places rolled as by `np.roll`, which takes ten times as long."""
-        places: Array = self._places[wheel, self._rolls[pitches % len(self._rolls)]]
-        return places
+        self._pitches[wheel] += pitches
+        count = len(self._rolls)
+        self._order[wheel] = wheel * count + self._rolls[-self._pitches[wheel] % count]
 
     def _write_bodies(self) -> None:
         """Write positions and velocities, the bodies' from the rollers in their places."""

@@ -13,18 +13,20 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
+BASE_DOFS = 7
+"""Of the base in space, and of its front axle."""
+
+
 class Motion(NamedTuple):
     """Positions and velocities of a robot in DART's coordinates.
 
     Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
-    [rad], and their rates, in world axes [rad/s, m/s, rad/s]; of the joints, wheels and then
+    [rad], and their rates, in world axes [rad/s, m/s, rad/s]; then of the joints, wheels and
     every roller, [rad] and [rad/s].
     """
 
-    base_position: list[float]
-    base_velocity: list[float]
-    joint_position: list[float]
-    joint_velocity: list[float]
+    position: list[float]
+    velocity: list[float]
 
 
 class RobotState(NamedTuple):
@@ -52,23 +54,22 @@ class RobotState(NamedTuple):
     ) -> RobotState:
         """Return the state at `time` [s].
 
-        Args:
-            time: Simulated time.
-            motion: The motion in DART.
-            torques: Of the wheels' motors [N·m].
-            bearing_friction: Viscous friction of a roller's bearing [N·m·s/rad].
+        `torques` are those of the wheels' motors [N·m]; the viscous friction of a roller's
+        bearing is in [N·m·s/rad].
         """
-        orientation = _quaternion(*motion.base_position[:3])
-        x, y, z = motion.base_position[3:6]
-        rollers = [-bearing_friction * rate for rate in motion.joint_velocity[len(WHEELS) :]]
+        position, velocity = motion
+        orientation = _quaternion(*position[:3])
+        x, y, z = position[3:6]
+        speeds = velocity[BASE_DOFS:]
+        rollers = [-bearing_friction * speed for speed in speeds[len(WHEELS) :]]
         return cls(
             time=time,
             position=(x, y, z),
             orientation=orientation,
-            linear=_unrotate(orientation, *motion.base_velocity[3:6]),
-            angular=_unrotate(orientation, *motion.base_velocity[:3]),
-            joint_position=motion.joint_position,
-            joint_velocity=motion.joint_velocity,
+            linear=_unrotate(orientation, *velocity[3:6]),
+            angular=_unrotate(orientation, *velocity[:3]),
+            joint_position=position[BASE_DOFS:],
+            joint_velocity=speeds,
             joint_effort=torques + rollers,
         )
 
@@ -84,14 +85,10 @@ class RobotState(NamedTuple):
 
 
 def check_converged(state: RobotState, before: RobotState, depth: float, speed: float) -> None:
-    """Refuse a state that a robot on the ground cannot come to.
+    """Refuse a state that a robot on the ground cannot reach from that `before`.
 
-    Args:
-        state: The state to check.
-        before: The last good one.
-        depth: How far base_link may be below the ground [m].
-        speed: How fast it may move [m/s]: DART puts a body whose pose is not a number to the
-            origin.
+    Its base_link is at most `depth` [m] below the ground, and at most as fast as `speed` [m/s]:
+    DART puts a body whose pose is not a number to the origin.
 
     Raises:
         DivergedError: It is none; the message has the last good state.

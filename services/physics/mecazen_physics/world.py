@@ -80,7 +80,7 @@ class World:
             left -= chunk
 
     def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
-        """Put the person `number` at `pose` in the world frame, moving with `velocity` in their own.
+        """Put the person `number` at `pose` in world, moving with `velocity` in their own frame.
 
         They keep that velocity until placed again. No person is there before the first call.
         """
