@@ -104,31 +104,20 @@ class Robot(Section):
     def footprint(self) -> tuple[float, float]:
         """Half the length and half the width [m] of a rectangle that holds the robot from above.
 
-        A wheel with its rollers reaches as far as its radius along x, and to `_half_wheel_width`
-        along y. Its radius is taken for that as well where it is more: on the safe side, for
-        all who ask whether something can touch the robot.
-        """
-        radius = self.wheels.radius_m
-        length = max(self.half_wheelbase + radius, self.base.length_m / 2)
-        wheel = max(radius, self.wheels.hub_width_m / 2, self._half_wheel_width)
-        return length, max(self.half_track + wheel, self.base.width_m / 2)
+        A wheel reaches as far as its radius R along x. Along its axle, every point of a roller
+        is on a sphere about the roller's axis, of at most the roller's largest radius r, that
+        touches the wheel's circle at a wheel angle |φ| <= π/N, of N rollers. With the angle γ
+        between the axes, d = R - r between them, the sphere's centre is d·tan φ/tan γ from the
+        wheel's middle (Gfrerer, Geometry and kinematics of the Mecanum wheel, 2008).
 
-    @property
-    def _half_wheel_width(self) -> float:
-        """The farthest that a roller reaches along the wheel's axle from its middle, or more [m].
-
-        With the roller's axis at γ to the axle, a point on it s from its middle, where its
-        radius is r, reaches s·cos γ + r·sin γ. It is at most that of its end with its largest
-        radius. The end is at the wheel angle φ = π/N, of N rollers: with the wheel's radius R and
-        the distance d of the roller's axis from the axle (Gfrerer, Geometry and kinematics of
-        the Mecanum wheel, 2008), s = R·sin γ·sin φ + d·cos γ·tan φ/tan γ.
+        R is taken along the axle where it is more, as a margin for what may come to touch.
         """
-        angle, end = self.roller_angle, math.pi / self.rollers.count
         radius, thickest = self.wheels.radius_m, self.rollers.max_radius_m
-        s = radius * math.sin(angle) * math.sin(end) + (
-            (radius - thickest) * math.cos(angle) * math.tan(end) / math.tan(angle)
-        )
-        return s * math.cos(angle) + thickest * math.sin(angle)
+        end = math.tan(math.pi / self.rollers.count) / math.tan(self.roller_angle)
+        roller = (radius - thickest) * end + thickest
+        length = max(self.half_wheelbase + radius, self.base.length_m / 2)
+        width = self.half_track + max(roller, radius, self.wheels.hub_width_m / 2)
+        return length, max(width, self.base.width_m / 2)
 
     @property
     def roller_angle(self) -> float:
