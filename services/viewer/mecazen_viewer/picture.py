@@ -37,16 +37,12 @@ BELIEF_STEP_NS = 100_000_000
 """Between two pictures of what is measured, believed and wanted; what moves is shown always."""
 SILENCE_NS = 5 * BELIEF_STEP_NS
 """A follower that says nothing for so long is taken for one that says nothing of its state."""
-PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
-"""The person's body where physics says nothing of it."""
 
 
 def surroundings(scenario: Scenario) -> Iterator[Entity]:
     """Return what is there once for all robots, and never changes."""
     yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    # obstacles and the person's body are physics' to know
-    obstacles = getattr(scenario.sections.get("physics"), "obstacles", ())
-    for number, obstacle in enumerate(obstacles):
+    for number, obstacle in enumerate(scenario.world.obstacles):
         (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
         yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
     yield from plots.styles(plots.TIME_LINES)
@@ -76,12 +72,9 @@ class Picture:
 
     def shapes(self) -> Iterator[Entity]:
         """Return what never changes of what is the robot's, but for itself."""
-        body = getattr(self._scenario.sections.get("physics"), "person", None)
-        base = self._scenario.robot.base
+        person, base = self._scenario.world.person, self._scenario.robot.base
         yield from things.marks(base.length_m, base.width_m)
-        yield from things.person(
-            getattr(body, "radius_m", PERSON_RADIUS_M), getattr(body, "height_m", PERSON_HEIGHT_M)
-        )
+        yield from things.person(person.radius_m, person.height_m)
         if self._name:
             yield things.label(self._name)
         yield from plots.styles(plots.LINES)
