@@ -9,6 +9,7 @@ from dataclasses import replace
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario
+from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.messages import (
@@ -17,7 +18,6 @@ from mecazen.messages import (
     Odometry,
     OdometryRequest,
     Twist,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.service import Service

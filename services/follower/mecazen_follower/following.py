@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.config import FollowerConfig
-from mecazen_follower.estimators import Covariance, Estimate
+from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.tracking import TrackingState
 
@@ -22,7 +23,7 @@ class Measurement(NamedTuple):
     """An observed pose of the person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
     pose: Pose2D
-    covariance: Covariance
+    covariance: PlanarCovariance
 
 
 class Step(NamedTuple):

@@ -7,6 +7,7 @@ from collections import deque
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
+from mecazen.covariance import ros_covariance
 from mecazen.follower import Follower
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.messages import (
@@ -25,7 +26,7 @@ from mecazen.wire import Stamp
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Measurement, Step
-from mecazen_follower.observation import in_odom, ros_covariance
+from mecazen_follower.observation import in_odom
 
 HISTORY_TICKS = 500
 """Odometry that is kept, besides the sensor's latency, for observations that come late."""

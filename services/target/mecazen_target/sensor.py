@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.config import SensorConfig, whole_ticks
+from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, wrap
-from mecazen.messages import diagonal_covariance
 
 NOISE_FRAMES = 2**16
 """Frames after which the noise repeats: 44 minutes at 25 Hz."""

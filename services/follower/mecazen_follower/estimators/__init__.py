@@ -6,7 +6,6 @@ To add one: subclass `Estimator` with a name; a scenario can then ask for it by 
 from mecazen_follower.estimators.base import (
     MAX_DISTANCE,
     Array,
-    Covariance,
     Estimate,
     Estimator,
     Params,
@@ -26,7 +25,6 @@ __all__ = [
     "MAX_DISTANCE",
     "Array",
     "ConstantVelocityFilter",
-    "Covariance",
     "DisplacementFilter",
     "Estimate",
     "Estimator",

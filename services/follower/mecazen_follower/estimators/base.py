@@ -10,14 +10,13 @@ from typing import ClassVar, NamedTuple
 import msgspec
 import numpy as np
 import numpy.typing as npt
+from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.schema import Positive, Section
 
 from mecazen_follower.estimators.symmetric import Rows, factors
 
 Array = npt.NDArray[np.float64]
-Covariance = tuple[tuple[float, ...], ...]
-"""3x3, of x [m], y [m] and yaw [rad]."""
 
 MAX_DISTANCE = 1e6
 """Largest coordinate of an observation [m]: beyond it the arithmetic loses millimetres."""
@@ -30,7 +29,7 @@ class Estimate(NamedTuple):
 
     pose: Pose2D
     velocity: Twist2D
-    covariance: Covariance
+    covariance: PlanarCovariance
 
     def after(self, dt: float) -> Estimate:
         """Return the estimate `dt` [s] later, if the person keeps walking and turning."""

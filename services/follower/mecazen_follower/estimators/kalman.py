@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from mecazen_follower.estimators.base import Array, Covariance
+from mecazen.covariance import PlanarCovariance
+
+from mecazen_follower.estimators.base import Array
 
 
 def kalman(state: Array, covariance: Array, H: Array) -> Any:
@@ -22,7 +24,7 @@ def nis_of(kf: Any) -> float:
     return float(kf.y @ kf.SI @ kf.y)
 
 
-def as_tuple(matrix: Array) -> Covariance:
+def as_tuple(matrix: Array) -> PlanarCovariance:
     """Return a 3x3 covariance as plain numbers."""
     x, y, yaw = map(tuple, matrix.tolist())
     return x, y, yaw
