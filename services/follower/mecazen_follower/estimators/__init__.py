@@ -1,6 +1,6 @@
 """Estimators of the person's pose and velocity in odom, from noisy observations.
 
-To add one: subclass `Estimator` with a name; a scenario can then ask for it by that name.
+To add one: subclass `Estimator` with a name, by which scenarios select it.
 """
 
 from mecazen_follower.estimators.base import (
