@@ -88,8 +88,7 @@ def _reader(file: Path) -> Callable[[Path], Recording]:
 
 def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
     """Return the samples at the rate at which the viewer takes them in a live run."""
-    shown: dict[str, tuple[int, int]] = {}
-    """Run and time of the last sample of each key."""
+    shown: dict[str, tuple[int, int]] = {}  # run and time [ns] of the last sample of each key
     for sample in samples:
         run = -1 if sample.stamp is None else sample.stamp.run
         last_run, last_ns = shown.get(sample.key, (None, 0))
