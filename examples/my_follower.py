@@ -2,25 +2,27 @@
 
 import math
 
-from mecazen.follower import Follower
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import Observation, Odometry
-from mecazen.wire import Stamp
+from mecazen.graph import Row, due, every
+from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
+from mecazen.messages import Twist
+from mecazen.node import Inputs, Node, Outputs, Tick
 
 
-class MyFollower(Follower):
+class MyFollower(Node):
     """Drives by the last observation alone."""
+
+    ROW = Row("follower", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
 
     def reset(self, seed: int) -> None:
         """Begin a run: nobody seen yet."""
-        self.person: Pose2D | None = None
+        self.person = Pose2D(x=1.0)
 
-    def follow(self, odom: Odometry, frame: Observation | None, stamp: Stamp) -> Twist2D:
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the velocity wanted in this tick: forward, left, turn."""
-        if frame is not None and frame.poses:  # no frame in most ticks; empty if unseen
+        frame = inputs.get(OBSERVATION)
+        if frame and frame.poses:  # no frame in most ticks; empty if unseen
             self.person = frame.poses[0].pose.to_planar()  # seen from the robot
-        if self.person is None:
-            return Twist2D()
         distance = math.hypot(self.person.x, self.person.y)
         bearing = math.atan2(self.person.y, self.person.x)
-        return Twist2D(x=1.5 * (distance - 1.0), yaw=1.5 * bearing)
+        return {CMD_VEL: Twist.planar(Twist2D(x=1.5 * (distance - 1.0), yaw=1.5 * bearing))}

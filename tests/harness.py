@@ -17,10 +17,12 @@ import msgspec
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from mecazen.bus import LocalBus
+from mecazen.config import Scenario
 from mecazen.errors import BusError
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.robot import Robot
+from mecazen.runtime.host import make_service
 from mecazen.wire import ENCODINGS, Stamp, decode, encode
 
 ROOT = Path(__file__).parents[1]
@@ -73,6 +75,33 @@ class Listener:
         """Everything since the last call."""
         heard, self._heard = self._heard, []
         return heard
+
+
+class Rig:
+    """One service of a scenario on a bus within the process, fed by hand.
+
+    `at` gives the stamps of its run; `take` what it has published since the last call.
+    """
+
+    def __init__(self, service: str, scenario: Scenario, *topics: Topic[Any]) -> None:
+        self.scenario = scenario
+        self.bus = LocalBus()
+        self.service = make_service(service, self.bus, scenario)
+        self.heard = Listener(self.bus, *topics)
+        self._publishers: dict[Topic[Any], Any] = {}
+
+    def at(self, tick: int, run: int = 1, seed: int = 9) -> Stamp:
+        return Stamp(tick * self.scenario.sim.tick_ns, run, seed)
+
+    def put(self, topic: Topic[Any], message: Message, tick: int | Stamp) -> list[Sample]:
+        """Publish a message as of a tick, and return what the service publishes then."""
+        publisher = self._publishers.setdefault(topic, self.bus.publisher(topic))
+        publisher.put(message, tick if isinstance(tick, Stamp) else self.at(tick))
+        return self.take()
+
+    def take(self) -> list[Sample]:
+        self.bus.spin()
+        return self.heard.take()
 
 
 class Answer:

@@ -11,12 +11,13 @@ import zlib
 from collections.abc import Container
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
 
 import msgspec
 
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
+from mecazen.graph import OBSERVERS, SHARED
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
@@ -28,14 +29,6 @@ ROUTER = "tcp/127.0.0.1:7447"
 SECURE_ROUTER = "tls/127.0.0.1:7447"
 """The same where there are certificates."""
 
-
-OBSERVERS = ("viewer", "recorder")
-"""Services that no tick waits for, and that nothing else needs."""
-
-COLLECTOR = "collector"
-"""The part that writes down a distributed run; physics waits for it as for the others."""
-SHARED = ("physics", *OBSERVERS, COLLECTOR)
-"""Parts of which there is one for all robots; of any other, each robot has its own."""
 
 LIVELINESS = "mecazen"
 """The tokens of services that are alive are `mecazen/<name>`."""
@@ -112,7 +105,7 @@ class SensorConfig(Section):
         Raises:
             ConfigError: The rate does not divide the tick rate.
         """
-        return whole_ticks("sensor.rate_hz", 1.0 / self.rate_hz, tick_s)
+        return ticks_per_sample("sensor.rate_hz", self.rate_hz, tick_s)
 
 
 class BusConfig(Section):
@@ -173,20 +166,35 @@ class RobotConfig(Section):
             raise ValueError(f"name = {self.name!r} begins a key of mecazen's own: take another")
 
 
+class Process(NamedTuple):
+    """A process of a distributed run: services of one robot, or some that all robots share."""
+
+    services: tuple[str, ...]
+    robot: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called beside others."""
+        return join_key("+".join(self.services), self.robot)
+
+
 class Scenario(Section):
     """A whole scenario: the robot, who takes part, and every setting."""
 
     robot: Robot
     """The robot file, relative to the scenario; or the same as a table."""
     services: tuple[str, ...] = ("physics", "controller", "target", "follower")
-    """Who takes part in every tick."""
+    """Who takes part."""
     programs: dict[str, str] = msgspec.field(default_factory=dict)
-    """Your own class in a service's place: `follower = "my_follower.py:MyFollower"`."""
+    """Your own class in a node's place, or a node of your own, which then takes part as well:
+    `follower = "my_follower.py:MyFollower"`."""
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     bus: BusConfig = BusConfig()
+    processes: tuple[tuple[str, ...], ...] = ()
+    """Services that share a process, by groups; any other has one of its own."""
     robots: tuple[RobotConfig, ...] = ()
     """Several robots in one world, each with services of its own; none: the one of `robot`."""
     sections: dict[str, Section] = msgspec.field(default_factory=dict)
@@ -204,6 +212,7 @@ class Scenario(Section):
             )
         if len(set(self.services)) != len(self.services):
             raise ValueError("services: each at most once")
+        self._check_processes()
         if len({robot.name for robot in self.robots}) != len(self.robots):
             raise ValueError("robots: each name at most once")
         places = {name: self.of(name) for name in self.names}
@@ -211,19 +220,67 @@ class Scenario(Section):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
                 raise ValueError(f"robots: {one} and {other} overlap at their starts")
 
+    def _check_processes(self) -> None:
+        grouped = [part for group in self.processes for part in group]
+        for part in grouped:
+            if part not in self.services:
+                raise ValueError(f"processes: {part} is not among services")
+            if part in OBSERVERS:
+                raise ValueError(f"processes: {part} observes, and has a process of its own")
+        if len(set(grouped)) != len(grouped) or not all(self.processes):
+            raise ValueError("processes: each service at most once, and no empty group")
+        if self.bus.keys is not None and any(len(group) > 1 for group in self.processes):
+            raise ValueError(
+                "processes: with bus.keys each service has a process of its own, since its "
+                "certificate tells what it may publish"
+            )
+
     @property
     def names(self) -> tuple[str, ...]:
         """The robots' names; of a single one, which needs none, the empty one."""
         return tuple(robot.name for robot in self.robots) or ("",)
 
     @property
-    def processes(self) -> tuple[tuple[str, str], ...]:
+    def parts(self) -> tuple[tuple[str, str], ...]:
         """Who takes part: service and robot, of which those that are shared have none."""
         return tuple(
             (part, robot)
             for part in self.services
             for robot in (("",) if part in SHARED else self.names)
         )
+
+    @property
+    def process_plan(self) -> tuple[Process, ...]:
+        """The processes of a distributed run, in the order of the services."""
+        grouped = {part: group for group in self.processes for part in group}
+        groups = dict.fromkeys(grouped.get(part, (part,)) for part in self.services)
+        return tuple(
+            Process(group, robot)
+            for group in groups
+            for robot in (("",) if set(group) & set(SHARED) else self.names)
+        )
+
+    def ticks_per(self, rate: str | float | None) -> int:
+        """Return the ticks from one sample to the next.
+
+        Args:
+            rate: In [Hz], or the configuration key that has it; None is every tick.
+
+        Raises:
+            ConfigError: The rate does not divide the tick rate.
+        """
+        key, rate_hz = "rate", rate
+        if isinstance(rate, str):
+            key, rate_hz = rate, self._setting(rate)
+        if rate_hz is None:
+            return 1
+        return ticks_per_sample(key, float(cast(float, rate_hz)), self.sim.tick_s)
+
+    def _setting(self, key: str) -> Any:
+        """Return the value of `section.key`; None where neither says one."""
+        name, _, field = key.partition(".")
+        section = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
+        return section.get(field) if isinstance(section, dict) else getattr(section, field, None)
 
     def of(self, name: str) -> Scenario:
         """Return the scenario as the services of the robot `name` see it.
@@ -280,6 +337,23 @@ def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
 def seed_of(seed: int, name: str) -> int:
     """Return the seed of the robot `name` in a run of `seed`: another for each robot."""
     return zlib.crc32(f"{seed}/{name}".encode()) if name else seed
+
+
+def ticks_per_sample(key: str, rate_hz: float, tick_s: float) -> int:
+    """Return the ticks from one sample to the next at a rate.
+
+    Raises:
+        ConfigError: It does not divide the tick rate; the message names `key`.
+    """
+    ratio = 1.0 / (tick_s * rate_hz)
+    ticks = round(ratio)
+    if ticks < 1 or not math.isclose(ticks, ratio, rel_tol=1e-6):
+        slower, faster = (1.0 / (tick_s * max(1, math.floor(ratio) + n)) for n in (1, 0))
+        raise ConfigError(
+            f"{key} = {rate_hz:g} must divide the tick rate of {1.0 / tick_s:g} Hz, as "
+            f"{slower:.6g} and {faster:.6g} do"
+        )
+    return ticks
 
 
 def whole_ticks(key: str, seconds: float, tick_s: float) -> int:

@@ -1,6 +1,6 @@
-"""The table of keys: every key, its message, its rate and who publishes it.
+"""The table of keys: every key and its message. Who gives and takes them: `mecazen.graph`.
 
-No key has a leading slash. Several robots share a bus by Zenoh's session namespace.
+No key has a leading slash. A robot of several has its namespace before its keys.
 """
 
 from __future__ import annotations
@@ -15,48 +15,42 @@ RequestT = TypeVar("RequestT", bound=m.Message)
 AnswerT = TypeVar("AnswerT", bound=m.Message)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Topic(Generic[MessageT]):
     """A key that samples are published on."""
 
     key: str
     type: type[MessageT]
-    rate: str
-    publisher: str
     meaning: str
+    open: bool = False
+    """Whether anyone may publish on it, besides the node that does."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Call(Generic[RequestT, AnswerT]):
     """A key that is queried: a request, and one answer or an error."""
 
     key: str
     request: type[RequestT]
     answer: type[AnswerT]
-    server: str
     meaning: str
 
 
-CLOCK = Topic("clock", m.Clock, "tick", "physics", "simulated time")
-JOINT_STATES = Topic("joint_states", m.JointState, "tick", "physics", "4 wheels, then every roller")
-GROUND_TRUTH = Topic(
-    "ground_truth/odom", m.Odometry, "tick", "physics", "the robot's true pose, in world"
-)
-JOINT_COMMAND = Topic(
-    "joint_command", m.JointState, "tick", "controller", "velocity or effort per wheel"
-)
-ODOM = Topic("odom", m.Odometry, "tick", "controller", "odometry, in odom")
-CMD_VEL = Topic("cmd_vel", m.Twist, "tick", "follower or anyone", "body velocity wanted")
+CLOCK = Topic("clock", m.Clock, "simulated time")
+JOINT_STATES = Topic("joint_states", m.JointState, "4 wheels, then every roller")
+GROUND_TRUTH = Topic("ground_truth/odom", m.Odometry, "the robot's true pose, in world")
+JOINT_COMMAND = Topic("joint_command", m.JointState, "velocity or effort per wheel")
+ODOM = Topic("odom", m.Odometry, "odometry, in odom")
+CMD_VEL = Topic("cmd_vel", m.Twist, "commanded body velocity, in base_link", open=True)
 TARGET_CMD_VEL = Topic(
-    "target/cmd_vel", m.Twist, "any", "anyone", "moves a person that is driven by hand"
+    "target/cmd_vel", m.Twist, "moves a person that is driven by hand", open=True
 )
-TARGET_ODOM = Topic("target/odom", m.Odometry, "tick", "target", "the person's true pose")
-OBSERVATION = Topic(
-    "target/observation", m.Observation, "sensor", "target", "what the robot's sensor saw"
-)
-FOLLOWER_STATE = Topic(
-    "follower/state", m.FollowerState, "tick", "follower", "estimate, goal, errors, tracking"
-)
+TARGET_ODOM = Topic("target/odom", m.Odometry, "the person's true pose, in world")
+OBSERVATION = Topic("target/observation", m.Observation, "what the robot's sensor saw")
+FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
+
+DIAGNOSTICS = Topic("diagnostics/*", m.DiagnosticArray, "a service's rates, counts and health")
+"""Of all services; see `diagnostics`."""
 
 TOPICS: tuple[Topic[m.Message], ...] = (
     CLOCK,
@@ -69,24 +63,20 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     TARGET_ODOM,
     OBSERVATION,
     FOLLOWER_STATE,
-    Topic("diagnostics/*", m.DiagnosticArray, "1 Hz", "each service", "rates, counts, health"),
+    DIAGNOSTICS,
 )  # type: ignore[assignment]  # a tuple of topics of different messages
 
 ROBOT_DESCRIPTION = Call(
-    "robot_description", m.Empty, m.String, "physics", "the robot as URDF; meshes by its paths"
+    "robot_description", m.Empty, m.String, "the robot as URDF; its meshes below the key"
 )
-SIM_STATE = Call("sim/state", m.Empty, m.SimState, "physics", "what simulated time does")
-SIM_SCENARIO = Call(
-    "sim/scenario", m.Empty, m.String, "physics", "the whole effective configuration, as TOML"
-)
-SIM_PAUSE = Call("sim/pause", m.Empty, m.SimState, "physics", "hold simulated time")
-SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "physics", "let it go on")
-SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "physics", "N ticks while paused")
-SIM_RESET = Call("sim/reset", m.ResetRequest, m.SimState, "physics", "back to the start, in place")
-SIM_SPEED = Call("sim/speed", m.SpeedRequest, m.SimState, "physics", "times real time")
-SET_ODOMETRY = Call(
-    "set_odometry", m.OdometryRequest, m.Odometry, "controller", "where odometry believes it is"
-)
+SIM_STATE = Call("sim/state", m.Empty, m.SimState, "what simulated time does")
+SIM_SCENARIO = Call("sim/scenario", m.Empty, m.String, "the whole configuration, as TOML")
+SIM_PAUSE = Call("sim/pause", m.Empty, m.SimState, "hold simulated time")
+SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "let it go on")
+SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "N ticks while paused")
+SIM_RESET = Call("sim/reset", m.ResetRequest, m.SimState, "back to the start, in place")
+SIM_SPEED = Call("sim/speed", m.SpeedRequest, m.SimState, "times real time")
+SET_ODOMETRY = Call("set_odometry", m.OdometryRequest, m.Odometry, "where odometry believes it is")
 
 CALLS: tuple[Call[m.Message, m.Message], ...] = (
     ROBOT_DESCRIPTION,
@@ -103,7 +93,7 @@ CALLS: tuple[Call[m.Message, m.Message], ...] = (
 
 def diagnostics(service: str) -> Topic[m.DiagnosticArray]:
     """Return the topic of one service's diagnostics."""
-    return Topic(f"diagnostics/{service}", m.DiagnosticArray, "1 Hz", service, "health")
+    return Topic(f"diagnostics/{service}", m.DiagnosticArray, "health")
 
 
 def topic_of(key: str) -> Topic[m.Message] | None:

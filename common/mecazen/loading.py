@@ -12,16 +12,15 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 import tomli_w
 
-from mecazen.config import RESERVED, SHARED, BusConfig, Scenario
+from mecazen.config import RESERVED, BusConfig, Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
+from mecazen.graph import SERVICES, SHARED, TABLE
+from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
 
 SectionT = TypeVar("SectionT", bound=Section)
-
-KNOWN_SERVICES = ("physics", "controller", "target", "follower", "viewer", "recorder")
-"""Sections that a scenario may hold although the service is not installed here."""
 
 SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
 """The environment's scenario, and its overrides, apart by spaces, where none are given."""
@@ -91,8 +90,10 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
     for key, value in settings.items():
         _override(raw, key, value)
     _refuse_reserved(raw, path)
-    kinds = installed_sections()
-    known = tuple({**kinds, **dict.fromkeys(KNOWN_SERVICES)})
+    _take_programs(raw, path)
+    kinds = {**installed_sections(), **_own_sections(raw)}
+    # a scenario may hold sections of services that are not installed here
+    known = tuple({**kinds, **dict.fromkeys(SERVICES)})
     sections = {name: raw.pop(name) for name in known if name in raw}
     decoded = {
         name: _convert(section, kinds[name], name, origin)
@@ -104,10 +105,6 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         _take_own(robot, {**raw, **sections}, own, path) for robot in _tables(raw.get("robots"))
     ]
     scenario = _convert(raw, Scenario, "", origin, extra=tuple(kinds))
-    for part, program in scenario.programs.items():
-        if ".py:" in program:
-            # a file of one's own lies beside the scenario, wherever the process is started
-            scenario.programs[part] = str((path.parent / program).resolve())
     robots = tuple(
         msgspec.structs.replace(
             robot,
@@ -126,6 +123,46 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         sections={name: decoded.get(name, kind()) for name, kind in sorted(kinds.items())},
         others={name: section for name, section in sections.items() if name not in kinds},
     )
+
+
+def _take_programs(raw: dict[str, Any], path: Path) -> None:
+    """Find the files of one's own programs, and have those that are nodes of their own take part.
+
+    What is wrong with their types is said when they are converted.
+    """
+    programs = raw.get("programs")
+    if not isinstance(programs, dict):
+        return
+    for part, program in programs.items():
+        if isinstance(program, str) and ".py:" in program:
+            # a file of one's own lies beside the scenario, wherever the process is started
+            programs[part] = str((path.parent / program).resolve())
+    listed = raw.get("services", Scenario.__struct_defaults__[0])
+    own = [name for name in programs if name not in TABLE and name not in listed]
+    if own and isinstance(listed, list | tuple):
+        raw["services"] = [*listed, *own]
+
+
+def _own_sections(raw: dict[str, Any]) -> dict[str, type[Section]]:
+    """Return the types of the sections that programs of one's own bring along.
+
+    Raises:
+        ConfigError: A program that only the scenario knows can't be imported.
+    """
+    sections: dict[str, type[Section]] = {}
+    programs = raw.get("programs")
+    for name in programs if isinstance(programs, dict) else ():
+        try:
+            kind = find(name, cast(dict[str, str], programs))
+        except ConfigError:
+            # who plays a part of the table is needed only where it runs, and is refused there
+            if name in TABLE:
+                continue
+            raise
+        section = getattr(kind, "SECTION", None)
+        if section is not None:
+            sections[name] = section
+    return sections
 
 
 def _refuse_reserved(table: dict[str, Any], path: Path) -> None:

@@ -25,8 +25,8 @@ class SimTimeFormatter(logging.Formatter):
         return f"{line}\n{self.formatException(record.exc_info)}" if record.exc_info else line
 
 
-def set_up(service: str, time_s: Callable[[], float]) -> None:
-    """Send all logs to standard error."""
+def set_up(service: str, time_s: Callable[[], float], level: int = logging.INFO) -> None:
+    """Send logs of a level and above to standard error."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(SimTimeFormatter(service, time_s))
-    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
+    logging.basicConfig(level=level, handlers=[handler], force=True)

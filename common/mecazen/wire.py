@@ -13,6 +13,7 @@ from mecazen.messages import Message, Time
 MessageT = TypeVar("MessageT", bound=Message)
 Format = Literal["json", "msgpack"]
 
+NS_PER_S = 10**9
 MAX_PAYLOAD_BYTES = 1 << 20
 MAX_SAMPLE_BYTES = 1 << 16
 """Of what is published on a topic: ten times the longest, `joint_states` with every roller."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import os
 import queue
@@ -19,8 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from mecazen.config import join_key
+import msgspec
+from mecazen.config import Process
 from mecazen.errors import MecazenError
+from mecazen.runtime.report import Report
 
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
@@ -32,15 +33,26 @@ FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """NumPy's further threads have nothing to do, and each spins for 0.1 s when a process starts."""
-ADDR_NO_RANDOMIZE = 0x0040000
-"""Linux' personality(2): programs find their code where every other run of them does."""
+
+
+ROUTER = Process(("router",))
+"""Where processes and tools meet."""
 
 
 class Line(NamedTuple):
-    """A line that a process has written."""
+    """A line for the user: what a process has logged, or what has become of it."""
 
     name: str
     text: str
+    is_address: bool = False
+    """Whether it is the address of a page that the process serves."""
+
+
+class Told(NamedTuple):
+    """What a process has reported."""
+
+    name: str
+    report: Report
 
 
 class Ended(NamedTuple):
@@ -48,8 +60,8 @@ class Ended(NamedTuple):
 
     name: str
     code: int
-    error: str
-    """Its last words; where it failed as it may, the one line that says why."""
+    last_line: str
+    """Of what it has logged."""
 
 
 @dataclass
@@ -60,6 +72,8 @@ class _Part:
     arguments: Sequence[str]
     """What says which one it is: its service, and its robot where there are several."""
     needed: bool
+    error: str = ""
+    """By which it said that it ends."""
     has_run: bool = False
     """Whether it has ever got so far as to work."""
     begin_s: float = math.inf
@@ -92,33 +106,35 @@ class Supervisor:
         self._restart = restart
         self._parts: dict[str, _Part] = {}
         self._watchers: list[threading.Thread] = []
-        self._events: queue.SimpleQueue[Line | Ended] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Line | Told | Ended] = queue.SimpleQueue()
 
     @property
     def pids(self) -> dict[str, int]:
         """The process of each name that was started."""
         return {name: part.process.pid for name, part in self._parts.items()}
 
-    def start(self, service: str, robot: str = "", *, needed: bool = True) -> None:
-        """Start a service, of one of several robots, or the `router`.
+    def start(self, process: Process, *, needed: bool = True) -> None:
+        """Start a process, or with the service `router` the router.
 
         Where it is not `needed`, its end is no error.
         """
-        name = join_key(service, robot)
-        arguments = (service, f"--robot={robot}")
-        self._parts[name] = _Part(self._spawn(name, arguments), arguments, needed)
+        arguments = ("+".join(process.services), f"--robot={process.robot}")
+        self._parts[process.name] = _Part(self._spawn(process.name, arguments), arguments, needed)
 
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "mecazen.runtime", *arguments, *self._arguments]
+        reports, told = os.pipe()
         process = subprocess.Popen(
-            [*command, "--until-orphaned"],
+            [*command, "--until-orphaned", f"--report={told}"],
             stdin=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
             env=ONE_THREAD | os.environ,
+            pass_fds=(told,),
         )
-        watcher = threading.Thread(target=self._watch, args=(name, process), daemon=True)
+        os.close(told)
+        watcher = threading.Thread(target=self._watch, args=(name, process, reports), daemon=True)
         watcher.start()
         self._watchers = [other for other in self._watchers if other.is_alive()]
         self._watchers.append(watcher)
@@ -130,11 +146,13 @@ class Supervisor:
         Raises:
             ProcessError: It ended, most often because the port is taken, or says nothing.
         """
-        self.start("router")
-        while (event := self.poll(timeout_s)) is not None:
-            if isinstance(event, Line) and "msg=started" in event.text:
-                return
-        raise ProcessError("the router does not start")
+        self.start(ROUTER)
+        deadline = time.monotonic() + timeout_s
+        while not self._parts[ROUTER.name].has_run:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0.0:
+                raise ProcessError("the router does not start")
+            self.poll(left_s)
 
     def poll(self, timeout_s: float) -> Line | None:
         """Return the next line that a process wrote, or None when there is none in time.
@@ -152,12 +170,19 @@ class Supervisor:
                 if time.monotonic() >= end:
                     return None
                 continue
+            if isinstance(event, Line):
+                return event
             if isinstance(event, Ended):
                 return self._take_end(event)
-            if "msg=started" in event.text:
-                part = self._parts[event.name]
+            part, report = self._parts[event.name], event.report
+            if report.kind == "started":
                 part.has_run, part.begin_s = True, time.monotonic()
-            return event
+                if event.name == ROUTER.name:
+                    return Line(event.name, "the router listens")
+            elif report.kind == "failed":
+                part.error = report.text
+            else:
+                return Line(event.name, report.text, is_address=True)
 
     def _start_again(self) -> float:
         """Start again what is due; return when the next is [s], of the monotonic clock."""
@@ -165,20 +190,20 @@ class Supervisor:
         for name, part in self._parts.items():
             if part.restart_s is not None and part.restart_s <= now:
                 part.process = self._spawn(name, part.arguments)
-                part.begin_s, part.restart_s = math.inf, None
+                part.begin_s, part.restart_s, part.error = math.inf, None, ""
         return min(
             (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf
         )
 
     def _take_end(self, event: Ended) -> Line:
         part = self._parts[event.name]
-        how = _how(event)
-        # an onlooker that tells why it can't go on, as on a full disk, would tell it again
-        hopeless = not part.has_run or (not part.needed and event.error.startswith("error: "))
+        how = _how(event, part.error)
+        # an observer that says why it can't go on, as on a full disk, would say it again
+        hopeless = not part.has_run or (not part.needed and part.error != "")
         if not self._restart or (event.code > 0 and hopeless):
             if part.needed:
                 raise ProcessError(f"{event.name}: {how}")
-            return Line(event.name, f"{event.name} has ended; the others go on")
+            return Line(event.name, f"{event.name} has ended: {how}; the others go on")
         now = time.monotonic()
         steady = now - part.begin_s >= STEADY_S
         part.failures = 0 if steady else part.failures + 1
@@ -207,7 +232,9 @@ class Supervisor:
             watcher.join()
         return killed
 
-    def _watch(self, name: str, process: subprocess.Popen[str]) -> None:
+    def _watch(self, name: str, process: subprocess.Popen[str], reports: int) -> None:
+        listener = threading.Thread(target=self._listen, args=(name, reports), daemon=True)
+        listener.start()
         last = ""
         if process.stderr is not None:
             with process.stderr:
@@ -217,14 +244,20 @@ class Supervisor:
         code = process.wait()
         if process.stdin is not None:
             process.stdin.close()
+        listener.join()
         self._events.put(Ended(name, code, last))
 
+    def _listen(self, name: str, reports: int) -> None:
+        with open(reports, "rb") as lines:
+            for line in lines:
+                self._events.put(Told(name, msgspec.json.decode(line, type=Report)))
 
-def _how(event: Ended) -> str:
+
+def _how(event: Ended, error: str) -> str:
     """Return in one line how a process has ended."""
     if event.code < 0:
         return f"was killed by {signal.Signals(-event.code).name}"
-    return event.error.removeprefix("error: ") or f"ended with code {event.code}"
+    return error or event.last_line or f"ended with code {event.code}"
 
 
 def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
@@ -246,14 +279,12 @@ def on_one_core() -> Iterator[None]:
 
     The parts of a tick in lockstep come one after the other: on one core none has to be
     woken on another, which is the larger part of a hop's time. As batch processes they let
-    a sender finish what it sends before a receiver takes over: a third of the switches. With
-    Python at the same addresses in all of them, what the core has learnt of its branches in
-    one serves the next: a fifth of the time of a tick.
+    a sender finish what it sends before a receiver takes over: a third of the switches.
     """
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     try:
-        with _on({max(os.sched_getaffinity(0))}), _at_the_same_addresses():
+        with _on({max(os.sched_getaffinity(0))}):
             yield
     finally:
         os.sched_setscheduler(0, policy, os.sched_param(0))
@@ -275,18 +306,3 @@ def _on(cores: set[int]) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
-
-
-@contextmanager
-def _at_the_same_addresses() -> Iterator[None]:
-    """Let programs that are started meanwhile lie where they always do, if that is allowed.
-
-    In a container it may not be; then they lie anywhere, as without this.
-    """
-    personality = ctypes.CDLL(None).personality
-    before = personality(0xFFFFFFFF)  # which changes nothing
-    personality(before | ADDR_NO_RANDOMIZE)
-    try:
-        yield
-    finally:
-        personality(before)

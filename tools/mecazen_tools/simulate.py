@@ -8,16 +8,20 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, cast
 
 import msgspec
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import COLLECTOR, OBSERVERS, Scenario, join_key, wanted_view
+from mecazen.config import Scenario, join_key, wanted_view
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.graph import COLLECTOR, OBSERVERS
+from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
-from mecazen.runtime import announce_readiness, declare_alive, find_service, part_of
-from mecazen.service import NS_PER_S
+from mecazen.programs import graph_of
+from mecazen.runtime.clock import TimeOwner
+from mecazen.runtime.host import make_service
+from mecazen.runtime.readiness import announce_readiness, declare_alive
+from mecazen.wire import NS_PER_S
 
 from mecazen_tools.processes import (
     Supervisor,
@@ -61,6 +65,46 @@ def in_lockstep(scenario: Scenario) -> Scenario:
     return msgspec.structs.replace(scenario, sim=sim)
 
 
+class InProcess:
+    """All services of a scenario in this process, in lockstep: `step` is a tick.
+
+    Raises:
+        ConfigError: The scenario does not suit a service, or nothing in it owns time.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = in_lockstep(scenario)
+        self.bus = LocalBus()
+        self.trajectory = _trajectory(self.bus, self.scenario, self.scenario.services)
+        self.members = []
+        for service, robot in self.scenario.parts:
+            member = make_service(service, self.bus, self.scenario, robot)
+            declare_alive(member.bus, service, member.scenario)
+            self.members.append(member)
+        owners = [member for member in self.members if isinstance(member, TimeOwner)]
+        if not owners:
+            raise ConfigError("services: nothing to simulate without physics")
+        self.clock = owners[0]
+
+    def begin(self) -> None:
+        """Publish the first state of the run."""
+        self.clock.begin()
+
+    def step(self) -> None:
+        """Deliver all answers to this tick, and advance to the next."""
+        self.clock.step()
+
+    def end(self) -> None:
+        """Deliver the answers to the last tick."""
+        self.clock.await_answers()
+        self.bus.spin()
+
+    def close(self) -> None:
+        """End the services' work."""
+        for member in self.members:
+            member.close()
+
+
 def simulate(
     scenario: Scenario, name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
@@ -69,47 +113,27 @@ def simulate(
     Raises:
         MecazenError: A service failed.
     """
-    scenario = in_lockstep(scenario)
-    if "physics" not in scenario.services:
-        raise ConfigError("services: nothing to simulate without physics")
-    bus = LocalBus()
-    trajectory = _trajectory(bus, scenario, scenario.services)
-    kinds = {part: find_service(part, scenario) for part in scenario.services}
-    parts = {}
-    for role, robot in scenario.processes:
-        seen = part_of(role, scenario, robot)
-        parts[join_key(role, robot)] = kinds[role](bus.namespaced(robot), seen)
-        declare_alive(bus.namespaced(robot), role, seen)
-    # Physics is the one part that is not driven by samples alone; its class is not known here.
-    physics = cast(Any, parts["physics"])
+    run = InProcess(scenario)
     begin = time.perf_counter()
     try:
-        physics.begin()
+        run.begin()
         for tick in range(1, scenario.sim.ticks):
-            physics.step()
+            run.step()
             if tick % PROGRESS_TICKS == 0:
                 progress(tick)
-        physics.await_answers()
-        bus.spin()
+        run.end()
     finally:
-        for part in parts.values():
-            part.close()
+        run.close()
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
-    return result(scenario, name, trajectory, wall_s), trajectory
+    return result(run.scenario, name, run.trajectory, wall_s), run.trajectory
 
 
 def _trajectory(bus: Bus, scenario: Scenario, parts: Sequence[str]) -> Trajectory:
-    """Return the trajectory to be; how often the odometry comes is the controller's to know."""
+    """Return the trajectory to be."""
     sim = scenario.sim
-    per_odom = {}
-    for robot in scenario.names:
-        controller = scenario.of(robot).sections.get("controller")
-        ticks_per_update = getattr(controller, "ticks_per_update", lambda _: 1)
-        try:
-            per_odom[robot] = ticks_per_update(sim.tick_s)
-        except ValueError as error:
-            raise ConfigError(f"controller.{error}") from None
+    rate = graph_of(scenario).rate(ODOM.key)
+    per_odom = {robot: scenario.of(robot).ticks_per(rate) for robot in scenario.names}
     return Trajectory(bus, sim.tick_ns, sim.ticks, parts, per_odom)
 
 
@@ -175,12 +199,13 @@ def simulate_distributed(
             bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)
         with closing(bus):
             trajectory = _join(bus, scenario)
-            for part, robot in scenario.processes:
-                if part == COLLECTOR:
+            for process in scenario.process_plan:
+                if COLLECTOR in process.services:
                     continue
                 # who no tick waits for keeps off the core of those that it does
-                with beside_that_core() if part in OBSERVERS else on_one_core():
-                    supervisor.start(part, robot)
+                observes = process.services[0] in OBSERVERS
+                with beside_that_core() if observes else on_one_core():
+                    supervisor.start(process)
             with beside_that_core():
                 wall_s = _collect(trajectory, bus, lambda: supervisor.poll(0.0), progress)
     finally:

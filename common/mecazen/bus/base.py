@@ -55,7 +55,8 @@ class Presence:
         self.names: set[str] = set()
         self.returns: Counter[str] = Counter()
         """How often each name has come back after it had gone."""
-        self.on_change: Callable[[], None] = lambda: None
+        self.on_change: list[Callable[[], None]] = []
+        """Are called after each change."""
         self.on_return: list[Callable[[str], None]] = []
         """Are told the name of who has come back."""
         self._gone: set[str] = set()
@@ -72,7 +73,8 @@ class Presence:
                 self.returns[name] += 1
                 for tell in self.on_return:
                     tell(name)
-        self.on_change()
+        for changed in self.on_change:
+            changed()
 
 
 class Bus(ABC):

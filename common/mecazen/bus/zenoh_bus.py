@@ -469,7 +469,7 @@ class ZenohBus(Bus):
                     return decode(sample.payload.to_bytes(), call.answer, str(sample.encoding))
                 except RefusedError as refusal:
                     raise BusError(f"{call.key}: the answer is {refusal}") from None
-        raise BusError(f"{call.key}: nobody answers; is {call.server} running?")
+        raise BusError(f"{call.key}: nobody answers; is `mecazen up` running?")
 
     def declare_alive(self, name: str) -> None:
         """Hold the liveliness token `mecazen/<name>` until the bus is closed.

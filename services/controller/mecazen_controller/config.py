@@ -128,20 +128,3 @@ class ControllerConfig(Section):
             self.half_wheelbase_m or robot.half_wheelbase,
             self.half_track_m or robot.half_track,
         )
-
-    def ticks_per_update(self, tick: float) -> int:
-        """Return the number of ticks of `tick` [s] from one odometry to the next.
-
-        Raises:
-            ValueError: update_rate_hz does not divide the tick rate.
-        """
-        if self.update_rate_hz is None:
-            return 1
-        ratio = 1.0 / (tick * self.update_rate_hz)
-        ticks = round(ratio)
-        if ticks < 1 or not math.isclose(ticks, ratio, rel_tol=1e-6):
-            raise ValueError(
-                f"update_rate_hz = {self.update_rate_hz:g} must divide the tick rate "
-                f"of {1.0 / tick:g} Hz"
-            )
-        return ticks

@@ -16,7 +16,7 @@ import msgspec
 import typer
 from mecazen.config import join_key
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.service import NS_PER_S
+from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from rich.console import Console
 from rich.table import Column, Table

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import msgspec
 from mecazen.config import split_key
-from mecazen.service import NS_PER_S
+from mecazen.wire import NS_PER_S
 
 from mecazen_recorder.reader import Recording, Sample
 

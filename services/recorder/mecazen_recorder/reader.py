@@ -17,8 +17,9 @@ from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario, split_key
 from mecazen.description import RobotDescription
 from mecazen.explain import one_line
+from mecazen.graph import SERVICES
 from mecazen.keys import TOPICS
-from mecazen.loading import KNOWN_SERVICES, from_tables, installed_sections, robots_in
+from mecazen.loading import from_tables, installed_sections, robots_in
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
@@ -164,7 +165,7 @@ class Recording:
         except ValueError as error:
             reason = one_line(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
-        optional = {*KNOWN_SERVICES, *installed_sections(), "bus"}
+        optional = {*SERVICES, *installed_sections(), "bus"}
 
         def wanted(tables: dict[str, Any]) -> dict[str, Any]:
             return {

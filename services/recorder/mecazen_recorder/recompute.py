@@ -13,14 +13,16 @@ from mecazen.bus import LocalBus, Publisher
 from mecazen.bus.base import Handler
 from mecazen.config import split_key
 from mecazen.errors import ConfigError
+from mecazen.graph import GRAPH, TABLE, services
 from mecazen.keys import Topic
 from mecazen.messages import Message
-from mecazen.runtime import find_service, part_of
-from mecazen.service import NS_PER_S, Service
-from mecazen.wire import Stamp, encode
+from mecazen.node import Node
+from mecazen.programs import find
+from mecazen.runtime.host import make_nodes
+from mecazen.runtime.participant import Participant
+from mecazen.wire import NS_PER_S, Stamp, encode
 
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.service import RecorderService
 from mecazen_recorder.sink import RecordingError
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -40,9 +42,6 @@ _ORDER: tuple[Topic[Any], ...] = (
 The recorder gets them from several processes, possibly in another order.
 """
 _RANKS = {topic.key: rank for rank, topic in enumerate(_ORDER)}
-
-_PERIODIC = ("tick", "sensor")
-"""Rates of keys whose last sample shows how far a recording goes."""
 
 
 class Difference(NamedTuple):
@@ -154,15 +153,29 @@ def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> l
 
 def _make_service(
     recording: Recording, run: int, program: str, robot: str
-) -> tuple[Service, _OneServiceBus]:
-    """Return the service with its recorded configuration."""
-    kind = find_service(program, recording.scenario(run))
-    if kind.OWNS_TIME:
-        raise ConfigError(f"{program}: makes the time itself; `mecazen simulate` runs it anew")
-    if issubclass(kind, RecorderService):
-        raise ConfigError(f"{program}: computes nothing")
+) -> tuple[Participant, _OneServiceBus]:
+    """Return the nodes with their recorded configuration.
+
+    Raises:
+        ConfigError: There are none of that name, or they have no inputs to compute from.
+    """
+    scenario = recording.scenario(run)
+    names = [row.name for row in services().get(program, ()) if not row.owns_time] or [program]
+    kinds = {}
+    for name in names:
+        kind = find(name, scenario.programs)
+        if not issubclass(kind, Node):
+            raise ConfigError(
+                f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest anew"
+            )
+        place = name if name in TABLE or name in scenario.programs else kind.ROW.name
+        kinds[place] = kind
+    place = next(iter(kinds))
+    service = TABLE[place].part_of if place in TABLE else place
     bus = _OneServiceBus()
-    return kind(bus, part_of(kind.NAME, recording.scenario(run, kind.NAME), robot)), bus
+    programs = {**scenario.programs, **({place: program} if ":" in program else {})}
+    recorded = msgspec.structs.replace(recording.scenario(run, service), programs=programs)
+    return make_nodes(service, kinds, bus, recorded, robot), bus
 
 
 def _recompute_run(samples: Sequence[Sample], bus: _OneServiceBus) -> Comparison:
@@ -204,9 +217,14 @@ def _horizon_ns(samples: Sequence[Sample], topics: dict[str, Topic[Any]]) -> int
     last: dict[str, int] = {}
     for sample in samples:
         topic = topics.get(sample.key)
-        if topic is not None and topic.rate in _PERIODIC and sample.stamp is not None:
+        if topic is not None and _is_periodic(topic) and sample.stamp is not None:
             last[sample.key] = max(last.get(sample.key, 0), sample.time_ns)
     return min(last.values(), default=0)
+
+
+def _is_periodic(topic: Topic[Any]) -> bool:
+    """Return whether a topic's last sample says how far a recording goes."""
+    return any(topic.key in {t.key for t in row.outputs} for row in GRAPH)
 
 
 def _compare(

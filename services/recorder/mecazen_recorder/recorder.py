@@ -17,9 +17,8 @@ from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
 from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
-from mecazen.runtime import stop_on_signals
-from mecazen.service import NS_PER_S
-from mecazen.wire import RefusedError, Stamp, decode
+from mecazen.runtime.router import stop_on_signals
+from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.writer import SYNC_S, RecordingWriter

@@ -7,8 +7,7 @@ import time
 from collections.abc import Sequence
 
 from mecazen.bus.zenoh_bus import ZenohBus, includes
-from mecazen.service import NS_PER_S
-from mecazen.wire import RefusedError
+from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.sink import RecordingError

@@ -13,7 +13,7 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.config import Scenario
 from mecazen.loading import to_toml
 from mecazen.messages import Clock
-from mecazen.service import Service
+from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
 from mecazen_recorder.config import RecorderConfig
@@ -27,19 +27,17 @@ QUIET_S = 0.1
 """... or until none has come for this long."""
 
 
-class RecorderService(Service):
-    """Records the services of a scenario; an observer that no tick waits for."""
+class RecorderService(Observer):
+    """Records the services of a scenario."""
 
-    NAME = "recorder"
-
-    def __init__(self, bus: Bus, scenario: Scenario) -> None:
-        config = scenario.section(RecorderConfig, self.NAME)
+    def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
+        super().__init__(name, bus, scenario)
+        config = scenario.section(RecorderConfig, "recorder")
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
         self.recorder = Recorder(
             bus, config, scenario.services, lambda: to_toml(scenario), scenario.names
         )
-        super().__init__(bus, scenario)
         self.subscribe(keys.CLOCK, self.on_clock)
 
     def reset(self, seed: int) -> None:
@@ -51,7 +49,7 @@ class RecorderService(Service):
         self.recorder.run()
 
     def on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
-        """Do nothing; the base class keeps the time."""
+        """Do nothing; the base class notes the newest tick."""
 
     def close(self) -> None:
         """Record what is still in transit, and finish the file."""

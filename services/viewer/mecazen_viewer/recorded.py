@@ -14,8 +14,7 @@ from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.service import NS_PER_S
-from mecazen.wire import RefusedError, Stamp
+from mecazen.wire import NS_PER_S, RefusedError, Stamp
 
 from mecazen_viewer.layout import blueprint
 from mecazen_viewer.service import FRAME_S, ViewerService
@@ -66,7 +65,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
             if sample.stamp is None:
                 continue  # before the first run
             scenario = recording.scenario(sample.stamp.run, *SECTIONS)
-            viewer = ViewerService(bus, scenario)
+            viewer = ViewerService("viewer", bus, scenario)
             viewer.send = partial(_save, folder, files, blueprint(scenario.names))
         try:
             bus.put_bytes(sample.key, *sample.as_published())

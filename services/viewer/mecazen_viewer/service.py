@@ -17,7 +17,7 @@ from mecazen.description import ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic
 from mecazen.messages import Message
-from mecazen.service import Service
+from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
 from mecazen_viewer.config import ViewerConfig
@@ -37,19 +37,17 @@ BATCH_S = 0.1
 DESCRIPTION_TIMEOUT_S = 2.0
 
 
-class ViewerService(Service):
+class ViewerService(Observer):
     """Shows every run, with all its robots, as a recording of its own. Nobody waits for it."""
 
-    NAME = "viewer"
-
-    def __init__(self, bus: Bus, scenario: Scenario) -> None:
+    def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.section(ViewerConfig, "viewer")
         self.runs = 0
         self.send: Callable[[rr.RecordingStream], None] = lambda _: None
         """Takes the recording of each run before anything is logged in it."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
-        super().__init__(bus, scenario)
+        super().__init__(name, bus, scenario)
         for robot in scenario.names:
             self.show(robot, keys.GROUND_TRUTH, Picture.on_ground_truth)
             self.show(robot, keys.JOINT_STATES, Picture.on_joint_states)
@@ -58,8 +56,8 @@ class ViewerService(Service):
             self.show(robot, keys.TARGET_ODOM, Picture.on_target_odom)
             self.show(robot, keys.OBSERVATION, Picture.on_observation)
             self.show(robot, keys.FOLLOWER_STATE, Picture.on_follower_state)
-            self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel, advances_clock=False)
-        for part, robot in scenario.processes:
+            self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel)
+        for part, robot in scenario.parts:
             self.show(robot, keys.diagnostics(part), Picture.on_diagnostics)
 
     def reset(self, seed: int) -> None:
@@ -77,6 +75,7 @@ class ViewerService(Service):
         with serving(self.config, blueprint(self.scenario.names)) as server:
             self.send = server.take
             logger.info("msg=serving url=%s", server.url)
+            self.announce(server.url)
             try:
                 while True:
                     self.bus.spin_once()
@@ -92,8 +91,6 @@ class ViewerService(Service):
         robot: str,
         topic: Topic[MessageT],
         draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
-        *,
-        advances_clock: bool = True,
     ) -> None:
         """Log what `draw` makes of each sample of a robot's topic, at the time of its tick."""
 
@@ -108,7 +105,7 @@ class ViewerService(Service):
                 return
             self.log(robot, entities, time_ns)
 
-        self.subscribe(topic, deliver, advances_clock=advances_clock, robot=robot)
+        self.subscribe(topic, deliver, robot=robot)
 
     def log(self, robot: str, entities: Iterable[Entity], time_ns: int) -> None:
         """Log a robot's entities at a simulated time, in the recording of this run."""

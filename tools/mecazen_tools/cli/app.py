@@ -12,9 +12,10 @@ from typing import Annotated, Literal
 
 import msgspec
 import typer
-from mecazen import keys, runtime
+from mecazen import keys
 from mecazen.errors import MecazenError
 from mecazen.loading import scenario_path, to_toml
+from mecazen.runtime import __main__ as runtime
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -91,8 +92,8 @@ def run(
     service: Annotated[
         str,
         typer.Argument(
-            help="An installed service (physics, controller, target, follower, viewer), router, "
-            "or a class of your own: file.py:Class.",
+            help="A service of the scenario (physics, controller, …), several joined by +, "
+            "or router.",
             show_default=False,
         ),
     ],
@@ -102,12 +103,12 @@ def run(
     ] = "",
     settings: Settings = None,
 ) -> None:
-    """Run one service in this terminal, until Ctrl-C.
+    """Run one process in this terminal, until Ctrl-C.
 
     Examples: mecazen run router back · mecazen run physics back ·
-    mecazen run my_follower.py:MyFollower back
+    mecazen run controller+follower back
     """
-    runtime.run_named(service, load(scenario, settings), robot)
+    runtime.run(service, load(scenario, settings), robot)
 
 
 @app.command(name="simulate")

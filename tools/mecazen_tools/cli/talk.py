@@ -10,17 +10,24 @@ import msgspec
 import typer
 from mecazen import keys
 from mecazen.errors import ConfigError
+from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
+from mecazen.programs import graph_of
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.console import Console
 from rich.table import Table
 
-from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools import graph_tables
+from mecazen_tools.cli.options import Connect, Namespace, Tls, load, tool_bus
 
 LIVE_S = 1.0
 
 
 def topics(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="[SCENARIO]", help="Whose nodes, with their own topics as well."),
+    ] = None,
     live: Annotated[
         bool, typer.Option("--live", help=f"Measure the rates for {LIVE_S:g} s.")
     ] = False,
@@ -29,6 +36,9 @@ def topics(
     tls: Tls = None,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
+    graph = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
+    shown = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
+    shown.append(keys.DIAGNOSTICS)
     rates: Counter[str] = Counter()
     if live:
         with tool_bus(connect, namespace, tls) as bus:
@@ -37,15 +47,15 @@ def topics(
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
     table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
-    for topic in keys.TOPICS:
+    for topic in shown:
         now = [f"{rates[topic.key] / LIVE_S:.0f}"] if live else []
-        table.add_row(
-            topic.key, topic.type.ROS_TYPE, topic.rate, topic.publisher, topic.meaning, *now
-        )
+        rate, giver = graph_tables.rate(graph, topic), graph_tables.source(graph, topic)
+        table.add_row(topic.key, topic.type.ROS_TYPE, rate, giver, topic.meaning, *now)
     table.add_section()
-    for call in keys.CALLS:
-        kind = f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}"
-        table.add_row(call.key, kind, "query", call.server, call.meaning)
+    for row in graph.rows:
+        for call in row.calls:
+            kind = f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}"
+            table.add_row(call.key, kind, "query", row.part_of, call.meaning)
     Console().print(table)
 
 

@@ -15,19 +15,19 @@ from typing import Literal
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import OBSERVERS, ROUTER, SECURE_ROUTER, Scenario, join_key
+from mecazen.config import ROUTER, SECURE_ROUTER, Process, Scenario, join_key
 from mecazen.errors import ConfigError
+from mecazen.graph import OBSERVERS, Row, services
 from mecazen.loading import load_scenario
 from mecazen.messages import DiagnosticArray
-from mecazen.runtime import find_service, installed_services
-from mecazen.service import NS_PER_S
-from mecazen.wire import Stamp
+from mecazen.programs import classes, installed_nodes
+from mecazen.wire import NS_PER_S, Stamp
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from mecazen_tools.processes import Line, Supervisor
+from mecazen_tools.processes import Supervisor
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
@@ -36,18 +36,6 @@ REPORTING = {"physics", "target", "follower"}
 """Parts of whose health the status tells."""
 
 VIEWER = "viewer"
-SERVING = "msg=serving url="
-"""The viewer's own words, before the address at which a browser finds it."""
-
-WORK = {
-    "router": "where processes and tools meet",
-    "physics": "the robot with its rollers; simulated time",
-    "controller": "cmd_vel → wheels → odom",
-    "target": "the person, and what the sensor sees",
-    "follower": "observations → cmd_vel",
-    "recorder": "everything → an MCAP file",
-    "viewer": "shows all of it",
-}
 Viewer = Literal["web", "native"]
 
 
@@ -62,14 +50,14 @@ def run_up(
     Raises:
         MecazenError: What is wrong with the scenario, or the error of the process that failed.
     """
-    shown = viewer is not None and VIEWER in installed_services()
+    shown = viewer is not None and VIEWER in installed_nodes()
     if viewer == "native":
         if not shown:
             raise ConfigError("--viewer native: the viewer is not installed")
         settings = (*settings, "viewer.native=true")
     scenario = load_scenario(path, settings)
     for part in scenario.services:
-        find_service(part, scenario)
+        classes(part, scenario)
     console = Console()
     supervisor = Supervisor(path, settings, restart=restart)
     signal.signal(signal.SIGTERM, _interrupt)
@@ -79,10 +67,10 @@ def run_up(
         supervisor.start_router()
         with closing(ZenohBus(scenario.bus, "client")) as bus:
             status = Status(bus, scenario)
-            for part, robot in scenario.processes:
-                supervisor.start(part, robot, needed=part not in OBSERVERS)
-            if shown:
-                supervisor.start(VIEWER, needed=False)
+            for process in scenario.process_plan:
+                supervisor.start(process, needed=process.services[0] not in OBSERVERS)
+            if shown and VIEWER not in scenario.services:
+                supervisor.start(Process((VIEWER,)), needed=False)
             _introduce(console, scenario, supervisor, path)
             _watch(console, supervisor, bus, status)
     except KeyboardInterrupt:
@@ -103,22 +91,17 @@ def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Stat
         while True:
             line = supervisor.poll(REFRESH_S)
             while line is not None:
-                if line.name == VIEWER and SERVING in line.text:
-                    url = line.text.partition(SERVING)[2]
-                    console.print(f"Watch it at [bold]{url}[/]", highlight=False, soft_wrap=True)
-                elif "level=info" not in line.text and not _is_told_at_its_end(line):
-                    console.print(line.text, markup=False, highlight=False)
+                if line.is_address:
+                    text = f"Watch it at [bold]{escape(line.text)}[/]"
+                    console.print(text, highlight=False, soft_wrap=True)
+                else:
+                    console.print(line.text, markup=False, highlight=False, soft_wrap=True)
                 line = supervisor.poll(0.0)
             bus.drain()
             if console.is_terminal:
                 live.update(status.text, refresh=True)
             elif status.due():
                 console.print(status.text, soft_wrap=True)
-
-
-def _is_told_at_its_end(line: Line) -> bool:
-    """Return whether this is the error by which a needed part ends, which names the part then."""
-    return line.name not in OBSERVERS and line.text.startswith("error: ")
 
 
 class Status:
@@ -133,7 +116,7 @@ class Status:
         self._reported_s = -QUIET_REPORT_S
         self._robots = scenario.names
         self._health: dict[str, Mapping[str, str]] = {}
-        for part, robot in scenario.processes:
+        for part, robot in scenario.parts:
             if part in REPORTING:
                 hear = partial(self._on_report, join_key(part, robot))
                 bus.namespaced(robot).subscribe(keys.diagnostics(part), hear)
@@ -190,11 +173,22 @@ def _number(values: Mapping[str, str], name: str) -> float | None:
         return None
 
 
+def _work(process: str, scenario: Scenario) -> str:
+    """Return what a process does, by the nodes of its services."""
+    if process == "router":
+        return "where processes and tools meet"
+    table = services()
+    return "; ".join(
+        scenario.programs.get(row.name, row.summary)
+        for part in process.split("+")
+        for row in table.get(part) or (Row(part),)
+    )
+
+
 def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:
     table = Table("process", "pid", "what it does", title="running", title_justify="left")
     for name, pid in supervisor.pids.items():
-        part = name.rpartition("/")[2]
-        table.add_row(name, str(pid), WORK.get(part, scenario.programs.get(part, "")))
+        table.add_row(name, str(pid), _work(name.rpartition("/")[2], scenario))
     console.print(table)
     folder = scenario.bus.keys
     endpoint = (scenario.bus.router_endpoints or (SECURE_ROUTER if folder else ROUTER,))[0]

@@ -1,4 +1,4 @@
-"""Physics: robots in their world, and the owner of simulated time."""
+"""Simulated time: advances a world, tick by tick, in lockstep or in real time."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import time
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
-from mecazen.config import OBSERVERS, Scenario, whole_ticks
+from mecazen.config import Scenario, join_key
 from mecazen.errors import StepTimeoutError
+from mecazen.graph import OBSERVERS, Graph
 from mecazen.loading import to_toml
 from mecazen.messages import (
     Clock,
@@ -20,80 +21,77 @@ from mecazen.messages import (
     StepRequest,
     String,
 )
-from mecazen.service import NS_PER_S, Service
-from mecazen.wire import Stamp
-
-from mecazen_physics.arena import Arena
-from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.member import Member
-from mecazen_physics.schedule import Schedule
+from mecazen.node import Tick, World
+from mecazen.runtime.link import Link
+from mecazen.runtime.participant import Participant
+from mecazen.runtime.schedule import Schedule
+from mecazen.wire import NS_PER_S, Stamp
 
 logger = logging.getLogger(__name__)
 
 OBSERVERS_S = 1.0
-"""In real time, how long onlookers may come after all others are ready and miss nothing."""
+"""In real time, how long observers may come after all others are ready and miss nothing."""
 PRESENCE_POLL_S = 0.25
-"""How long a missing answer may take before it is asked whether its service still lives."""
-
+"""How long an answer may be missing before its service is looked for."""
 ARRIVED_AT_MOST = 100
 """Samples that are still taken when a tick is due: many more than make up a tick."""
 
 
-class PhysicsService(Service):
-    """Robots with every roller, and simulated time: lockstep or real time.
+class TimeOwner(Participant):
+    """The clock, and the world that it advances.
 
-    At every tick physics publishes `clock`, `joint_states` and `ground_truth/odom`, waits for
-    the tick's `joint_command` and `target/odom`, and simulates the next control period. Of
-    several robots it does so in the namespace of each.
+    At every tick it publishes `clock` and the world's state of each robot, waits until the tick
+    is answered by every node that gives an input of the world, and advances the world to the
+    next. It answers `sim/…`.
+
+    Args:
+        name: The service's name.
+        bus: Without a robot's namespace.
+        scenario: The whole scenario.
+        graph: Its nodes.
+        world: The class of what is advanced.
     """
 
-    NAME = "physics"
-    PRIORITY = 1
-    OWNS_TIME = True
-
-    def __init__(self, bus: Bus, scenario: Scenario) -> None:
-        self.config = scenario.section(PhysicsConfig, "physics")
-        self.steps_per_tick = whole_ticks("sim.tick_s", scenario.sim.tick_s, self.config.dt_s)
+    def __init__(
+        self, name: str, bus: Bus, scenario: Scenario, graph: Graph, world: type[World]
+    ) -> None:
+        super().__init__(name, bus, scenario)
         self.lockstep = scenario.sim.mode == "lockstep"
-        self.members = [
-            Member(name, bus.namespaced(name), scenario.of(name)) for name in scenario.names
-        ]
+        self.world = world(scenario)
+        row = world.row(scenario)
+        self.links = [Link(robot, self, row, graph, self.world) for robot in scenario.names]
         self.schedule = Schedule(scenario.sim.tick_s, scenario.sim.speed)
         self.paused = False
         self.steps_left = 0
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         self.missed_deadlines = 0
-        self.clock = bus.publisher(keys.CLOCK) if scenario.robots else None
+        self._clock = bus.publisher(keys.CLOCK) if scenario.robots else None
         """Simulated time for all robots together, in no one's namespace."""
-        super().__init__(bus, scenario)
-        for member in self.members:
-            self.subscribe(keys.JOINT_COMMAND, member.on_joint_command, robot=member.name)
-            self.subscribe(keys.TARGET_ODOM, member.on_target_odom, robot=member.name)
-        bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         configuration = to_toml(scenario)
+        bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
-        bus.serve(keys.SIM_PAUSE, self.on_pause)
-        bus.serve(keys.SIM_RESUME, self.on_resume)
-        bus.serve(keys.SIM_STEP, self.on_step)
-        bus.serve(keys.SIM_RESET, self.on_reset)
-        bus.serve(keys.SIM_SPEED, self.on_speed)
+        bus.serve(keys.SIM_PAUSE, self._on_pause)
+        bus.serve(keys.SIM_RESUME, self._on_resume)
+        bus.serve(keys.SIM_STEP, self._on_step)
+        bus.serve(keys.SIM_RESET, self._on_reset)
+        bus.serve(keys.SIM_SPEED, self._on_speed)
+        self.reset(scenario.seed)
 
     def reset(self, seed: int) -> None:
-        """Put the robots back to the start, in a world made anew, and begin a run."""
-        self.arena = self.make_arena()
+        """Begin a run: the world back at its start."""
+        self.world.reset(seed)
         self.tick = 0
         self.stamp = Stamp(0, secrets.randbits(32), seed)
-        for number, member in enumerate(self.members):
-            member.reset(self.arena, number, self.stamp)
+        for link in self.links:
+            link.reset(self.stamp)
 
-    def make_arena(self) -> Arena:
-        """Return the world of a new run."""
-        parts = [self.scenario.of(name) for name in self.scenario.names]
-        return Arena([(part.robot, part.start.pose) for part in parts], self.config)
+    def close(self) -> None:
+        """End the world's work."""
+        self.world.close()
 
     def run(self) -> None:
-        """Wait until every service of the scenario is ready; then simulate until stopped."""
+        """Wait until every service of the scenario is ready; then advance until stopped."""
         self._await_services()
         self.begin()
         while True:
@@ -102,10 +100,10 @@ class PhysicsService(Service):
     def begin(self) -> None:
         """Publish the first state of a run."""
         self.schedule.restart(self.tick)
-        self._publish()
+        self._advance()
 
     def step(self) -> None:
-        """Wait for the answers to this tick, simulate one control period, publish the next.
+        """Wait for the answers to this tick, advance the world by one, publish its new state.
 
         While time is held, it waits; where that would have no end, on the bus within a
         process, it returns and nothing has happened.
@@ -116,13 +114,8 @@ class PhysicsService(Service):
         if self.asked_reset is not None:
             self._reset_as_asked(*self.asked_reset)
             return
-        commands = [member.end_tick() for member in self.members]
-        self.arena.advance(commands, self.steps_per_tick)
         self.tick += 1
-        self.stamp = Stamp(self.tick * self.tick_ns, self.stamp.run, self.stamp.seed)
-        for member in self.members:
-            member.begin_tick(self.tick, self.stamp)
-        self._publish()
+        self._advance()
         if self.paused and self.steps_left:
             self.steps_left -= 1
             if self._at_the_end:
@@ -140,53 +133,29 @@ class PhysicsService(Service):
         if self.lockstep or self.paused:
             self._await_all()
         elif self.tick == 0:
-            # everybody's first answer takes longer, and is not owed yet: time begins with it
+            # every first answer takes longer, and is not owed yet: time begins with it
             self._await_all()
             self.schedule.restart(self.tick)
         else:
             self._await_due()
 
-    def on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
-        """Hold simulated time at this tick."""
-        del request
-        self._end_stepping("paused meanwhile")
-        self.paused = True
-        reply.answer(self.sim_state())
-
-    def on_resume(self, request: Empty, reply: Reply[SimState]) -> None:
-        """Let simulated time go on."""
-        del request
-        self._end_stepping("resumed meanwhile")
-        self.paused = False
-        self.schedule.restart(self.tick)
-        reply.answer(self.sim_state())
-
-    def on_step(self, request: StepRequest, reply: Reply[SimState]) -> None:
-        """Simulate some ticks while paused; the answer comes when they are done."""
-        if not self.paused:
-            reply.refuse("not paused: `sim/pause` first")
-        elif self._at_the_end:
-            reply.refuse("the run has ended: `sim/reset` begins it anew")
-        elif self.steps_left:
-            reply.refuse("still stepping")
-        else:
-            self.steps_left, self.step_reply = request.ticks, reply
-
-    def on_reset(self, request: ResetRequest, reply: Reply[SimState]) -> None:
-        """Ask for a reset, done between two ticks; the answer comes when it is done."""
-        if self.asked_reset is not None:
-            reply.refuse("already resetting")
-        else:
-            self.asked_reset = request, reply
-
-    def on_speed(self, request: SpeedRequest, reply: Reply[SimState]) -> None:
-        """Go on at another speed."""
-        if self.lockstep:
-            reply.refuse("lockstep goes as fast as it can: there is no speed to set")
-            return
-        self.schedule = Schedule(self.scenario.sim.tick_s, request.speed)
-        self.schedule.restart(self.tick)
-        reply.answer(self.sim_state())
+    def _advance(self) -> None:
+        """Bring the world to the present tick and publish its state."""
+        inputs = {link.name: link.inputs() for link in self.links}
+        now_ns = self.tick * self.tick_ns
+        period_s = self.tick_ns / NS_PER_S if self.tick else 0.0
+        outputs = self.world.step(Tick(self.tick, now_ns, period_s), inputs)
+        self.stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed)
+        if self._clock is not None:
+            self._clock.put(Clock(clock=self.stamp.time), self.stamp)
+        for link in self.links:
+            link.note(inputs[link.name])
+            link.begin_tick(self.stamp)
+        for link in self.links:
+            link.publish(outputs[link.name])
+        self.schedule.published(self.tick)
+        if now_ns % NS_PER_S < self.tick_ns:
+            self.publish_diagnostics()
 
     def sim_state(self) -> SimState:
         """Return what simulated time does."""
@@ -202,34 +171,70 @@ class PhysicsService(Service):
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the real-time factor, the deadlines that were missed, and where robots are."""
-        values: dict[str, object] = {
+        """Return the real-time factor, missed deadlines, and what the world says."""
+        return {
             "mode": self.scenario.sim.mode,
             "rtf": round(self.schedule.rtf, 3),
             "missed_deadlines": self.missed_deadlines,
             "paused": self.paused,
+            **self.world.diagnostics(),
         }
-        for member in self.members:
-            x, y, _ = member.world.state().position
-            values[member.join_key("x_m")] = round(x, 3)
-            values[member.join_key("y_m")] = round(y, 3)
-        return values
 
     @property
     def is_answered(self) -> bool:
         """Whether all answers to this tick have come."""
-        return not any(member.awaited for member in self.members)
+        return all(link.answered for link in self.links)
 
-    @property
-    def awaited(self) -> list[str]:
-        """Services whose answer to this tick is still to come."""
-        return [member.join_key(part) for member in self.members for part in sorted(member.awaited)]
+    def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
+        """Hold simulated time at this tick."""
+        del request
+        self._end_stepping("paused meanwhile")
+        self.paused = True
+        reply.answer(self.sim_state())
+
+    def _on_resume(self, request: Empty, reply: Reply[SimState]) -> None:
+        """Let simulated time go on."""
+        del request
+        self._end_stepping("resumed meanwhile")
+        self.paused = False
+        self.schedule.restart(self.tick)
+        reply.answer(self.sim_state())
+
+    def _on_step(self, request: StepRequest, reply: Reply[SimState]) -> None:
+        """Simulate some ticks while paused; the answer comes when they are done."""
+        if not self.paused:
+            reply.refuse("not paused: `sim/pause` first")
+        elif self._at_the_end:
+            reply.refuse("the run has ended: `sim/reset` begins it anew")
+        elif self.steps_left:
+            reply.refuse("still stepping")
+        else:
+            self.steps_left, self.step_reply = request.ticks, reply
+
+    def _on_reset(self, request: ResetRequest, reply: Reply[SimState]) -> None:
+        """Ask for a reset, done between two ticks; the answer comes when it is done."""
+        if self.asked_reset is not None:
+            reply.refuse("already resetting")
+        else:
+            self.asked_reset = request, reply
+
+    def _on_speed(self, request: SpeedRequest, reply: Reply[SimState]) -> None:
+        """Go on at another speed."""
+        if self.lockstep:
+            reply.refuse("lockstep goes as fast as it can: there is no speed to set")
+            return
+        self.schedule = Schedule(self.scenario.sim.tick_s, request.speed)
+        self.schedule.restart(self.tick)
+        reply.answer(self.sim_state())
+
+    def _is_current(self, stamp: Stamp) -> bool:
+        return stamp.run == self.stamp.run
 
     def _await_services(self) -> None:
-        others = set(self.scenario.services) - {self.NAME}
-        onlookers = set() if self.lockstep else others & set(OBSERVERS)
-        missing = self._await_ready(others - onlookers, self.scenario.sim.answer_timeout_s)
-        missing += self._await_ready(onlookers, OBSERVERS_S)
+        others = set(self.scenario.services) - {self.name}
+        observers = set() if self.lockstep else others & set(OBSERVERS)
+        missing = self._await_ready(others - observers, self.scenario.sim.answer_timeout_s)
+        missing += self._await_ready(observers, OBSERVERS_S)
         if missing and self.lockstep:
             raise StepTimeoutError(f"not there to start with: {', '.join(missing)}")
         if missing:
@@ -240,10 +245,10 @@ class PhysicsService(Service):
         deadline = time.monotonic() + timeout_s
         while True:
             missing = [
-                member.join_key(name)
-                for member in self.members
+                join_key(name, link.name)
+                for link in self.links
                 for name in sorted(names)
-                if f"{name}/ready" not in member.bus.presence.names
+                if f"{name}/ready" not in link.bus.presence.names
             ]
             if not missing or (left_s := deadline - time.monotonic()) <= 0.0:
                 return missing
@@ -254,11 +259,9 @@ class PhysicsService(Service):
         while not self.is_answered and self.asked_reset is None:
             if self.bus.spin_once(PRESENCE_POLL_S):
                 continue
-            gone = [
-                member.join_key(part) for member in self.members for part in sorted(member.gone)
-            ]
+            gone = [part for link in self.links for part in link.gone]
             if self.lockstep and (gone or time.monotonic() > deadline):
-                missing = ", ".join(gone or self.awaited)
+                missing = ", ".join(gone or (part for link in self.links for part in link.awaited))
                 raise StepTimeoutError(
                     f"{missing} did not answer tick {self.tick} (t = {self.stamp.time_ns / 1e9} s)"
                 )
@@ -303,12 +306,3 @@ class PhysicsService(Service):
         if self.step_reply is not None:
             self.step_reply.refuse(reason)
             self.step_reply = None
-
-    def _publish(self) -> None:
-        if self.clock is not None:
-            self.clock.put(Clock(clock=self.stamp.time), self.stamp)
-        for member in self.members:
-            member.publish()
-        self.schedule.published(self.tick)
-        if self.stamp.time_ns % NS_PER_S < self.tick_ns:
-            self.publish_diagnostics()

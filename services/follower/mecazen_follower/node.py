@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 
-from mecazen import keys
-from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.covariance import ros_covariance
-from mecazen.follower import Follower
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.graph import TABLE
+from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
 from mecazen.messages import (
     FollowerState,
     Header,
@@ -20,8 +19,7 @@ from mecazen.messages import (
     Twist,
     TwistWithCovariance,
 )
-from mecazen.service import NS_PER_S
-from mecazen.wire import Stamp
+from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
@@ -32,52 +30,46 @@ HISTORY_TICKS = 500
 """Odometry that is kept, besides the sensor's latency, for observations that come late."""
 
 
-class FollowerService(Follower):
+class FollowerNode(Node):
     """Estimates the person from noisy observations and drives the robot to its place.
 
-    At every tick it publishes `follower/state` and `cmd_vel`. An observation is placed with
-    the robot's pose at its capture, however late it comes.
+    An observation is placed with the robot's pose at its capture, however late it comes.
     """
 
-    PRIORITY = 2
+    ROW = TABLE["follower"]
 
-    def __init__(self, bus: Bus, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
         self.config = scenario.section(FollowerConfig, "follower")
         self.history_ticks = HISTORY_TICKS + round(scenario.sensor.latency_s / scenario.sim.tick_s)
-        self.lost_after_ns = round(self.config.lost_after_s * NS_PER_S)
-        self.state = bus.publisher(keys.FOLLOWER_STATE)
-        super().__init__(bus, scenario)
 
     def reset(self, seed: int) -> None:
-        """Forget the person and the way."""
+        """Forget the person and the distance travelled."""
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
         self.robot: deque[tuple[int, Pose2D]] = deque(maxlen=self.history_ticks)
         """Where the robot was, by simulated time [ns], the newest last."""
-        self.last_ns: int | None = None
-        self.told: FollowerState | None = None
+        self.state: FollowerState | None = None
 
-    def follow(self, odom: Odometry, frame: Observation | None, stamp: Stamp) -> Twist2D:
-        """Publish the state of a tick, and return its command."""
-        if self.last_ns is not None and stamp.time_ns - self.last_ns > self.lost_after_ns:
-            self.reset(stamp.seed)  # what was known so long ago is worth no prediction
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the state of a tick and its command."""
+        if tick.period_s > self.config.lost_after_s:
+            self.reset(0)  # what was known so long ago is worth no prediction
+        odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
-        self.robot.append((stamp.time_ns, robot))
-        dt = self.dt
-        if self.last_ns is not None:
-            dt = (stamp.time_ns - self.last_ns) / NS_PER_S
-            self.following.predict(dt)
-        self.last_ns = stamp.time_ns
-        time = stamp.time_ns / NS_PER_S
+        if self.robot:
+            self.following.predict(tick.period_s)
+        self.robot.append((tick.time_ns, robot))
+        time_s = tick.time_ns / 1e9
         try:
-            step = self.following.step(time, dt, robot, self._measurement(frame, robot))
+            measurement = self._measurement(inputs.get(OBSERVATION), robot)
+            step = self.following.step(time_s, tick.period_s, robot, measurement)
         except ValueError as refusal:
-            self.bus.refuse(keys.OBSERVATION.key, str(refusal))
-            step = self.following.step(time, dt, robot, None)
-        # before the command: who has the command of a tick has all of the tick
-        self.told = _state(odom.header, self.config.estimator, step)
-        self.state.put(self.told, stamp)
-        return step.command
+            inputs.refuse(OBSERVATION, str(refusal))
+            step = self.following.step(time_s, tick.period_s, robot, None)
+        self.state = _state(odom.header, self.config.estimator, step)
+        # the state before the command: who has the command of a tick has all of the tick
+        return {FOLLOWER_STATE: self.state, CMD_VEL: Twist.planar(step.command)}
 
     def _measurement(self, frame: Observation | None, robot: Pose2D) -> Measurement | None:
         """Return the person in a frame in odom, if it shows one."""
@@ -89,14 +81,11 @@ class FollowerService(Follower):
         return in_odom(frame.poses[0], frame.header.frame_id, robot)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return how well it follows, frames too late for their tick, the filter's consistency."""
-        values: dict[str, object] = {
-            "late_frames": self.late_frames,
-            "nis": self.following.estimator.nis,
-        }
-        if self.told is not None:
-            values["tracking"] = self.told.tracking
-            values["distance_error_m"] = round(self.told.distance_error, 3)
+        """Return how well it follows, and the filter's consistency."""
+        values: dict[str, object] = {"nis": self.following.estimator.nis}
+        if self.state is not None:
+            values["tracking"] = self.state.tracking
+            values["distance_error_m"] = round(self.state.distance_error, 3)
         return values
 
 

@@ -1,0 +1,284 @@
+"""The graph: every node of the system, what it takes and gives, and how its inputs join a tick.
+
+`GRAPH` is the one table. The runtime builds services from it; the documents, the compose file,
+the access rules and the certificates are generated from it or checked against it. A node of
+one's own has its row in its class (`Node.ROW`), and its place by its name in the scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from mecazen import keys
+from mecazen.errors import ConfigError
+from mecazen.keys import Call, Topic
+
+Rule = Literal["every", "due", "latest"]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A topic that a node takes, and the rule by which its samples join a step.
+
+    Where nobody in the scenario gives the topic, no step waits for it, whatever the rule.
+    """
+
+    topic: Topic[Any]
+    rule: Rule
+    revises: bool = False
+    """Whether a sample that comes after the step of its tick has the step done again."""
+
+
+def every(topic: Topic[Any]) -> Input:
+    """The node makes one step for each sample; of several such inputs, for those of one tick."""
+    return Input(topic, "every")
+
+
+def due(topic: Topic[Any], *, revises: bool = False) -> Input:
+    """A step waits for the newest sample that is due by its tick, by the topic's rate."""
+    return Input(topic, "due", revises)
+
+
+def latest(topic: Topic[Any]) -> Input:
+    """A step waits for nothing, and takes what has come since the last one."""
+    return Input(topic, "latest")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A node, as the rest of the system sees it."""
+
+    name: str
+    summary: str = ""
+    """What it does, in a few words."""
+    inputs: tuple[Input, ...] = ()
+    outputs: tuple[Topic[Any], ...] = ()
+    """In the order in which they are published."""
+    calls: tuple[Call[Any, Any], ...] = ()
+    """The queries that it answers."""
+    rates: Mapping[str, str | float] = field(default_factory=dict)
+    """Of outputs that do not come with every step, by their keys: the rate [Hz], or the
+    configuration key that has it."""
+    service: str = ""
+    """The service that it is part of: a process, a project, a certificate. Left out: its name."""
+    shared: bool = False
+    """Whether there is one for all robots; else each robot has its own."""
+    observes: bool = False
+    """Whether it only observes: no tick waits for it, and its end is no error."""
+    owns_time: bool = False
+    """Whether it makes the ticks and the runs that all others follow."""
+    priority: int = 0
+    """Real-time priority among the processes of the stack; 0 has none."""
+    resets_with: tuple[str, ...] = ()
+    """Services after whose restart the node begins anew."""
+    remap: Mapping[str, str] = field(default_factory=dict)
+    """Keys on the bus, by the keys of its topics, where they differ."""
+
+    @property
+    def part_of(self) -> str:
+        """The name of its service."""
+        return self.service or self.name
+
+    def on_bus(self, topic: Topic[Any]) -> Topic[Any]:
+        """Return one of its topics with the key that it has on the bus."""
+        key = self.remap.get(topic.key, topic.key)
+        return topic if key == topic.key else replace(topic, key=key)
+
+    def placed(self, place: Row, program: str) -> Row:
+        """Return what a class says of itself in its row, in the place of another row.
+
+        Raises:
+            ConfigError: It does not give what others wait for.
+        """
+        if place not in GRAPH:
+            return replace(self, name=place.name)
+        awaited = {i.topic.key for row in GRAPH for i in row.inputs if i.rule != "latest"}
+        given = {topic.key for topic in self.outputs}
+        for topic in place.outputs:
+            if topic.key in awaited - given:
+                raise ConfigError(
+                    f"{program}: takes the place of {place.name}, so it must give {topic.key}"
+                )
+        return replace(
+            self,
+            name=place.name,
+            service=place.service,
+            shared=place.shared,
+            observes=place.observes,
+            priority=place.priority,
+        )
+
+    def without(self, topic: Topic[Any]) -> Row:
+        """Return the row without one of its inputs."""
+        return replace(self, inputs=tuple(i for i in self.inputs if i.topic is not topic))
+
+
+OPERATOR_CALLS = (keys.SIM_PAUSE, keys.SIM_RESUME, keys.SIM_STEP, keys.SIM_RESET, keys.SIM_SPEED)
+
+GRAPH: tuple[Row, ...] = (
+    Row(
+        "clock",
+        "simulated time: advances the world when a tick is answered or due",
+        outputs=(keys.CLOCK,),
+        calls=(keys.SIM_STATE, keys.SIM_SCENARIO, *OPERATOR_CALLS),
+        service="physics",
+        shared=True,
+        owns_time=True,
+        priority=1,
+    ),
+    Row(
+        "physics",
+        "the world: robots with all their rollers",
+        inputs=(every(keys.JOINT_COMMAND), every(keys.TARGET_ODOM)),
+        outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH),
+        calls=(keys.ROBOT_DESCRIPTION,),
+        shared=True,
+        priority=1,
+    ),
+    Row(
+        "odometry",
+        "where the robot is, from its wheels or from the truth",
+        inputs=(every(keys.JOINT_STATES), every(keys.GROUND_TRUTH)),
+        outputs=(keys.ODOM,),
+        calls=(keys.SET_ODOMETRY,),
+        rates={keys.ODOM.key: "controller.update_rate_hz"},
+        service="controller",
+        priority=3,
+    ),
+    Row(
+        "controller",
+        "wheel speeds for a commanded twist, within limits",
+        inputs=(every(keys.JOINT_STATES), due(keys.CMD_VEL, revises=True)),
+        outputs=(keys.JOINT_COMMAND,),
+        priority=3,
+    ),
+    Row(
+        "target",
+        "the walking person, and what the robot's sensor sees of them",
+        inputs=(every(keys.GROUND_TRUTH), latest(keys.TARGET_CMD_VEL)),
+        outputs=(keys.TARGET_ODOM, keys.OBSERVATION),
+        rates={keys.OBSERVATION.key: "sensor.rate_hz"},
+        priority=2,
+    ),
+    Row(
+        "follower",
+        "keeps the robot at its place beside the person",
+        inputs=(every(keys.ODOM), due(keys.OBSERVATION)),
+        outputs=(keys.FOLLOWER_STATE, keys.CMD_VEL),
+        priority=2,
+        resets_with=("controller",),
+    ),
+    Row(
+        "viewer",
+        "shows everything in Rerun",
+        inputs=tuple(latest(topic) for topic in keys.TOPICS),
+        shared=True,
+        observes=True,
+    ),
+    Row(
+        "recorder",
+        "writes everything into an MCAP file",
+        inputs=tuple(latest(topic) for topic in keys.TOPICS),
+        shared=True,
+        observes=True,
+    ),
+    Row(
+        "collector",
+        "writes down the trajectory of a distributed run",
+        inputs=(
+            latest(keys.GROUND_TRUTH),
+            latest(keys.ODOM),
+            latest(keys.TARGET_ODOM),
+            latest(keys.FOLLOWER_STATE),
+            latest(keys.CMD_VEL),
+        ),
+        shared=True,
+    ),
+)
+
+COLLECTOR = "collector"
+"""The service that writes down a distributed run; a run begins when it is there."""
+
+
+def services(rows: Iterable[Row] = GRAPH) -> dict[str, tuple[Row, ...]]:
+    """Return the rows of each service, by its name."""
+    found: dict[str, tuple[Row, ...]] = {}
+    for row in rows:
+        found[row.part_of] = (*found.get(row.part_of, ()), row)
+    return found
+
+
+TABLE = {row.name: row for row in GRAPH}
+"""The rows by their names."""
+SERVICES = tuple(services())
+"""The names of all services that the table knows."""
+OBSERVERS = tuple(row.part_of for row in GRAPH if row.observes)
+"""Services that no tick waits for, and whose end is no error."""
+SHARED = tuple(name for name, rows in services().items() if rows[0].shared)
+"""Services of which there is one for all robots."""
+
+
+class Graph:
+    """The nodes of a scenario.
+
+    Raises:
+        ConfigError: Two nodes give the same topic.
+    """
+
+    def __init__(self, rows: Iterable[Row]) -> None:
+        self.rows = tuple(rows)
+        self._rows = {row.name: row for row in self.rows}
+        self._givers: dict[str, Row] = {}
+        for row in self.rows:
+            for topic in row.outputs:
+                other = self._givers.setdefault(topic.key, row)
+                if other is not row:
+                    raise ConfigError(f"{other.name} and {row.name} both give {topic.key}")
+
+    @property
+    def services(self) -> dict[str, tuple[Row, ...]]:
+        """The rows of each service, by its name."""
+        return services(self.rows)
+
+    @property
+    def topics(self) -> tuple[Topic[Any], ...]:
+        """All topics that a node takes or gives, each once."""
+        found = {topic.key: topic for row in self.rows for topic in row.outputs}
+        for row in self.rows:
+            found.update((i.topic.key, i.topic) for i in row.inputs if i.topic.key not in found)
+        return tuple(found.values())
+
+    def row(self, name: str) -> Row:
+        """Return the row of a node.
+
+        Raises:
+            KeyError: There is none of that name.
+        """
+        return self._rows[name]
+
+    def resolved(self, row: Row) -> tuple[Input, ...]:
+        """Return a node's inputs; nothing is due of topics that no node gives."""
+        return tuple(
+            replace(i, rule="latest") if i.rule == "due" and not self.giver(i.topic.key) else i
+            for i in row.inputs
+        )
+
+    def giver(self, key: str) -> Row | None:
+        """Return the node that gives a topic, by its key."""
+        return self._givers.get(key)
+
+    def rate(self, key: str, seen: frozenset[str] = frozenset()) -> str | float | None:
+        """Return the rate of a topic [Hz] or its configuration key; None: it comes every tick.
+
+        A node that names no rate for what it gives, gives it as often as its own inputs come.
+        """
+        row = self.giver(key)
+        if row is None or key in seen:
+            return None
+        if key in row.rates:
+            return row.rates[key]
+        seen |= {key}
+        rates = (self.rate(i.topic.key, seen) for i in row.inputs if i.rule == "every")
+        return next((rate for rate in rates if rate is not None), None)

@@ -1,0 +1,161 @@
+"""What a node is: a class that computes its outputs from its inputs, tick by tick.
+
+It knows no bus, no wall clock and no stamps; `mecazen.runtime` gives it its inputs and publishes
+what it returns, whether all nodes share a process or each has its own.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+from mecazen.config import Scenario
+from mecazen.graph import Row
+from mecazen.keys import Call, Topic
+from mecazen.messages import Message, Time
+from mecazen.schema import Section
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+Outputs = Mapping[Topic[Any], Message]
+"""What a step gives, by topic, in the order in which it is published."""
+
+
+class Tick(NamedTuple):
+    """The instant of a step, in simulated time."""
+
+    number: int
+    """The tick's number; the first of a run is 0."""
+    time_ns: int
+    """Simulated time since the start of the run [ns]."""
+    period_s: float
+    """Time since the node's last step [s]: one control period at the first. 0 where the step of
+    this tick is done again, because a newer input has come."""
+
+    @property
+    def time(self) -> Time:
+        """The simulated time, for headers of messages."""
+        return Time.from_ns(self.time_ns)
+
+
+class Inputs:
+    """The samples that have come since a node's last step, by topic.
+
+    Args:
+        samples: The newest message of each topic that has one.
+        ages_s: Simulated time since each topic's newest message was used first [s]; of those
+            that have no sample here, it has come with an earlier step.
+    """
+
+    __slots__ = ("_ages_s", "_samples", "refused")
+
+    def __init__(
+        self,
+        samples: Mapping[Topic[Any], Message],
+        ages_s: Mapping[Topic[Any], float] | None = None,
+    ) -> None:
+        self._samples = samples
+        self._ages_s = ages_s or {}
+        self.refused: list[tuple[Topic[Any], str]] = []
+        """What the node could not use, and why."""
+
+    def __getitem__(self, topic: Topic[MessageT]) -> MessageT:
+        """Return a message that has come.
+
+        Raises:
+            KeyError: None has.
+        """
+        return self._samples[topic]  # type: ignore[return-value]  # a topic carries its type
+
+    def get(self, topic: Topic[MessageT]) -> MessageT | None:
+        """Return a message, or None where none has come since the last step."""
+        return self._samples.get(topic)  # type: ignore[return-value]
+
+    def age_s(self, topic: Topic[Any]) -> float:
+        """Return for how long the topic's newest message has been known [s]; inf: never."""
+        return 0.0 if topic in self._samples else self._ages_s.get(topic, math.inf)
+
+    def refuse(self, topic: Topic[Any], reason: str) -> None:
+        """Say that a message can't be used: it is counted and reported, as if it never came."""
+        self.refused.append((topic, reason))
+
+
+class Computing(ABC):
+    """What nodes and worlds have in common."""
+
+    ROW: ClassVar[Row]
+    """Its row of the graph. Classes of ours refer to the table's, others bring their own."""
+
+    SECTION: ClassVar[type[Section] | None] = None
+    """The type of its section of a scenario, where it is not an installed service's."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Take the configuration; what belongs to a run is made in `reset`."""
+        self.scenario = scenario
+
+    @classmethod
+    def row(cls, scenario: Scenario) -> Row:
+        """Return the node's row, where its configuration changes it."""
+        del scenario
+        return cls.ROW
+
+    @abstractmethod
+    def reset(self, seed: int) -> None:
+        """Begin a run: back to the start, with random numbers from `seed`."""
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what it says of its health, by name, once a second of simulated time."""
+        return {}
+
+    def close(self) -> None:  # noqa: B027  # most have nothing to do
+        """End the work."""
+
+
+class Node(Computing):
+    """A node of one robot."""
+
+    @abstractmethod
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the outputs of a tick.
+
+        Args:
+            tick: The instant, and the time since the last step.
+            inputs: What has come since then. Those of rule "every" are always there.
+        """
+
+    def answer(self, call: Call[Any, Any], request: Message) -> Message:
+        """Return the answer to a query that the row names.
+
+        Raises:
+            RefusedError: The query can't be answered; the message says why.
+        """
+        raise NotImplementedError(f"{call.key} is in the row and has no answer")
+
+
+class World(Computing):
+    """What simulated time advances: the physics of all robots, a recording, or hardware.
+
+    Robots go by their names; a single one has the empty one.
+    """
+
+    @abstractmethod
+    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
+        """Advance by a tick's period with the answers to the tick before; return the new state.
+
+        At tick 0 there is nothing to advance: the state at the start of a run is returned.
+        """
+
+    def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
+        """Return the answer to a query that the row names, asked of one robot.
+
+        Raises:
+            RefusedError: The query can't be answered; the message says why.
+        """
+        raise NotImplementedError(f"{call.key} is in the row and has no answer")
+
+    def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
+        """Return files that are served beside the answers: by key, and by path below it."""
+        del robot
+        return {}

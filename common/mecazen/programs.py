@@ -1,0 +1,127 @@
+"""Finds the classes that play the parts of a scenario, and the graph that they make."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+
+from mecazen import graph
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.graph import Graph, Row
+from mecazen.node import Computing, Node, World
+from mecazen.runtime.observer import Observer
+
+NODES = "mecazen.nodes"
+"""The group of entry points by which installed packages name their nodes."""
+
+Kind = type[Node] | type[World] | type[Observer]
+
+
+def installed_nodes() -> dict[str, EntryPoint]:
+    """Return the nodes that are installed here, by name."""
+    return {entry.name: entry for entry in entry_points(group=NODES)}
+
+
+def find(name: str, programs: Mapping[str, str]) -> Kind:
+    """Return the class of a node.
+
+    Args:
+        name: A node of the scenario, an installed one, or `file.py:Class` of one's own.
+        programs: `Scenario.programs`: may put another class in a node's place.
+
+    Raises:
+        ConfigError: There is no such class.
+    """
+    program = programs.get(name, name)
+    installed = installed_nodes()
+    if program in installed:
+        return _checked(installed[program].load(), program)
+    place, colon, attribute = program.partition(":")
+    if not colon:
+        known = ", ".join(sorted(installed)) or "none"
+        raise ConfigError(
+            f"{program}: no such node; installed: {known}; or file.py:Class of your own"
+        )
+    return _checked(getattr(_import(place), attribute, None), program)
+
+
+def _import(place: str) -> ModuleType:
+    try:
+        if not place.endswith(".py"):
+            if not all(part.isidentifier() for part in place.split(".")):
+                raise ConfigError(f"{place or repr(place)}: neither file.py nor a module's name")
+            return importlib.import_module(place)
+        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+        if spec is None or spec.loader is None:
+            raise ConfigError(f"{place}: can't be imported")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    except (ImportError, OSError, SyntaxError) as error:
+        raise ConfigError(f"{place}: can't be imported: {error}") from None
+    return module
+
+
+def _checked(found: object, program: str) -> Kind:
+    if not (isinstance(found, type) and issubclass(found, Node | World | Observer)):
+        raise ConfigError(f"{program}: not a subclass of mecazen.node.Node")
+    if issubclass(found, Computing) and not isinstance(getattr(found, "ROW", None), Row):
+        raise ConfigError(f"{program}: needs ROW, its row of the graph")
+    return found
+
+
+def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Graph:
+    """Return the nodes of a scenario.
+
+    Args:
+        scenario: Names its services, and its own programs.
+        hosted: Classes whose own rows count, by the names of the nodes. Other nodes of the
+            table count as they stand there; a node that only the scenario knows is loaded.
+
+    Raises:
+        ConfigError: A node is unknown, or two of them give the same topic.
+    """
+    known = graph.services()
+    rows: list[Row] = []
+    for service in scenario.services:
+        for row in known.get(service) or (own_row(service, scenario),):
+            kind = (hosted or {}).get(row.name)
+            rows.append(row if kind is None else _placed(row, kind, scenario))
+    return Graph(rows)
+
+
+def own_row(name: str, scenario: Scenario) -> Row:
+    """Return the row of a node that is not in the table.
+
+    Raises:
+        ConfigError: There is no such node, or it owns time.
+    """
+    kind = find(name, scenario.programs)
+    if not issubclass(kind, Node):
+        raise ConfigError(f"{name}: a world or an observer takes the place of one in the table")
+    return _placed(Row(name), kind, scenario)
+
+
+def _placed(row: Row, kind: Kind, scenario: Scenario) -> Row:
+    """Return what a class says of itself, in the place of `row`.
+
+    Raises:
+        ConfigError: It does not give what others wait for.
+    """
+    if issubclass(kind, Observer):
+        return row
+    return kind.row(scenario).placed(row, scenario.programs.get(row.name, row.name))
+
+
+def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
+    """Return the classes of a service's nodes, by the nodes' names; not the clock's.
+
+    Raises:
+        ConfigError: There is no such class.
+    """
+    rows = graph.services().get(service) or (Row(service),)
+    return {row.name: find(row.name, scenario.programs) for row in rows if not row.owns_time}

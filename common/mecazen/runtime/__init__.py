@@ -1,0 +1,1 @@
+"""Runs nodes: joins their inputs, publishes their outputs, keeps time; in one process or many."""

@@ -1,0 +1,107 @@
+"""Which samples make up a step of a node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from mecazen.graph import Input
+from mecazen.keys import Topic
+from mecazen.messages import Message
+from mecazen.wire import Stamp
+
+
+class Joined(NamedTuple):
+    """What a step is made with."""
+
+    stamp: Stamp
+    samples: Mapping[Topic[Any], Message]
+    again: bool = False
+    """Whether the step of this tick has been done before."""
+
+
+class Join:
+    """Collects the samples of a node's inputs until they make up a step.
+
+    A tick is open from the arrival of its samples of rule "every" until what is due in it has
+    come. Where the next tick comes first, the open one is closed with what there is.
+
+    Args:
+        inputs: The node's inputs, as `resolve` has them.
+        periods_ns: Of inputs of rule "due": from one sample to the next [ns].
+    """
+
+    def __init__(self, inputs: Iterable[Input], periods_ns: Mapping[Topic[Any], int]) -> None:
+        inputs = tuple(inputs)
+        self._triggers = tuple(i.topic for i in inputs if i.rule == "every")
+        self._due = {i.topic: periods_ns[i.topic] for i in inputs if i.rule == "due"}
+        self._revising = {i.topic for i in inputs if i.revises}
+        self.late: dict[str, int] = {i.topic.key: 0 for i in inputs if i.rule == "due"}
+        """Due samples that came after their tick was closed, by key."""
+        self.missed_ticks = 0
+        """Ticks of which no step was made, since their samples never came."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a run."""
+        self._new: dict[Topic[Any], Message] = {}
+        self._newest_ns: dict[Topic[Any], int] = {}
+        self._open: Stamp | None = None
+        self._last: Stamp | None = None
+        self._period_ns = 0
+
+    def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Iterator[Joined]:
+        """Take a sample of this run; yield the steps that can be made now."""
+        if topic in self._triggers:
+            if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
+                return
+            if self._open is not None:
+                yield self._close()
+            self._newest_ns[topic] = stamp.time_ns
+            self._new[topic] = message
+            if any(self._newest_ns.get(other) != stamp.time_ns for other in self._triggers):
+                return
+            self._open = stamp
+            if self._is_complete(stamp):
+                yield self._close()
+            return
+        self._new[topic] = message
+        if stamp is not None:
+            self._newest_ns[topic] = max(stamp.time_ns, self._newest_ns.get(topic, -1))
+        yield from self._go_on(topic)
+
+    def _go_on(self, topic: Topic[Any]) -> Iterator[Joined]:
+        if self._open is not None:
+            if topic in self._due and self._is_complete(self._open):
+                yield self._close()
+        elif topic in self._revising and topic in self._new and self._last is not None:
+            yield self._take(self._last, again=True)
+
+    def _is_complete(self, stamp: Stamp) -> bool:
+        """Return whether all has come that is due by a tick and was not by the last step."""
+        last_ns = stamp.time_ns - 1 if self._last is None else self._last.time_ns
+        for topic, period_ns in self._due.items():
+            due_ns = stamp.time_ns - stamp.time_ns % period_ns
+            if last_ns < due_ns and self._newest_ns.get(topic, -1) < due_ns:
+                return False
+        return True
+
+    def _close(self) -> Joined:
+        """Return the step of the open tick."""
+        stamp = self._open
+        assert stamp is not None
+        if not self._is_complete(stamp):
+            for topic, period_ns in self._due.items():
+                if self._newest_ns.get(topic, -1) < stamp.time_ns - stamp.time_ns % period_ns:
+                    self.late[topic.key] += 1
+        self._open = None
+        if self._last is not None:
+            passed_ns = stamp.time_ns - self._last.time_ns
+            self._period_ns = min(self._period_ns or passed_ns, passed_ns)
+            self.missed_ticks += passed_ns // self._period_ns - 1
+        self._last = stamp
+        return self._take(stamp)
+
+    def _take(self, stamp: Stamp, *, again: bool = False) -> Joined:
+        samples, self._new = self._new, {}
+        return Joined(stamp, samples, again)

@@ -1,0 +1,118 @@
+"""One robot of a world on the bus: its state goes out, the answers to a tick come in."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from mecazen.bus import Reply
+from mecazen.config import join_key, seed_of
+from mecazen.graph import Graph, Row
+from mecazen.keys import CLOCK, Call, Topic
+from mecazen.messages import Clock, Message
+from mecazen.node import Inputs, Outputs, World
+from mecazen.runtime.participant import Participant
+from mecazen.wire import NS_PER_S, RefusedError, Stamp
+
+
+class Link:
+    """A robot's topics and queries.
+
+    Args:
+        name: The robot's; of a single one, empty.
+        clock: Whose runs and ticks it takes part in.
+        row: What the world takes and gives.
+        graph: The nodes of the scenario: inputs that one of them gives are awaited every tick.
+    """
+
+    def __init__(self, name: str, clock: Participant, row: Row, graph: Graph, world: World) -> None:
+        self.name = name
+        self.bus = clock.bus.namespaced(name)
+        lockstep = clock.scenario.sim.mode == "lockstep"
+        self._givers = {
+            i.topic: giver.part_of
+            for i in row.inputs
+            if i.rule == "every" and (giver := graph.giver(i.topic.key)) is not None
+        }
+        self._clock = self.bus.publisher(CLOCK)
+        self._publishers = {topic: self.bus.publisher(topic) for topic in row.outputs}
+        self._samples: dict[Topic[Any], Message] = {}
+        for given in row.inputs:
+            topic = given.topic
+            only_stamped = lockstep and topic in self._givers
+            clock.subscribe(
+                topic, partial(self._take, topic, only_stamped=only_stamped), robot=name
+            )
+        for call in row.calls:
+            self.bus.serve(call, partial(self._answer, world, call))
+        for prefix, files in world.files(name).items():
+            self.bus.serve_files(prefix, files)
+
+    def reset(self, stamp: Stamp) -> None:
+        """Begin a run at the tick of `stamp`."""
+        self._seed = seed_of(stamp.seed, self.name)
+        self._known_ns: dict[Topic[Any], int] = {}
+        self.begin_tick(stamp)
+
+    def begin_tick(self, stamp: Stamp) -> None:
+        """Await the answers to a tick."""
+        self.stamp = Stamp(stamp.time_ns, stamp.run, self._seed)
+        self._samples = {}
+        self._awaited = set(self._givers)
+
+    @property
+    def answered(self) -> bool:
+        """Whether all answers to the tick have come."""
+        return not self._awaited
+
+    @property
+    def awaited(self) -> list[str]:
+        """The services whose answers are still to come, by their names beside other robots'."""
+        return [join_key(part, self.name) for part in sorted(self._missing())]
+
+    @property
+    def gone(self) -> list[str]:
+        """Those of them that are not alive."""
+        gone = self._missing() - self.bus.presence.names
+        return [join_key(part, self.name) for part in sorted(gone)]
+
+    def _missing(self) -> set[str]:
+        return {self._givers[topic] for topic in self._awaited}
+
+    def publish(self, outputs: Outputs) -> None:
+        """Publish the state of the tick."""
+        self._clock.put(Clock(clock=self.stamp.time), self.stamp)
+        for topic, message in outputs.items():
+            self._publishers[topic].put(message, self.stamp)
+
+    def inputs(self) -> Inputs:
+        """Return what has come in this tick."""
+        now_ns = self.stamp.time_ns
+        ages_s = {topic: (now_ns - at_ns) / NS_PER_S for topic, at_ns in self._known_ns.items()}
+        return Inputs(self._samples, ages_s)
+
+    def note(self, inputs: Inputs) -> None:
+        """Take note of which of these the world could use."""
+        refused = {topic for topic, _ in inputs.refused}
+        for topic, reason in inputs.refused:
+            self.bus.refuse(topic.key, reason)
+        for topic in self._samples:
+            if topic not in refused:
+                self._known_ns[topic] = self.stamp.time_ns
+
+    def _take(
+        self, topic: Topic[Any], message: Message, stamp: Stamp | None, *, only_stamped: bool
+    ) -> None:
+        if stamp is None and only_stamped:
+            return
+        self._samples[topic] = message
+        if stamp is not None and stamp.time_ns == self.stamp.time_ns:
+            self._awaited.discard(topic)
+
+    def _answer(
+        self, world: World, call: Call[Any, Any], request: Message, reply: Reply[Any]
+    ) -> None:
+        try:
+            reply.answer(world.answer(call, request, self.name))
+        except RefusedError as refusal:
+            reply.refuse(str(refusal))

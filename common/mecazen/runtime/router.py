@@ -1,0 +1,63 @@
+"""The Zenoh router where processes and tools meet."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Callable
+
+from mecazen import log
+from mecazen.bus.zenoh_bus import open_session
+from mecazen.config import Scenario
+from mecazen.runtime.report import Report, Reporter
+
+logger = logging.getLogger(__name__)
+
+SAMPLES_PER_TICK = 10
+"""In real time a router takes so many from each of its links, on one key; more is a flood."""
+
+
+def run_router(scenario: Scenario, reporter: Reporter) -> None:
+    """Run the router until a signal ends it.
+
+    Raises:
+        BusError: Its port is taken, or strangers would get in.
+    """
+    log.set_up("router", lambda: 0.0, reporter.log_level)
+    stopped = _StopFlag()
+    stop_on_signals(stopped.set)
+    sim = scenario.sim
+    # in lockstep nobody keeps time: what is lost there is waited for
+    most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
+    with open_session(scenario.bus, "router", "router", most_hz=most_hz, robots=scenario.names):
+        logger.info("msg=started endpoints=%s", ",".join(scenario.bus.router_endpoints or ()))
+        reporter.tell(Report("started"))
+        stopped.wait()
+
+
+class _StopFlag:
+    """Waits for signals without a poll.
+
+    A signal that comes just before `signal.pause` is not waited for by it; a byte in a pipe
+    stays there.
+    """
+
+    def __init__(self) -> None:
+        self._out, self._in = os.pipe()
+        os.set_blocking(self._in, False)
+        signal.set_wakeup_fd(self._in)
+        self._stopped = False
+
+    def set(self) -> None:
+        self._stopped = True
+
+    def wait(self) -> None:
+        while not self._stopped:
+            os.read(self._out, 1)
+
+
+def stop_on_signals(stop: Callable[[], None]) -> None:
+    """Call `stop` on Ctrl-C, and when the process is told to end."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop())

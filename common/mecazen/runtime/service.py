@@ -1,0 +1,167 @@
+"""The nodes of a service on a bus: what the runtime does for every node, once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from mecazen.bus import Bus, Publisher, Reply
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.graph import Graph, Row
+from mecazen.keys import Call, Topic
+from mecazen.messages import Message
+from mecazen.node import Inputs, Node, Tick
+from mecazen.runtime.join import Join, Joined
+from mecazen.runtime.participant import Participant
+from mecazen.wire import NS_PER_S, RefusedError, Stamp
+
+
+class Service(Participant):
+    """The nodes of a service of one robot.
+
+    Args:
+        name: The service.
+        bus: In the namespace of the robot.
+        scenario: As the robot sees it.
+        graph: The nodes of the scenario.
+        kinds: The classes of the service's nodes, by the nodes' names.
+
+    Raises:
+        ConfigError: The scenario does not suit a node.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        bus: Bus,
+        scenario: Scenario,
+        graph: Graph,
+        kinds: Mapping[str, type[Node]],
+    ) -> None:
+        super().__init__(name, bus, scenario)
+        self.nodes = [
+            _Stepped(graph.row(part), kind(scenario), self, graph) for part, kind in kinds.items()
+        ]
+        takers: dict[Topic[Any], list[_Stepped]] = {}
+        for node in self.nodes:
+            for given in node.row.inputs:
+                takers.setdefault(given.topic, []).append(node)
+            for call in node.row.calls:
+                bus.serve(call, partial(self._answer, node, call))
+        lockstep = scenario.sim.mode == "lockstep"
+        for topic, nodes in takers.items():
+            # in lockstep a publisher that takes part speaks alone
+            only_stamped = lockstep and graph.giver(topic.key) is not None
+            deliver = _deliver(topic, nodes, only_stamped=only_stamped)
+            self.subscribe(nodes[0].row.on_bus(topic), deliver)
+        self._resets_with = {part for node in self.nodes for part in node.row.resets_with}
+        bus.presence.on_return.append(self._on_return)
+        self.reset(scenario.seed)
+
+    def reset(self, seed: int) -> None:
+        """Begin a run, or begin anew in this one."""
+        for node in self.nodes:
+            node.reset(seed)
+
+    def close(self) -> None:
+        """End the nodes' work."""
+        for node in self.nodes:
+            node.node.close()
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what the nodes say of their health, and what their joins have missed."""
+        values: dict[str, object] = {}
+        for node in self.nodes:
+            values.update(node.node.diagnostics())
+            values.update({f"late/{key}": count for key, count in node.join.late.items()})
+        values["missed_ticks"] = max(node.join.missed_ticks for node in self.nodes)
+        return values
+
+    def _on_return(self, name: str) -> None:
+        if name in self._resets_with:
+            self.reset(self.stamp.seed)
+
+    def _answer(
+        self, node: _Stepped, call: Call[Any, Any], request: Message, reply: Reply[Any]
+    ) -> None:
+        try:
+            reply.answer(node.node.answer(call, request))
+        except RefusedError as refusal:
+            reply.refuse(str(refusal))
+
+
+class _Stepped:
+    """A node, and the joining of its inputs and the publishing of its outputs."""
+
+    def __init__(self, row: Row, node: Node, service: Service, graph: Graph) -> None:
+        scenario = service.scenario
+        self.row = row
+        self.node = node
+        self._bus = service.bus
+        self._tick_ns = service.tick_ns
+        inputs = graph.resolved(row)
+        periods_ns = {
+            i.topic: scenario.ticks_per(graph.rate(i.topic.key)) * service.tick_ns
+            for i in inputs
+            if i.rule == "due"
+        }
+        self.join = Join(inputs, periods_ns)
+        self._publishers: dict[Topic[Any], Publisher[Any]] = {
+            topic: service.bus.publisher(row.on_bus(topic)) for topic in row.outputs
+        }
+        self._aged = tuple(i.topic for i in inputs if i.rule != "every")
+
+    def reset(self, seed: int) -> None:
+        """Begin a run."""
+        self.join.reset()
+        self._last: Stamp | None = None
+        self._known_ns: dict[Topic[Any], int] = {}
+        self.node.reset(seed)
+
+    def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> None:
+        """Take a sample, and make the steps that it completes."""
+        for joined in self.join.put(topic, message, stamp):
+            self._step(joined)
+
+    def _step(self, joined: Joined) -> None:
+        stamp, samples, again = joined
+        now_ns = stamp.time_ns
+        known = self._known_ns
+        ages_s = {
+            topic: (now_ns - known[topic]) / NS_PER_S for topic in self._aged if topic in known
+        }
+        inputs = Inputs(samples, ages_s)
+        if again:
+            period_ns = 0
+        elif self._last is None:
+            period_ns = self._tick_ns
+        else:
+            period_ns = now_ns - self._last.time_ns
+        self._last = stamp
+        tick = Tick(now_ns // self._tick_ns, now_ns, period_ns / NS_PER_S)
+        outputs = self.node.step(tick, inputs)
+        refused = {topic for topic, _ in inputs.refused}
+        for topic, reason in inputs.refused:
+            self._bus.refuse(topic.key, reason)
+        for topic in self._aged:
+            if topic in samples and topic not in refused:
+                known[topic] = now_ns
+        for topic, message in outputs.items():
+            publisher = self._publishers.get(topic)
+            if publisher is None:
+                raise ConfigError(f"{self.row.name} gives {topic.key}, which is not in its row")
+            publisher.put(message, stamp)
+
+
+def _deliver(
+    topic: Topic[Any], nodes: Sequence[_Stepped], *, only_stamped: bool
+) -> Callable[[Message, Stamp | None], None]:
+    def deliver(message: Message, stamp: Stamp | None) -> None:
+        if stamp is None and only_stamped:
+            return
+        for node in nodes:
+            node.put(topic, message, stamp)
+
+    return deliver

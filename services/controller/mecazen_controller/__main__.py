@@ -1,5 +1,0 @@
-"""Runs the controller: `python -m mecazen_controller SCENARIO`."""
-
-from mecazen.runtime import main
-
-main("controller")

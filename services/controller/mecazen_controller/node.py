@@ -1,0 +1,196 @@
+"""The controller's nodes: joint states to odometry, and cmd_vel to wheel commands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from mecazen.config import Scenario
+from mecazen.covariance import diagonal_covariance
+from mecazen.errors import ConfigError
+from mecazen.geometry import Twist2D
+from mecazen.graph import TABLE, Row
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, JOINT_COMMAND, JOINT_STATES, ODOM, Call
+from mecazen.messages import (
+    Header,
+    JointState,
+    Message,
+    Odometry,
+    OdometryRequest,
+    Time,
+    planar_odometry,
+)
+from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.wire import RefusedError
+
+from mecazen_controller.config import ControllerConfig
+from mecazen_controller.kinematics import WheelSpeeds
+from mecazen_controller.limiter import LimiterState, limit_twist
+from mecazen_controller.odometry import Odometry as DeadReckoning
+
+ROUNDING_S = 1e-9
+"""Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
+
+
+class OdometryNode(Node):
+    """Where the robot is: from its wheels' measured speeds, or from the simulator's truth."""
+
+    ROW = TABLE["odometry"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.config = scenario.section(ControllerConfig, "controller")
+        self.kinematics = self.config.kinematics(scenario.robot)
+        self.ticks_per_sample = scenario.ticks_per(self.ROW.rates[ODOM.key])
+        self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
+        self.twist_covariance = diagonal_covariance(self.config.twist_covariance_diagonal)
+        self.wheels_known = False
+        """Whether joint_states has ever named the wheels: then the names are right."""
+
+    @classmethod
+    def row(cls, scenario: Scenario) -> Row:
+        """Return the row with the one input that the configuration asks for."""
+        config = scenario.section(ControllerConfig, "controller")
+        other = GROUND_TRUTH if config.odometry == "wheel" else JOINT_STATES
+        return replace(cls.ROW.without(other), remap={ODOM.key: config.odometry_key})
+
+    def reset(self, seed: int) -> None:
+        """Stand at the start."""
+        del seed
+        self.dead_reckoning = DeadReckoning(self.config.odometry_scale.factors)
+        self.dead_reckoning.set(self.scenario.start.pose)
+        self.time = Time()
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the odometry of a tick, in ticks that bring one."""
+        self.time = tick.time
+        if self.config.odometry == "ground_truth":
+            odometry = self._truth(inputs[GROUND_TRUTH])
+        else:
+            try:
+                measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
+            except ValueError as problem:
+                if not self.wheels_known:
+                    raise ConfigError(f"controller.wheel_joints: {problem}") from None
+                inputs.refuse(JOINT_STATES, str(problem))
+                return {}
+            self.wheels_known = True
+            self.dead_reckoning.update(self.kinematics.forward(measured), tick.period_s)
+            odometry = self._odometry(self.pose_covariance, self.twist_covariance)
+        return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
+
+    def answer(self, call: Call[Any, Any], request: Message) -> Odometry:
+        """Let the odometry go on from the pose of a request."""
+        assert isinstance(request, OdometryRequest)
+        if self.config.odometry != "wheel":
+            raise RefusedError("controller.odometry is ground_truth: there is nothing to set")
+        self.dead_reckoning.set(request.pose.to_planar())
+        return self._odometry()
+
+    def _odometry(self, *covariances: tuple[float, ...]) -> Odometry:
+        return planar_odometry(
+            self.time,
+            self.config.odom_frame_id,
+            self.config.base_frame_id,
+            self.dead_reckoning.pose,
+            self.dead_reckoning.twist,
+            *covariances,
+        )
+
+    def _truth(self, truth: Odometry) -> Odometry:
+        return Odometry(
+            header=Header(stamp=self.time, frame_id=self.config.odom_frame_id),
+            child_frame_id=self.config.base_frame_id,
+            pose=truth.pose,
+            twist=truth.twist,
+        )
+
+
+class ControllerNode(Node):
+    """Wheel speeds for the newest commanded twist, within limits; at rest where it is stale.
+
+    The limits hold once a tick, however many commands come in it.
+    """
+
+    ROW = TABLE["controller"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.config = scenario.section(ControllerConfig, "controller")
+        self.kinematics = self.config.kinematics(scenario.robot)
+        self.max_speed = scenario.robot.wheels.max_speed_rad_s
+        self.limits = self.config.limits.limits
+
+    @classmethod
+    def row(cls, scenario: Scenario) -> Row:
+        """Return the row with the configured key of the command."""
+        config = scenario.section(ControllerConfig, "controller")
+        return replace(cls.ROW, remap={CMD_VEL.key: config.command_key})
+
+    def reset(self, seed: int) -> None:
+        """Be at rest, without a command."""
+        del seed
+        self.reference = Twist2D()
+        self.reference_age_s = math.inf
+        self.velocity = self.next_velocity = (LimiterState(), LimiterState(), LimiterState())
+        self.begun = False
+        self.period_s = 0.0
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the wheel command of a tick."""
+        if tick.period_s > 0.0:  # else a newer command is to replace that of this tick
+            self._begin(tick, inputs)
+        command = inputs.get(CMD_VEL)
+        if command is not None:
+            self.reference = command.to_planar()
+        self.reference_age_s = inputs.age_s(CMD_VEL)
+        fresh = self.reference_age_s <= self.config.reference_timeout_s + ROUNDING_S
+        wanted = self.reference if fresh else Twist2D()
+        self.next_velocity = limit_twist(self.velocity, wanted, self.limits, self.period_s)
+        x, y, yaw = (axis.velocity for axis in self.next_velocity)
+        speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
+        return {
+            JOINT_COMMAND: JointState(
+                header=Header(stamp=tick.time),
+                name=self.config.wheel_joints,
+                velocity=tuple(speeds),
+            )
+        }
+
+    def _begin(self, tick: Tick, inputs: Inputs) -> None:
+        """Go on from what was last commanded, or from how the robot moves after a long gap."""
+        self.period_s = tick.period_s
+        self.velocity = self.next_velocity
+        joins_late = not self.begun and tick.number > 0
+        if joins_late or tick.period_s > self.config.reference_timeout_s + ROUNDING_S:
+            self.period_s = self.scenario.sim.tick_s
+            try:
+                measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
+            except ValueError:
+                measured = WheelSpeeds()  # the odometry refuses them
+            x, y, yaw = map(LimiterState, self.kinematics.forward(measured))
+            self.velocity = x, y, yaw
+        self.begun = True
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return the age of the command."""
+        if math.isinf(self.reference_age_s):
+            return {"reference": "none yet"}
+        return {"reference_age_s": round(self.reference_age_s, 6)}
+
+
+def wheel_speeds(joints: JointState, names: Sequence[str]) -> WheelSpeeds:
+    """Return the velocities of the wheels' joints [rad/s].
+
+    Raises:
+        ValueError: One of them has none.
+    """
+    try:
+        # wheels come first, so a search is shorter than a table
+        return WheelSpeeds(*[joints.velocity[joints.name.index(name)] for name in names])
+    except (ValueError, IndexError):
+        known = dict(zip(joints.name, joints.velocity, strict=False))
+        missing = next(name for name in names if name not in known)
+        raise ValueError(f"joint_states has no velocity of {missing!r}") from None

@@ -1,5 +1,0 @@
-"""Runs the physics: `python -m mecazen_physics SCENARIO`."""
-
-from mecazen.runtime import main
-
-main("physics")

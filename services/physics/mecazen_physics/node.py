@@ -1,0 +1,186 @@
+"""Physics: the robots of a scenario in their world, as the clock advances it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from operator import itemgetter
+from typing import Any
+
+from mecazen.config import Scenario, join_key, whole_ticks
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.graph import TABLE
+from mecazen.keys import (
+    GROUND_TRUTH,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    ROBOT_DESCRIPTION,
+    TARGET_ODOM,
+    Call,
+)
+from mecazen.messages import (
+    Header,
+    JointState,
+    Message,
+    Odometry,
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    String,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
+from mecazen.node import Inputs, Outputs, Tick, World
+from mecazen.robot import WHEEL_JOINTS, WHEELS
+
+from mecazen_physics.arena import Arena
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.urdf import build_urdf, meshes
+from mecazen_physics.world import WheelCommand
+
+FASTEST_M_S = 10.0
+"""At most this fast a person pushes the robot, however fast they are said to be."""
+SLOW_DOWN_S = 1.0
+"""Over this time the wheels are brought to rest when their controller has gone."""
+
+
+class PhysicsWorld(World):
+    """Robots with every roller, and what they can touch."""
+
+    ROW = TABLE["physics"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.config = scenario.section(PhysicsConfig, "physics")
+        self.steps_per_tick = whole_ticks("sim.tick_s", scenario.sim.tick_s, self.config.dt_s)
+        self.parts = {name: scenario.of(name) for name in scenario.names}
+
+    def reset(self, seed: int) -> None:
+        """Put the robots back to the start, in a world made anew."""
+        del seed
+        self.arena = self.make_arena()
+        self.robots = {
+            name: _Commanded(self.arena, number, self.config.watchdog_s)
+            for number, name in enumerate(self.parts)
+        }
+
+    def make_arena(self) -> Arena:
+        """Return the world of a new run."""
+        return Arena([(part.robot, part.start.pose) for part in self.parts.values()], self.config)
+
+    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
+        """Simulate a control period; return the state of each robot at its end."""
+        if tick.number > 0:
+            commands = [robot.command(inputs[name]) for name, robot in self.robots.items()]
+            self.arena.advance(commands, self.steps_per_tick)
+        return {name: robot.state(tick) for name, robot in self.robots.items()}
+
+    def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
+        """Return a robot's URDF."""
+        return String(data=build_urdf(self.parts[robot].robot))
+
+    def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
+        """Return the meshes that the URDF names."""
+        return {ROBOT_DESCRIPTION.key: meshes(self.parts[robot].robot)}
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return where the robots are."""
+        values: dict[str, object] = {}
+        for name, robot in self.robots.items():
+            x, y, _ = robot.world.state().position
+            values[join_key("x_m", name)] = round(x, 3)
+            values[join_key("y_m", name)] = round(y, 3)
+        return values
+
+
+class _Commanded:
+    """A robot of the arena: what commands it and the person beside it, and its state."""
+
+    def __init__(self, arena: Arena, number: int, watchdog_s: float) -> None:
+        self.arena, self.number = arena, number
+        self.world = arena.worlds[number]
+        self.watchdog_s = watchdog_s
+        self.wheels = WheelCommand((0.0,) * len(WHEELS))
+        self.last_speeds = self.wheels.values
+        """Of the wheels [rad/s], when they were last commanded."""
+        self.walking: Pose2D | None = None
+        """Where the person was last reported, unless that is too long ago."""
+
+    def command(self, inputs: Inputs) -> WheelCommand:
+        """Place the person; return what the motors are to do, at rest where nobody says it."""
+        joints = inputs.get(JOINT_COMMAND)
+        if joints is not None:
+            try:
+                self.wheels = _wheel_command(joints)
+            except KeyError:
+                reason = f"needs a velocity or an effort of {WHEEL_JOINTS}"
+                inputs.refuse(JOINT_COMMAND, reason)
+        self._slow_down_if_silent(inputs.age_s(JOINT_COMMAND))
+        person = inputs.get(TARGET_ODOM)
+        if person is not None:
+            self.walking = person.pose.pose.to_planar()
+            twist = person.twist.twist.to_planar()
+            slower = FASTEST_M_S / max(math.hypot(twist.x, twist.y), FASTEST_M_S)
+            self._place(self.walking, Twist2D(twist.x * slower, twist.y * slower))
+        elif self.walking is not None and inputs.age_s(TARGET_ODOM) > self.watchdog_s:
+            self._place(self.walking, Twist2D())
+            self.walking = None
+        return self.wheels
+
+    def _slow_down_if_silent(self, silent_s: float) -> None:
+        """Let the wheels slow down to rest when nobody commands them any more."""
+        if silent_s <= self.watchdog_s:
+            if not self.wheels.is_effort:
+                self.last_speeds = self.wheels.values
+            return
+        if self.wheels.is_effort:
+            self.last_speeds = self.world.state().joint_velocity[: len(WHEELS)]
+        left = max(0.0, 1.0 - (silent_s - self.watchdog_s) / SLOW_DOWN_S)
+        self.wheels = WheelCommand(tuple(speed * left for speed in self.last_speeds))
+
+    def _place(self, pose: Pose2D, velocity: Twist2D) -> None:
+        self.arena.place_person(self.number, pose, velocity)
+
+    def state(self, tick: Tick) -> Outputs:
+        """Return the robot's joints and its true pose."""
+        state, now = self.world.state(), tick.time
+        x, y, z = state.position
+        qx, qy, qz, qw = state.orientation
+        pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+        twist = Twist(linear=_vector(state.linear), angular=_vector(state.angular))
+        return {
+            JOINT_STATES: JointState(
+                header=Header(stamp=now, frame_id="base_link"),
+                name=self.world.joint_names,
+                position=tuple(state.joint_position),
+                velocity=tuple(state.joint_velocity),
+                effort=tuple(state.joint_effort),
+            ),
+            GROUND_TRUTH: Odometry(
+                header=Header(stamp=now, frame_id="world"),
+                child_frame_id="base_link",
+                pose=PoseWithCovariance(pose=pose),
+                twist=TwistWithCovariance(twist=twist),
+            ),
+        }
+
+
+_of_wheels = itemgetter(*WHEEL_JOINTS)
+"""Takes the four wheels' values, in their order, from those of any joints by name."""
+
+
+def _wheel_command(joints: JointState) -> WheelCommand:
+    """Return the wheels' velocities [rad/s], or efforts [N·m] where there are no velocities.
+
+    Raises:
+        KeyError: A wheel has neither.
+    """
+    is_effort = bool(joints.effort) and not joints.velocity
+    values = joints.effort if is_effort else joints.velocity
+    return WheelCommand(_of_wheels(dict(zip(joints.name, values, strict=False))), is_effort)
+
+
+def _vector(values: tuple[float, float, float]) -> Vector3:
+    return Vector3(x=values[0], y=values[1], z=values[2])
