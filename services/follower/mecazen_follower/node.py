@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 from mecazen.config import Scenario
+from mecazen.covariance import ros_covariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
@@ -23,7 +24,7 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Measurement, Step
-from mecazen_follower.observation import in_odom, ros_covariance
+from mecazen_follower.observation import in_odom
 
 HISTORY_TICKS = 500
 """Odometry that is kept, besides the sensor's latency, for observations that come late."""
