@@ -17,6 +17,8 @@ FRAME = 4
 """Ticks from one frame to the next: 25 Hz."""
 UNKNOWN = ((0.0, 0.0, 0.0),) * 3
 """The sensor reports no covariance; the estimator's parameters replace it."""
+NOISE = 0.05, math.radians(5.0)
+"""Standard deviations of the observed position [m] and yaw [rad]."""
 
 
 def u_track(time):
@@ -61,7 +63,7 @@ def follow(
     config,
     seconds=85.0,
     walk=u_track,
-    noise=(0.05, math.radians(5.0)),
+    noise=NOISE,
     robot=None,
     covariance=UNKNOWN,
     latency=0.0,
@@ -73,7 +75,7 @@ def follow(
         config: The follower's.
         seconds: Duration.
         walk: The person's body twist at a time.
-        noise: Standard deviations of the observed position [m] and yaw [rad].
+        noise: As `NOISE`.
         robot: From command to twist; `lagging` by default.
         covariance: What the sensor reports.
         latency: What the follower knows of the sensor's delay [s].
