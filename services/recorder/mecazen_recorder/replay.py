@@ -6,7 +6,8 @@ import math
 import time
 from collections.abc import Sequence
 
-from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.bus.session import includes
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_recorder.reader import Recording, Sample

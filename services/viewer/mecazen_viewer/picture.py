@@ -37,16 +37,12 @@ PLOT_STEP_NS = 100_000_000
 """Period of plots, estimates and observations; moving bodies are drawn with every message."""
 SILENCE_NS = 5 * PLOT_STEP_NS
 """Silence after which a follower is assumed to publish no state."""
-PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
-"""The person's body if physics does not configure it."""
 
 
 def surroundings(scenario: Scenario) -> Iterator[Entity]:
     """Return the static entities that all robots share."""
     yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    # obstacles and the person's body are configured in the section of physics
-    obstacles = getattr(scenario.sections.get("physics"), "obstacles", ())
-    for number, obstacle in enumerate(obstacles):
+    for number, obstacle in enumerate(scenario.world.obstacles):
         (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
         yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
     yield from plots.styles(plots.TIME_LINES)
@@ -76,12 +72,9 @@ class Picture:
 
     def shapes(self) -> Iterator[Entity]:
         """Return the static entities that belong to the robot, without its body."""
-        body = getattr(self._scenario.sections.get("physics"), "person", None)
-        base = self._scenario.robot.base
+        person, base = self._scenario.world.person, self._scenario.robot.base
         yield from things.marks(base.length_m, base.width_m)
-        yield from things.person(
-            getattr(body, "radius_m", PERSON_RADIUS_M), getattr(body, "height_m", PERSON_HEIGHT_M)
-        )
+        yield from things.person(person.radius_m, person.height_m)
         if self._name:
             yield things.label(self._name)
         yield from plots.styles(plots.LINES)
