@@ -35,9 +35,10 @@ def test_frames_come_at_their_rate_from_tick_0() -> None:
 
 @pytest.mark.parametrize("settings", [{"rate_hz": 30.0}, {"rate_hz": 200.0}, {"latency_s": 0.015}])
 def test_rate_and_latency_must_be_whole_ticks(settings: dict[str, float]) -> None:
-    with pytest.raises(
-        ConfigError, match=f"sensor.{next(iter(settings))}: .* whole number of ticks"
-    ):
+    problem = (
+        "must divide the tick rate of 100 Hz" if "rate_hz" in settings else "not a whole number"
+    )
+    with pytest.raises(ConfigError, match=f"^sensor.{next(iter(settings))}.* {problem}"):
         sensor(**settings)
 
 
