@@ -1,4 +1,4 @@
-"""Feeds one service with its recorded inputs, and compares what it gives with the recording."""
+"""Feeds one service with its recorded inputs and compares its outputs with the recording."""
 
 from __future__ import annotations
 
@@ -37,51 +37,51 @@ _ORDER: tuple[Topic[Any], ...] = (
     keys.CMD_VEL,
     keys.JOINT_COMMAND,
 )
-"""The samples of a tick as they follow from each other, see docs/time.md.
+"""The causal order of the samples of a tick, see docs/time.md.
 
-They come to the recorder from several processes, by chance also in another order.
+The recorder gets them from several processes, possibly in another order.
 """
 _RANKS = {topic.key: rank for rank, topic in enumerate(_ORDER)}
 
 
 class Difference(NamedTuple):
-    """The first thing that is not as it was recorded."""
+    """The first difference from the recording."""
 
     key: str
     time_ns: int
     field: str
-    """Where in the message; empty where one of the two is no sample at all."""
+    """Path in the message; empty if one of the two samples is missing."""
     recorded: str
     recomputed: str
 
     def __str__(self) -> str:
-        """Return the line that says it."""
+        """Return the difference in one line."""
         where = " ".join(filter(None, (self.key, self.field)))
         values = f"recorded {self.recorded}, recomputed {self.recomputed}"
         return f"{where} at {self.time_ns / NS_PER_S} s: {values}"
 
 
 class Comparison(NamedTuple):
-    """What a service gave again."""
+    """The result of a re-computation."""
 
     counts: Counter[str]
-    """Samples that were recorded and are to be compared, by key."""
+    """Number of compared samples by key."""
     difference: Difference | None
 
 
 def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
-    """Run a service of a recording anew.
+    """Re-compute a service from a recording.
 
-    Runs that are not recorded from their beginning, or whose configuration is not in the
-    recording, are left out. What a service says of its health is not compared.
+    Runs that are not recorded from their first tick, or without configuration, are skipped.
+    Diagnostics are not compared.
 
     Args:
-        recording: Holds the inputs and the outputs.
-        program: A service's name, or `file.py:Class` of one that plays its part.
-        robot: Whose service, where there are several robots.
+        recording: The recorded inputs and outputs.
+        program: A service's name, or `file.py:Class` of one in its place.
+        robot: Name of one of several robots.
 
     Raises:
-        MecazenError: There is nothing to compute or nothing to compare, or the service failed.
+        MecazenError: There is nothing to compute or to compare, or the service failed.
     """
     counts: Counter[str] = Counter()
     for run, samples in _whole_runs(recording).items():
@@ -97,7 +97,7 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
 
 
 class _OneServiceBus(LocalBus):
-    """Keeps what the one service publishes instead of delivering it."""
+    """Stores what its only service publishes instead of delivering it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -130,7 +130,7 @@ class _Keeper(Publisher[MessageT]):
 
 
 def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
-    """Return the samples of each run that can be computed anew."""
+    """Return the samples of each run that can be re-computed."""
     runs: dict[int, list[Sample]] = {}
     run: int | None = None
     for sample in recording.samples():
@@ -146,7 +146,7 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 
 
 def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> list[Sample]:
-    """Return the samples in the namespace of a robot, with their keys in it."""
+    """Return the samples in the namespace of a robot, with keys relative to it."""
     parts = ((sample, *split_key(sample.key, robots)) for sample in samples)
     return [sample._replace(key=key) for sample, name, key in parts if name == robot]
 
@@ -207,13 +207,13 @@ def _rank(key: str) -> int:
 
 
 def _place_in_time(sample: Sample) -> tuple[int, int]:
-    # what came without a stamp may have come at any time of its tick
+    # a sample without a stamp may have come at any time within its tick
     rank = len(_RANKS) + 1 if sample.stamp is None else _rank(sample.key)
     return sample.time_ns, rank
 
 
 def _horizon_ns(samples: Sequence[Sample], topics: dict[str, Topic[Any]]) -> int:
-    """Return the last tick of which everything was recorded, wherever the recording ends."""
+    """Return the time of the last completely recorded tick [ns]."""
     last: dict[str, int] = {}
     for sample in samples:
         topic = topics.get(sample.key)
@@ -242,7 +242,7 @@ def _compare(
                 for output in (old, new)
             ]
             return Difference(key, time_ns, "", *there)
-        # as bytes, since 0.0 and -0.0 are equal as numbers
+        # compared as bytes, since 0.0 and -0.0 are equal as numbers
         if encode(old.message, "json") != encode(new.message, "json"):
             was, now = (msgspec.to_builtins(output.message) for output in (old, new))
             return Difference(key, old.time_ns, *next(_different(was, now, "")))
@@ -250,7 +250,7 @@ def _compare(
 
 
 def _different(was: Any, now: Any, path: str) -> Iterator[tuple[str, str, str]]:
-    """Yield the leaves that differ: their place, and both values."""
+    """Yield path and both values of each leaf that differs."""
     if isinstance(was, dict) and isinstance(now, dict):
         for name in was:
             yield from _different(was[name], now[name], f"{path}.{name}" if path else name)
