@@ -181,7 +181,7 @@ def _make_service(
 def _recompute_run(samples: Sequence[Sample], bus: _OneServiceBus) -> Comparison:
     for sample in sorted(samples, key=_place_in_time):
         if sample.key in bus.inputs:
-            bus.put_bytes(sample.key, *sample.as_published())
+            bus.put_bytes(sample.key, *sample.as_published(bus.inputs[sample.key].type))
             bus.spin()
     outputs = {
         key: topic for key, topic in bus.outputs.items() if not key.startswith("diagnostics/")
