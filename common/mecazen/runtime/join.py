@@ -71,16 +71,20 @@ class Join:
         yield from self._go_on(topic, stamp)
 
     def _go_on(self, topic: Topic[Any], stamp: Stamp | None) -> Iterator[Joined]:
+        last = self._last
         if self._open is not None:
             if topic in self._due and not self._missing(self._open):
                 yield self._close()
-        elif topic in self._revising and self._last is not None:
-            # a sample that is ahead of its tick waits for it
-            if stamp is None or stamp.time_ns <= self._last.time_ns:
-                yield self._take(self._last, again=True)
+        elif (
+            last is not None
+            and topic in self._revising
+            # one that is ahead of its tick waits for it
+            and (stamp is None or stamp.time_ns <= last.time_ns)
+        ):
+            yield self._take(last, again=True)
 
     def _missing(self, stamp: Stamp) -> list[Topic[Any]]:
-        """Return of which topics a sample is due by a tick, was not by the last step, and lacks."""
+        """Return the topics of samples that are due since the last step and have not come."""
         last_ns = stamp.time_ns - 1 if self._last is None else self._last.time_ns
         missing = []
         for topic, period_ns in self._due.items():
