@@ -20,7 +20,7 @@ from mecazen.wire import Stamp
 GUARD_S = 10.0
 """Only ends a test that would hang; nothing is measured with it."""
 
-END = Topic("test/end", String, "once", "a test", "all before it has arrived")
+END = Topic("test/end", String, "all before it has arrived")
 
 
 @pytest.fixture

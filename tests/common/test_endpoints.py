@@ -4,7 +4,7 @@ import logging
 
 import pytest
 from mecazen.bus.endpoints import is_open
-from mecazen.bus.zenoh_bus import session_config
+from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 

@@ -11,7 +11,8 @@ import pytest
 import zenoh
 from mecazen import keys
 from mecazen.bus import StoppedError
-from mecazen.bus.zenoh_bus import ZenohBus, includes, open_session, session_config
+from mecazen.bus.session import includes, open_session, session_config
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call

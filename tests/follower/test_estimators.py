@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_follower.estimators import ESTIMATORS, Estimate, make_params
-from mecazen_follower.estimators.ctrv import STEADY
+from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK
 from mecazen_follower.estimators.turn_rate import move, process_noise
 from scipy.stats import chi2
 
@@ -425,7 +425,7 @@ def test_many_short_predictions_are_one_long_one(name):
 def simulate_turning(name, seconds, rng):
     """Yield truth, estimate and NIS after each frame; the truth moves as the filter thinks."""
     estimator = make(name, **MATCHED)
-    walks = np.array([MATCHED["sway_m_sqrt_m"], STEADY, 0.0, 0.3, 0.3])
+    walks = np.array([MATCHED["sway_m_sqrt_m"], MIN_POSITION_WALK, 0.0, 0.3, 0.3])
     state = rng.normal(size=5) * [5.0, 5.0, 2.0, 0.5, 0.3]
     for _ in range(round(seconds / FRAME_S)):
         frame(estimator, state[:3] + rng.normal(size=3) * np.sqrt(np.diag(NOISE)))

@@ -46,7 +46,8 @@ from mecazen.messages import (
 )
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.wire import Stamp, encode
-from mecazen_physics.config import Person, PhysicsConfig
+from mecazen.world import WorldConfig
+from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.schedule import Schedule
 from mecazen_physics.service import PhysicsService
 
@@ -86,6 +87,7 @@ class Rig:
         *,
         services: Sequence[str] = ALL,
         start: StartConfig | None = None,
+        world: WorldConfig = WorldConfig(),  # noqa: B008
         **sim: Any,
     ) -> None:
         sim.setdefault("mode", "lockstep")
@@ -99,6 +101,7 @@ class Rig:
                 seed=3,
                 sim=SimConfig(**sim),
                 start=start or StartConfig(),
+                world=world,
                 sections={"physics": config},
             ),
         )
@@ -328,7 +331,7 @@ def test_efforts_drive_the_wheels_as_torques():
 
 
 def test_commands_beyond_the_motor_are_taken_as_its_limit():
-    rig = Rig(PhysicsConfig(roller_spheres=3, dt_s=0.002, ground_friction=0.0))
+    rig = Rig(world=WorldConfig(ground_friction=0.0))
     rig.begin()
     heard = rig.drive(100, [1e308] * 4)
     assert max(wheels_of(heard)) <= 40.0 + 1e-6
@@ -391,7 +394,7 @@ def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
     # 1 m before the robot, on the way to it; in 3 s they would have been through it
     rig.place(Pose2D(x=1.0, yaw=math.pi), Twist2D(x=0.5))
     rig.drive(300, [0.0] * 4)
-    assert rig.member.world.state().position[0] == pytest.approx(0.0, abs=1e-3)
+    assert rig.member.robot.state().position[0] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_pause_holds_time_and_resume_lets_it_go_on():
@@ -539,14 +542,14 @@ def test_a_reset_is_possible_while_an_answer_is_missing():
 
 
 def test_the_person_stops_the_robot_and_pushes_it():
-    rig = Rig(PhysicsConfig(roller_spheres=3, person=Person(radius_m=0.2)))
+    rig = Rig(PhysicsConfig(roller_spheres=3))
     rig.begin()
     for _ in range(150):  # 0.75 m, if nobody stood there
         rig.place(Pose2D(x=0.8))
         rig.command([10.0] * 4)
         rig.service.step()
     assert pose_of(rig.listen()).x < 0.45
-    pushed = Rig(PhysicsConfig(roller_spheres=3, person=Person(radius_m=0.2)))
+    pushed = Rig(PhysicsConfig(roller_spheres=3))
     pushed.begin()
     for tick in range(100):
         pushed.place(Pose2D(0.6 - 0.01 * tick), Twist2D(x=-1.0))
@@ -597,7 +600,7 @@ def test_a_diverged_state_is_one_clear_error_that_ends_the_run():
     rig = Rig(services=ALONE)
     rig.begin()
     rig.tick()
-    rig.member.world._plant.scene.robot.setPosition(5, -0.2)
+    rig.member.robot.body.skeleton.setPosition(5, -0.2)
     with pytest.raises(MecazenError, match=r"^physics diverged .* last good state at 0.010 s") as e:
         rig.service.step()
     assert "\n" not in str(e.value)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from harness import load_robot
 from mecazen.config import Scenario
+from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
     DiagnosticArray,
@@ -24,7 +25,6 @@ from mecazen.messages import (
     PoseWithCovariance,
     Time,
     Twist,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.robot import WHEEL_JOINTS

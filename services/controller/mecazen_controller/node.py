@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from mecazen.config import Scenario
+from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE, Row
@@ -19,7 +20,6 @@ from mecazen.messages import (
     Odometry,
     OdometryRequest,
     Time,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick

@@ -1,4 +1,4 @@
-"""Feeds one service or node with its recorded inputs, and compares what it gives."""
+"""Feeds a service or a node with its recorded inputs and compares its outputs with the recording."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.sink import RecordingError
 
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs}
-"""Keys whose last sample says how far a recording goes."""
+"""Keys whose last sample tells how far a recording goes."""
 
 
 class Difference(NamedTuple):
-    """The first thing that is not as it was recorded."""
+    """The first difference from the recording."""
 
     key: str
     time_ns: int
     field: str
-    """Where in the message; empty where one of the two is no sample at all."""
+    """Path in the message; empty if one of the two samples is missing."""
     recorded: str
     recomputed: str
 
     def __str__(self) -> str:
-        """Return the line that says it."""
+        """Return the difference in one line."""
         where = " ".join(filter(None, (self.key, self.field)))
         values = f"recorded {self.recorded}, recomputed {self.recomputed}"
         return f"{where} at {self.time_ns / NS_PER_S} s: {values}"
 
 
 class Comparison(NamedTuple):
-    """What a service gave again."""
+    """The result of a re-computation."""
 
     counts: Counter[str]
-    """Samples that were recorded and are to be compared, by key."""
+    """Number of compared samples by key."""
     difference: Difference | None
 
 
@@ -58,18 +58,18 @@ class _Output(NamedTuple):
 
 
 def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
-    """Run a service or a node of a recording anew.
+    """Re-compute a service or a node from a recording.
 
-    Runs that are not recorded from their beginning, or whose configuration is not in the
-    recording, are left out. What a service says of its health is not compared.
+    Runs that are not recorded from their first tick, or without configuration, are skipped.
+    Diagnostics are not compared.
 
     Args:
-        recording: Holds the inputs and the outputs.
-        program: A service, a node, or `file.py:Class` of a node that takes the place of one.
-        robot: Whose, where there are several robots.
+        recording: The recorded inputs and outputs.
+        program: A service, a node, or `file.py:Class` of a node in the place of one.
+        robot: Name of one of several robots.
 
     Raises:
-        MecazenError: There is nothing to compute or nothing to compare, or the service failed.
+        MecazenError: There is nothing to compute or to compare, or the service failed.
     """
     counts: Counter[str] = Counter()
     for run, samples in _whole_runs(recording).items():
@@ -91,7 +91,7 @@ def _nothing(recording: Recording, program: str) -> RecordingError:
 
 
 def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
-    """Return the samples of each run that can be computed anew."""
+    """Return the samples of each run that can be re-computed."""
     runs: dict[int, list[Sample]] = {}
     run: int | None = None
     for sample in recording.samples():
@@ -107,7 +107,7 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 
 
 def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> list[Sample]:
-    """Return the samples in the namespace of a robot, with their keys in it."""
+    """Return the samples in the namespace of a robot, with keys relative to it."""
     parts = ((sample, *split_key(sample.key, robots)) for sample in samples)
     return [sample._replace(key=key) for sample, name, key in parts if name == robot]
 
@@ -142,7 +142,7 @@ def _make_service(
 
 
 def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -> Comparison:
-    """Feed a service with the samples of its robot, and compare what it gives."""
+    """Feed a service with its inputs among the samples and compare its outputs."""
     rows = [node.row for node in service.nodes]
     triggers = {row.on_bus(i.topic).key for row in rows for i in row.inputs if i.rule == "every"}
     topics = {
@@ -157,8 +157,8 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
         bus.subscribe(topic, partial(_keep, recomputed[topic.key]))
 
     def place_in_time(sample: Sample) -> tuple[int, bool, bool]:
-        # samples of a tick come to the recorder from several processes, by chance in any order;
-        # what came without a stamp may have come at any time of its tick
+        # the recorder gets the samples of a tick from several processes, in any order;
+        # a sample without a stamp may have come at any time within its tick
         return sample.time_ns, sample.stamp is None, sample.key not in triggers
 
     last_ns: dict[str, int] = {}
@@ -172,7 +172,7 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
             _keep(recorded[sample.key], sample.message(topics[sample.key].type), sample.stamp)
         if sample.stamp is not None and topics[sample.key].key in PERIODIC:
             last_ns[sample.key] = sample.time_ns
-    # the last tick of which everything was recorded, wherever the recording ends
+    # the last completely recorded tick
     horizon_ns = min(last_ns.values(), default=0)
     kept = {key: found for key, found in recorded.items() if found}
     differences = [_compare(key, was, recomputed[key], horizon_ns) for key, was in kept.items()]
@@ -200,7 +200,7 @@ def _compare(
                 for output in (old, new)
             ]
             return Difference(key, time_ns, "", *there)
-        # as bytes, since 0.0 and -0.0 are equal as numbers
+        # compared as bytes, since 0.0 and -0.0 are equal as numbers
         if encode(old.message, "json") != encode(new.message, "json"):
             was, now = (msgspec.to_builtins(output.message) for output in (old, new))
             return Difference(key, old.time_ns, *next(_different(was, now, "")))
@@ -208,7 +208,7 @@ def _compare(
 
 
 def _different(was: Any, now: Any, path: str) -> Iterator[tuple[str, str, str]]:
-    """Yield the leaves that differ: their place, and both values."""
+    """Yield path and both values of each leaf that differs."""
     if isinstance(was, dict) and isinstance(now, dict):
         for name in was:
             yield from _different(was[name], now[name], f"{path}.{name}" if path else name)
