@@ -1,4 +1,4 @@
-"""Physics replaced by nothing: what is left of a run is services and messages.
+"""Physics without dynamics: what remains of a run is services and messages.
 
 Used through `programs.physics = "…/null_physics.py:NullPhysics"`.
 """
@@ -11,87 +11,65 @@ from typing import cast
 
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS, WHEELS, Robot, roller_joint
+from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_physics.arena import Arena
 from mecazen_physics.service import PhysicsService
 from mecazen_physics.world import WheelCommand, WorldState
 
 
 class NullWorld:
-    """A robot that moves by the ideal equations, in the place of a `World`.
+    """One robot that moves by the ideal equations, in place of an `Arena` and its `World`.
 
-    Its rollers stand still, but at numbers with all their digits: messages are as long as
-    real ones.
+    Its rollers are at rest, at numbers with all their digits: messages are as long as real ones.
     """
 
     def __init__(self, robot: Robot, dt_s: float, start: Pose2D) -> None:
-        rollers = [
-            roller_joint(wheel, index) for wheel in WHEELS for index in range(robot.rollers.count)
-        ]
+        self.worlds = [self]
+        rollers = [roller_joint(wheel, i) for wheel in WHEELS for i in range(robot.rollers.count)]
         self.joint_names = (*WHEEL_JOINTS, *rollers)
-        self._radius = robot.wheels.radius_m
-        self._lever = robot.half_wheelbase + robot.half_track
-        self._dt_s = dt_s
-        self._pose = start
-        self._numbers = [math.sqrt(2.0 + index) for index in range(len(rollers))]
-        self._state = self._make_state(0.0, Twist2D(), [0.0] * len(WHEELS), [0.0] * len(WHEELS))
-
-    def advance(self, command: Sequence[float], steps: int) -> None:
-        """Move with wheels that turn as commanded [rad/s]."""
-        elapsed = steps * self._dt_s
-        fl, fr, rl, rr = command
-        twist = Twist2D(
-            (fl + fr + rl + rr) * self._radius / 4,
-            (-fl + fr + rl - rr) * self._radius / 4,
-            (-fl + fr - rl + rr) * self._radius / 4 / self._lever,
+        self._kinematics = MecanumKinematics(
+            robot.wheels.radius_m, robot.half_wheelbase, robot.half_track
         )
-        self._pose = self._pose.integrate(twist, elapsed)
-        angles = [
-            angle + speed * elapsed
-            for angle, speed in zip(self._state.joint_position, command, strict=False)
+        self._dt_s = dt_s
+        self._time, self._pose, self._twist = 0.0, start, Twist2D()
+        self._angles = self._speeds = [0.0] * len(WHEELS)
+        self._numbers = [math.sqrt(2.0 + index) for index in range(len(rollers))]
+
+    def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
+        """Move with wheels that turn as commanded [rad/s]."""
+        (command,) = commands
+        elapsed = steps * self._dt_s
+        self._time += elapsed
+        self._speeds = list(command.values)
+        self._twist = self._kinematics.forward(WheelSpeeds(*self._speeds))
+        self._pose = self._pose.integrate(self._twist, elapsed)
+        self._angles = [
+            a + speed * elapsed for a, speed in zip(self._angles, self._speeds, strict=True)
         ]
-        self._state = self._make_state(self._state.time + elapsed, twist, angles, command)
 
     def state(self) -> WorldState:
         """Return the present state."""
-        return self._state
-
-    def _make_state(
-        self, time: float, twist: Twist2D, angles: Sequence[float], speeds: Sequence[float]
-    ) -> WorldState:
         x, y, yaw = self._pose
         return WorldState(
-            time=time,
+            time=self._time,
             position=(x, y, 0.0),
             orientation=(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)),
-            linear=(twist.x, twist.y, 0.0),
-            angular=(0.0, 0.0, twist.yaw),
-            joint_position=[*angles, *self._numbers],
-            joint_velocity=[*speeds, *self._numbers],
-            joint_effort=[*speeds, *self._numbers],
+            linear=(self._twist.x, self._twist.y, 0.0),
+            angular=(0.0, 0.0, self._twist.yaw),
+            joint_position=[*self._angles, *self._numbers],
+            joint_velocity=[*self._speeds, *self._numbers],
+            joint_effort=[*self._speeds, *self._numbers],
         )
 
-
-class NullArena:
-    """Robots that meet nobody, in the place of an `Arena`."""
-
-    def __init__(self, worlds: Sequence[NullWorld]) -> None:
-        self.worlds = worlds
-
-    def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
-        """Move each as commanded."""
-        for world, command in zip(self.worlds, commands, strict=True):
-            world.advance(command.values, steps)
-
     def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
-        """Take no notice: there is nobody to touch."""
+        """Do nothing: there are no contacts."""
 
 
 class NullPhysics(PhysicsService):
-    """The physics service with nothing to simulate."""
+    """The physics service of one robot without dynamics."""
 
     def make_arena(self) -> Arena:
-        """Return the null arena: it has all of an arena that the service uses here."""
-        parts = [self.scenario.of(name) for name in self.scenario.names]
-        dt_s = self.config.dt_s
-        worlds = [NullWorld(part.robot, dt_s, part.start.pose) for part in parts]
-        return cast(Arena, NullArena(worlds))
+        """Return the null world, which has all that the service uses of an arena."""
+        scenario = self.scenario
+        world = NullWorld(scenario.robot, self.config.dt_s, scenario.start.pose)
+        return cast(Arena, world)
