@@ -6,7 +6,6 @@ import os
 import platform
 import re
 import time
-from collections import defaultdict
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,10 +14,6 @@ import msgspec
 import psutil
 
 LIBRARIES = ("dartpy", "mujoco", "eclipse-zenoh", "msgspec", "numpy")
-BUSIEST = 5
-"""How many other processes are named ..."""
-LEAST_SHARE = 0.01
-"""... if they take this share of a core."""
 
 
 class Machine(msgspec.Struct, frozen=True):
@@ -69,51 +64,26 @@ class OtherLoad(msgspec.Struct, frozen=True):
     """Load averages over 1, 5 and 15 minutes before the measurement."""
     cores: float
     """Cores that others kept busy, on average."""
-    busiest: dict[str, float]
-    """Of these cores, by the name of the process."""
 
     def __str__(self) -> str:
         """Return it in one line."""
         load = " ".join(f"{value:.2f}" for value in self.load)
-        names = ", ".join(f"{name} {share:.2f}" for name, share in self.busiest.items())
-        text = f"load before {load}; other processes took {self.cores:.2f} cores meanwhile"
-        return f"{text}: {names}" if names else text
+        return f"load before {load}; other processes took {self.cores:.2f} cores meanwhile"
 
 
 class Others:
-    """Accounts for the processor time of other processes, from its creation on.
-
-    Processes that start and end in between count in the sum, but have no name.
-    """
+    """Accounts for the processor time of other processes, from its creation on."""
 
     def __init__(self) -> None:
         self._load = os.getloadavg()
-        self._begin_s, self._begin_all_s = time.monotonic(), _others_s()
-        self._before = _spent_by_process()
+        self._begin_s, self._begin_others_s = time.monotonic(), _others_s()
 
     def so_far(self) -> OtherLoad:
         """Return the load so far."""
         elapsed = time.monotonic() - self._begin_s
-        shares: defaultdict[str, float] = defaultdict(float)
-        for process, spent in _spent_by_process().items():
-            # a process that is new has spent all of its time meanwhile
-            shares[process[0]] += (spent - self._before.get(process, 0.0)) / elapsed
-        busiest = sorted(shares, key=lambda name: -shares[name])[:BUSIEST]
         # the clocks of machine and processes are not read at one instant
-        cores = max(0.0, (_others_s() - self._begin_all_s) / elapsed)
-        named = {name: shares[name] for name in busiest if shares[name] >= LEAST_SHARE}
-        return OtherLoad(self._load, cores, named)
-
-
-def _spent_by_process() -> dict[tuple[str, int, float], float]:
-    """Return the processor time [s] of others by name, process number and creation time."""
-    me = psutil.Process()
-    own = {me.pid, *(child.pid for child in me.children(recursive=True))}
-    return {
-        (process.info["name"], process.pid, process.info["create_time"]): sum(spent[:2])
-        for process in psutil.process_iter(["name", "create_time", "cpu_times"])
-        if process.pid not in own and (spent := process.info["cpu_times"]) is not None
-    }
+        cores = max(0.0, (_others_s() - self._begin_others_s) / elapsed)
+        return OtherLoad(self._load, cores)
 
 
 def _others_s() -> float:
