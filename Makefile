@@ -89,7 +89,7 @@ test-chaos: .venv/ready
 	.venv/bin/python -m pytest -s tests/chaos
 
 soak: .venv/ready
-	.venv/bin/python -m mecazen_bench.soak --hours $(HOURS)
+	@.venv/bin/mecazen bench soak --hours $(HOURS)
 
 test-compose: .venv/ready
 	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose

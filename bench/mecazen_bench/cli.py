@@ -1,4 +1,4 @@
-"""`mecazen bench`: how fast and how right the simulator is."""
+"""`mecazen bench`: speed and accuracy of the simulator."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def run(
     only: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PART",
-            help="Measure one part; may be given several times. Those that take minutes are "
-            "measured only so: peers, experiments, flood, malformed, containers.",
+            metavar="BENCHMARK",
+            help="Measure one benchmark; may be given several times. Measured only on request, "
+            "since they take minutes: peers, experiments, flood, malformed, containers.",
             show_default=False,
         ),
     ] = None,
@@ -37,45 +37,36 @@ def run(
             "--json",
             metavar="FILE",
             help="Write all figures here.",
-            show_default="bench/results/<machine>.json, and of parts alone <machine>-<part>.json",
+            show_default="bench/results/<machine>.json; with --only, <machine>-<benchmark>.json",
         ),
     ] = None,
 ) -> None:
-    """Measure in rounds in which all parts take turns; print and write medians and quartiles.
+    """Measure in rounds of interleaved benchmarks; print and write medians and quartiles.
 
     Examples: mecazen bench run · mecazen bench run --only physics --only loop
     """
-    from mecazen.errors import MecazenError  # noqa: PLC0415
+    from mecazen_bench import benchmarks, results  # noqa: PLC0415
 
-    from mecazen_bench import parts, results  # noqa: PLC0415
-
-    for name in only or ():
-        if name not in parts.PARTS:
-            raise MecazenError(f"--only {name}: no such part; there are {', '.join(parts.PARTS)}")
-    chosen = {
-        name: part
-        for name, part in parts.PARTS.items()
-        if (name in only if only else not part.on_demand)
-    }
+    chosen = benchmarks.select(only or ())
     with Console(stderr=True).status("") as status:
-        found = parts.measure(chosen, lambda what: status.update(f"measuring {what} …"))
+        found = benchmarks.measure(chosen, lambda what: status.update(f"measuring {what} …"))
     console = _console()
     console.print(found.table())
     for group in found.groups:
         console.print(f"[dim]{group.title}: {group.how}[/]")
-    took = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in found.seconds.items())
-    console.print(f"{found.text()}\ntook {took}")
-    path = json or results.default_path(found.machine, list(chosen) if only else [])
+    took = ", ".join(f"{name} {one.seconds:.0f} s" for name, one in found.benchmarks.items())
+    console.print(f"{found.context()}\ntook {took}")
+    path = json or results.default_path(found.machine.name, list(chosen) if only else [])
     results.write(found, path)
     console.print(f"figures: {path}")
 
 
 @app.command()
 def compare(before: File, after: File) -> None:
-    """Show each figure of two results, their ratio, and what became worse or better.
+    """Show each figure of two results, their ratio, and which became worse or better.
 
-    That is said of a figure whose medians differ by more than the quartiles of both lie apart.
-    Ends with 1 where something became worse.
+    A figure counts as worse or better where its medians differ by more than the sum of both
+    interquartile ranges. The exit code is 1 where a figure became worse.
 
     Example: mecazen bench compare before.json after.json
     """
@@ -85,20 +76,33 @@ def compare(before: File, after: File) -> None:
     earlier, later = results.read(before), results.read(after)
     changes = compare(earlier, later)
     console = _console()
-    console.print(table(changes))
-    for line in notes(earlier, later):
-        console.print(line)
+    console.print(table(changes), *notes(earlier, later), sep="\n")
     worse = sum(change.verdict == "worse" for change in changes)
     console.print(f"{worse} of {len(changes)} figures became worse")
     raise typer.Exit(1 if worse else 0)
 
 
 @app.command()
-def markdown(file: File) -> None:
-    """Print results as the tables of docs/performance.md."""
-    from mecazen_bench import results  # noqa: PLC0415
+def tables() -> None:
+    """Write the tables of docs/performance.md from the files in bench/results."""
+    from mecazen_bench.document import DOCUMENT, updated  # noqa: PLC0415
 
-    typer.echo(results.read(file).markdown(), nl=False)
+    DOCUMENT.write_text(updated(DOCUMENT.read_text()))
+
+
+@app.command()
+def soak(
+    hours: Annotated[float, typer.Option(help="Simulated time in lockstep.")] = 2.0,
+    minutes: Annotated[float, typer.Option(help="Real time.")] = 10.0,
+) -> None:
+    """Run for hours; check that memory does not grow, no tick is lost, and time does not drift.
+
+    The exit code is 1 where one of these fails.
+    """
+    from mecazen_bench import soak  # noqa: PLC0415
+
+    passed = [soak.lockstep(hours), soak.real_time(minutes)]
+    raise typer.Exit(0 if all(passed) else 1)
 
 
 def _console() -> Console:

@@ -1,4 +1,4 @@
-"""The kinetic energy of a robot, from where it is: what every engine can be asked alike."""
+"""The kinetic energy of a robot from its motion, which every engine reports alike."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mecazen_physics.model import Link
 
 
 class Sample(NamedTuple):
-    """Where the robot is: base_link's origin in world [m], heading, and the wheels' [rad]."""
+    """Pose of the robot: base_link's origin in world [m], its yaw, and the wheels' angles [rad]."""
 
     x: float
     y: float
@@ -22,18 +22,27 @@ class Sample(NamedTuple):
     yaw: float
     wheels: Sequence[float]
 
+    @classmethod
+    def of(
+        cls, position: Sequence[float], quaternion: Sequence[float], wheels: Sequence[float]
+    ) -> Sample:
+        """Return the sample of a position (x, y, z) and an orientation (x, y, z, w)."""
+        qx, qy, qz, qw = quaternion
+        yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+        x, y, z = position
+        return cls(x, y, z, yaw, wheels)
+
 
 @dataclass(frozen=True)
 class Body:
-    """A robot that moves in the plane, as the numbers that its energy depends on.
+    """The inertia of a robot that moves in the plane.
 
-    With v the speed of base_link, ψ̇ its yaw rate and ω the turning of each wheel,
+    With v the speed of base_link, ψ̇ its yaw rate and ω the angular speed of each wheel,
 
         E = ½·m·v² + ½·J·ψ̇² + ½·I·Σω².
 
-    Rollers turn with their wheel; on their own axes they stand still, as they do where the
-    robot rolls straight on. No force does work then, for the point that touches the ground has
-    no velocity: E stays.
+    Rollers turn with their wheel, but not about their own axes, as where the robot rolls
+    straight on. Then no force does work, since the contact point has no velocity: E is constant.
     """
 
     mass: float
@@ -45,7 +54,7 @@ class Body:
 
     @classmethod
     def of(cls, robot: Robot) -> Body:
-        """Return the numbers of `robot`, by the parallel axis theorem."""
+        """Return the inertia of `robot`, by the parallel axis theorem."""
         links = model.links(robot)
         wheels = {link.name: link for link in links if link.axis and link.parent == "base_link"}
         parts = [model.base(robot), *links]
@@ -56,22 +65,22 @@ class Body:
                 place = place + wheels[link.parent].translation
             yaw += _moment(link, 2) + link.mass * float(place[:2] @ place[:2])
         first, *_ = wheels.values()
-        rollers = [link for link in links if link.parent == first.name]
         axle = _moment(first, 1)
-        for link in rollers:
-            x, _, z = link.translation
-            axle += _moment(link, 1) + link.mass * (x * x + z * z)
+        for link in links:
+            if link.parent == first.name:
+                x, _, z = link.translation
+                axle += _moment(link, 1) + link.mass * (x * x + z * z)
         return cls(sum(link.mass for link in parts), yaw, axle)
 
     def energy(self, before: Sample, after: Sample, duration: float) -> float:
-        """Return the energy [J] of the mean speeds between two samples."""
-        way = math.hypot(after.x - before.x, after.y - before.y)
+        """Return the energy [J] at the mean speeds between two samples `duration` [s] apart."""
+        distance = math.hypot(after.x - before.x, after.y - before.y)
         turn = math.remainder(after.yaw - before.yaw, 2.0 * math.pi)
         spins = np.subtract(after.wheels, before.wheels)
-        squares = self.mass * way**2 + self.yaw_inertia * turn**2
+        squares = self.mass * distance**2 + self.yaw_inertia * turn**2
         return float(squares + self.wheel_inertia * (spins @ spins)) / (2.0 * duration**2)
 
 
 def _moment(link: Link, axis: int) -> float:
-    """Return the moment of inertia about an axis of the parent's, through the link's centre."""
+    """Return the moment of inertia about an axis of the parent, through the link's centre."""
     return float(np.square(link.rotation[axis]) @ np.array(link.moments))

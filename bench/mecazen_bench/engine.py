@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.geometry import Twist2D
 from mecazen.robot import WHEELS, Robot
+from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 
 from mecazen_bench.energy import Body, Sample
 
 RIM_SPEED = 0.3
 """Speed of the wheels' rims in the manoeuvres [m/s]."""
 RAMP_S, SETTLE_S = 0.3, 0.5
-"""Time to reach that speed, and to let the transient die away."""
+"""Time to reach that speed, and for the transient to decay."""
 PASSAGES = 16
 """Rollers that pass below each wheel while a manoeuvre is measured."""
 TICK_S = 0.01
-"""Control period: an engine is asked for its state this often in the timed runs."""
+"""Control period: in the timed runs an engine reports its state this often."""
 BLOCK_S = 0.25
 """Simulated time of one timed block."""
 COAST_S = 1.0
-"""Time without motors after which the energy is looked at again."""
+"""Time without motor torque between two measurements of the energy."""
 
 FORWARD = (1.0, 1.0, 1.0, 1.0)
 LATERAL = (-1.0, 1.0, 1.0, -1.0)
@@ -34,58 +37,53 @@ MIXED = (0.1, 1.0, 0.6, 0.5)
 Array = npt.NDArray[np.float64]
 
 
-class Engine(Protocol):
-    """A robot on flat ground, at rest at first, in some simulator."""
+class Engine(ABC):
+    """A robot on flat ground, initially at rest, in some simulator."""
 
-    name: str
-    robot: Robot
-    dt_s: float
-    spent_s: float
-    """Processor time that its steps have taken so far, without the bench round them [s]."""
+    def __init__(self, name: str, robot: Robot, dt_s: float) -> None:
+        self.name = name
+        self.robot = robot
+        self.dt_s = dt_s
+        self.spent_s = 0.0
+        """Processor time of its steps so far, without the bench around them [s]."""
 
-    def advance(self, speeds: Sequence[float], steps: int) -> Sample:
-        """Simulate `steps` steps of `dt_s` towards the wheel speeds [rad/s]."""
+    @abstractmethod
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+        """Simulate `steps` steps of `dt_s`.
 
-    def coast(self, steps: int) -> Sample:
-        """Simulate `steps` steps of `dt_s` with motors that have no torque."""
+        Args:
+            speeds: Wheel speeds to drive with [rad/s]; None for motors without torque.
+            steps: How many.
+        """
 
 
 class Accuracy(NamedTuple):
     """How an engine moves the robot.
 
-    A gain is the distance or the angle moved over that of the ideal equations for the
-    wheels' measured turning, over whole passages of rollers. `ripple` is the height of
-    base_link's origin from its lowest to its highest while driving straight [m]. `energy` is
-    the share that the kinetic energy of a robot gains in a second in which it coasts straight
-    on, see `Body`: on a smooth round wheel none.
+    A gain is the measured motion over that of the ideal equations for the wheels' measured
+    rotation, over whole passages of rollers.
     """
 
     ripple: float
+    """Peak to peak height of base_link's origin while driving straight [m]."""
     forward: float
     lateral: float
     yaw: float
     energy: float
+    """Relative gain of kinetic energy in a second of coasting; 0 on a smooth round wheel."""
 
 
 def measure_accuracy(engine: Engine) -> Accuracy:
     """Drive forward and coast, drive sideways and turn on the spot."""
-    robot = engine.robot
-    moved, heights = _steady(engine, FORWARD)
+    forward, ideal_forward, heights = _steady(engine, FORWARD)
     energy = _coast(engine)
-    forward = _turned(moved, FORWARD) * robot.wheels.radius_m
-    forward_gain = math.hypot(*(moved[-1] - moved[0])[:2]) / forward
-    moved, _ = _steady(engine, LATERAL)
-    lateral = _turned(moved, LATERAL) * robot.wheels.radius_m
-    lateral_gain = math.hypot(*(moved[-1] - moved[0])[:2]) / lateral
-    moved, _ = _steady(engine, YAW)
-    lever = robot.half_wheelbase + robot.half_track
-    yaw = _turned(moved, YAW) * robot.wheels.radius_m / lever
-    heading = np.unwrap(moved[:, 2])
+    lateral, ideal_lateral, _ = _steady(engine, LATERAL)
+    yaw, ideal_yaw, _ = _steady(engine, YAW)
     return Accuracy(
         ripple=float(np.ptp(heights)),
-        forward=forward_gain,
-        lateral=lateral_gain,
-        yaw=float(heading[-1] - heading[0]) / yaw,
+        forward=math.hypot(*forward[:2]) / ideal_forward.x,
+        lateral=math.hypot(*lateral[:2]) / ideal_lateral.y,
+        yaw=yaw[2] / ideal_yaw.yaw,
         energy=energy,
     )
 
@@ -93,7 +91,7 @@ def measure_accuracy(engine: Engine) -> Accuracy:
 def measure_speed(engines: Sequence[Engine], blocks: int) -> list[list[float]]:
     """Return for each engine the processor time of a step [s] in each block.
 
-    The engines take turns, so that what else the machine does meets all alike.
+    Blocks of all engines are interleaved, so that the load of others affects all alike.
     """
     for engine in engines:
         _reach(engine, MIXED)
@@ -114,35 +112,44 @@ def _time_block(engine: Engine) -> float:
 
 
 def _coast(engine: Engine) -> float:
-    """Let a robot roll on; return what share of its energy it gains in a second.
+    """Return the relative gain of energy of a coasting robot in a second.
 
-    Speeds are means over the passage of a roller, so that a wheel that is a polygon does not
-    seem to gain or lose by the corner that it stands on.
+    Speeds are means over the passage of a roller: otherwise a polygonal wheel would seem to
+    gain or lose with the corner that it stands on.
     """
     body = Body.of(engine.robot)
     passage = 2.0 * math.pi / engine.robot.rollers.count
     steps = round(passage * engine.robot.wheels.radius_m / (RIM_SPEED * engine.dt_s))
     rest = round(COAST_S / engine.dt_s) - steps
-    samples = [engine.coast(1), engine.coast(steps), engine.coast(rest), engine.coast(steps)]
+    samples = [engine.advance(None, count) for count in (1, steps, rest, steps)]
     duration = steps * engine.dt_s
     before = body.energy(samples[0], samples[1], duration)
     after = body.energy(samples[2], samples[3], duration)
     return (after / before - 1.0) / COAST_S
 
 
-def _steady(engine: Engine, direction: Sequence[float]) -> tuple[Array, Array]:
-    """Return (x, y, yaw, wheels' angles) and the heights at each step of a steady motion."""
+def _steady(engine: Engine, direction: Sequence[float]) -> tuple[list[float], Twist2D, list[float]]:
+    """Drive steadily in a direction.
+
+    Returns:
+        The displacement in x, y [m] and yaw [rad], the displacement by the ideal equations in
+        the robot's axes, and the height at each step [m].
+    """
     _reach(engine, direction)
-    speeds = _speeds(engine.robot, direction)
-    passage = 2.0 * math.pi / engine.robot.rollers.count
+    robot = engine.robot
+    speeds = _speeds(robot, direction)
+    passage = 2.0 * math.pi / robot.rollers.count
     steps = round(PASSAGES * passage / (max(map(abs, speeds)) * engine.dt_s))
     samples = [engine.advance(speeds, 1) for _ in range(steps + 1)]
-    moved = np.array([(s.x, s.y, s.yaw, *s.wheels) for s in samples])
-    return moved, np.array([s.z for s in samples])
+    poses = np.array([(s.x, s.y, s.yaw, *s.wheels) for s in samples])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    moved: list[float] = (poses[-1] - poses[0]).tolist()
+    kinematics = MecanumKinematics(robot.wheels.radius_m, robot.half_wheelbase, robot.half_track)
+    return moved[:3], kinematics.forward(WheelSpeeds(*moved[3:])), [s.z for s in samples]
 
 
 def _reach(engine: Engine, direction: Sequence[float]) -> None:
-    """Bring the wheels from wherever they are through rest to steady motion."""
+    """Bring the wheels through rest to a steady motion."""
     steps = round(TICK_S / engine.dt_s)
     for _ in range(round(SETTLE_S / TICK_S)):
         engine.advance([0.0] * len(WHEELS), steps)
@@ -154,8 +161,3 @@ def _reach(engine: Engine, direction: Sequence[float]) -> None:
 
 def _speeds(robot: Robot, direction: Sequence[float]) -> list[float]:
     return [part * RIM_SPEED / robot.wheels.radius_m for part in direction]
-
-
-def _turned(moved: Array, direction: Sequence[float]) -> float:
-    """Return the mean angle that the wheels have turned in their directions [rad]."""
-    return float(np.mean((moved[-1] - moved[0])[3:] * direction))

@@ -10,47 +10,37 @@ import msgspec
 import numpy as np
 
 Better = Literal["less", "more"] | float
-"""Which way a figure gets better: or, as a number, the value that is right."""
+"""Which way a figure improves; a number is the correct value."""
 
 
-class Target(msgspec.Struct, frozen=True):
-    """The range in which a figure should be, and that range in words."""
+class Target(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The range in which a figure should lie; at least one end is given."""
 
-    text: str
     low: float | None = None
     high: float | None = None
 
-    @classmethod
-    def at_least(cls, low: float) -> Target:
-        """Return the range from `low` up."""
-        return cls(f"≥ {low:g}", low=low)
-
-    @classmethod
-    def below(cls, high: float) -> Target:
-        """Return the range up to `high`."""
-        return cls(f"< {high:g}", high=high)
-
-    @classmethod
-    def around(cls, middle: float, deviation: float) -> Target:
-        """Return the range of `deviation` to both sides."""
-        return cls(f"{middle:g} ± {deviation:g}", low=middle - deviation, high=middle + deviation)
-
     @property
     def better(self) -> Better:
-        """Which way a figure comes nearer to the range, and deeper into it."""
-        if self.high is None:
-            return "more"
-        return "less" if self.low is None else (self.low + self.high) / 2
+        """Which way a figure approaches the range; of a closed range, its middle."""
+        if self.low is None or self.high is None:
+            return "less" if self.low is None else "more"
+        return (self.low + self.high) / 2
 
     def met_by(self, value: float) -> bool:
-        """Return whether `value` is within the range."""
+        """Return whether `value` lies within the range."""
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
         return low <= value <= high
 
+    def __str__(self) -> str:
+        """Return the range as tables show it."""
+        if self.low is None or self.high is None:
+            return f"< {self.high:g}" if self.low is None else f"≥ {self.low:g}"
+        return f"{(self.low + self.high) / 2:g} ± {(self.high - self.low) / 2:g}"
 
-class Figure(msgspec.Struct, frozen=True):
-    """A measured value; of several rounds the median, with their quartiles."""
+
+class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A measured value; of several rounds, the median with the quartiles."""
 
     value: float
     better: Better
@@ -59,7 +49,7 @@ class Figure(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, value: float, goal: Target | Better) -> Figure:
-        """Return one value; without a target it is known at least which way is better."""
+        """Return one value with its target, or with which way is better."""
         if isinstance(goal, Target):
             return cls(value, goal.better, target=goal)
         return cls(value, goal)
@@ -71,64 +61,61 @@ class Figure(msgspec.Struct, frozen=True):
 
     @property
     def spread(self) -> float:
-        """The distance of the quartiles."""
+        """Distance between the quartiles."""
         low, high = self.quartiles or (self.value, self.value)
         return high - low
 
     def badness(self, value: float) -> float:
-        """Return how bad a value of this figure is, in its unit: differences count."""
+        """Return how bad a value of this figure is; only differences have a meaning."""
         if self.better == "less":
             return value
-        if self.better == "more":
-            return -value
-        return abs(value - self.better)
+        return -value if self.better == "more" else abs(value - self.better)
 
     def texts(self) -> tuple[str, str, str]:
         """Return value, quartiles and target as tables show them.
 
-        Without a target, or quartiles that differ as they are shown, there is an empty text.
+        The quartiles are empty where they look the same, the target where there is none.
         """
-        quartiles = target = ""
-        if self.quartiles is not None:
-            low, high = map(_number, self.quartiles)
-            quartiles = f"{low} to {high}" if low != high else ""
-        if self.target is not None:
-            target = f"{'✓' if self.met else '✗'} {self.target.text}"
+        low, high = map(_number, self.quartiles or (self.value, self.value))
+        quartiles = f"{low} to {high}" if low != high else ""
+        target = "" if self.target is None else f"{'✓' if self.met else '✗'} {self.target}"
         return _number(self.value), quartiles, target
 
 
 class Row(msgspec.Struct, frozen=True):
-    """What was measured on one thing: figures by their title."""
+    """What was measured on one subject: figures by their title."""
 
     subject: str
     figures: dict[str, Figure]
 
 
 class Group(msgspec.Struct, frozen=True):
-    """What belongs together, and how it was measured."""
+    """One table, and how its figures were measured."""
 
     title: str
     how: str
     rows: tuple[Row, ...]
 
     def markdown(self) -> str:
-        """Return the group as a table of a document: a column for each title of a figure."""
+        """Return the group as a table of a document, a column for each title of a figure."""
         titles = list(dict.fromkeys(title for row in self.rows for title in row.figures))
-        lines = [["", *titles], ["---"] * (len(titles) + 1)]
-        for row in self.rows:
-            cells = (row.figures[title].texts() if title in row.figures else () for title in titles)
-            lines.append([row.subject, *map(_cell, cells)])
-        table = "\n".join(
-            f"|{''.join(f' {cell} |' if cell else ' |' for cell in line)}" for line in lines
-        )
-        return f"### {self.title}\n\n{table}\n\n{self.how[:1].upper()}{self.how[1:]}.\n"
+        rows = [[row.subject, *(_cell(row.figures.get(t)) for t in titles)] for row in self.rows]
+        table = markdown_table([["", *titles], *rows])
+        return f"**{self.title}.** {self.how[:1].upper()}{self.how[1:]}.\n\n{table}"
 
 
-Named = tuple[tuple[str, str, str], Figure]
-"""A figure by group, subject and title."""
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table of a document; the first row is its head."""
+    head, *body = rows
+    lines = [head, ["---"] * len(head), *body]
+    return "".join(f"|{''.join(f' {cell} |' if cell else ' |' for cell in li)}\n" for li in lines)
 
 
-def named(groups: Sequence[Group]) -> Iterator[Named]:
+Name = tuple[str, str, str]
+"""What identifies a figure: group, subject and title."""
+
+
+def named(groups: Sequence[Group]) -> Iterator[tuple[Name, Figure]]:
     """Return all figures of the groups with their names."""
     for group in groups:
         for row in group.rows:
@@ -138,21 +125,26 @@ def named(groups: Sequence[Group]) -> Iterator[Named]:
 
 def merged(rounds: Sequence[Sequence[Group]]) -> list[Group]:
     """Return the groups of the first round, with medians and quartiles of all rounds."""
-    values: dict[tuple[str, str, str], list[float]] = {}
+    if len(rounds) == 1:
+        return list(rounds[0])
+    values: dict[Name, list[float]] = {}
     for groups in rounds:
         for name, figure in named(groups):
             values.setdefault(name, []).append(figure.value)
+
+    def median(name: Name, figure: Figure) -> Figure:
+        low, middle, high = np.percentile(values[name], (25, 50, 75)).tolist()
+        return Figure(middle, figure.better, (low, high), figure.target)
+
     return [
         Group(
             group.title,
-            f"{group.how}; medians (quartiles) of {len(rounds)} rounds"
-            if len(rounds) > 1
-            else group.how,
+            f"{group.how}; medians (quartiles) of {len(rounds)} rounds",
             tuple(
                 Row(
                     row.subject,
                     {
-                        title: _median(figure, values[group.title, row.subject, title])
+                        title: median((group.title, row.subject, title), figure)
                         for title, figure in row.figures.items()
                     },
                 )
@@ -163,18 +155,11 @@ def merged(rounds: Sequence[Sequence[Group]]) -> list[Group]:
     ]
 
 
-def _median(figure: Figure, values: Sequence[float]) -> Figure:
-    low, middle, high = np.percentile(values, (25, 50, 75)).tolist()
-    quartiles = (low, high) if len(values) > 1 else None
-    return Figure(middle, figure.better, quartiles, figure.target)
-
-
-def _cell(texts: tuple[str, ...]) -> str:
-    if not texts:
+def _cell(figure: Figure | None) -> str:
+    if figure is None:
         return ""
-    value, quartiles, target = texts
-    spread = f" ({quartiles})" if quartiles else ""
-    return f"{value}{spread} {target}".rstrip()
+    value, quartiles, target = figure.texts()
+    return " ".join(filter(None, (value, quartiles and f"({quartiles})", target)))
 
 
 def _number(value: float) -> str:

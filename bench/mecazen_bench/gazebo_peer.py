@@ -1,4 +1,4 @@
-"""The same robot in Gazebo's physics: bench/gazebo/gazebo_peer.cpp, which `make` builds."""
+"""The same robot in Gazebo's physics: bench/gazebo/gazebo_peer.cpp, built by `make gazebo`."""
 
 from __future__ import annotations
 
@@ -14,60 +14,46 @@ from mecazen_physics.rollers import Roller, binary_stl
 from mecazen_physics.urdf import build_urdf
 
 from mecazen_bench.energy import Sample
+from mecazen_bench.engine import Engine
 
 Shape = Literal["capsule", "mesh"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
+"""Of the rollers, in other engines."""
 
 PROGRAM = Path(__file__).parents[1] / "build" / "gazebo-peer"
 MESH_RINGS, MESH_SEGMENTS = 10, 11
-"""220 triangles, as many as a roller of the published models for Gazebo has."""
+"""220 triangles, as in the published models for Gazebo."""
 
 
-class GazeboEngine:
-    """A robot in Gazebo's default engine, as a process; see `mecazen_bench.engine.Engine`.
+class GazeboEngine(Engine):
+    """A robot in Gazebo's default engine, in a process of its own.
 
     Raises:
-        MecazenError: The program ends; it has said why.
+        MecazenError: The program has ended; it has written why.
     """
 
     def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
-        self.name = f"Gazebo, {shape}"
-        self.robot = robot
-        self.dt_s = dt_s
-        self.spent_s = 0.0
+        super().__init__(f"Gazebo, {shape}", robot, dt_s)
         with tempfile.TemporaryDirectory() as folder:
             urdf, mesh = Path(folder) / "robot.urdf", Path(folder) / "roller.stl"
             urdf.write_text(build_urdf(robot))
             roller = Roller.of(robot)
             mesh.write_bytes(binary_stl(*roller.mesh(MESH_RINGS, MESH_SEGMENTS)))
             radius = roller.max_radius
-            arguments = {
-                "capsule": (str(radius), str(roller.length - 2.0 * radius)),
-                "mesh": (str(mesh),),
-            }
+            capsule = (str(radius), str(roller.length - 2.0 * radius))
             self._process = subprocess.Popen(
-                [PROGRAM, urdf, str(dt_s), shape, *arguments[shape]],
+                [PROGRAM, urdf, str(dt_s), shape, *(capsule if shape == "capsule" else [mesh])],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
             )
-            self.coast(0)  # it has read the files when it answers
+            self.advance(None, 0)  # it has read the files when it answers
 
-    def advance(self, speeds: Sequence[float], steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
         """Simulate some steps; see `Engine`."""
-        return self._ask("drive", *speeds, steps)
-
-    def coast(self, steps: int) -> Sample:
-        """Simulate some steps without the motors; see `Engine`."""
-        return self._ask("coast", steps)
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
-
-    def _ask(self, *words: object) -> Sample:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
+        words = ("coast", steps) if speeds is None else ("drive", *speeds, steps)
         try:
             print(*words, file=self._process.stdin, flush=True)
             answer = self._process.stdout.readline()
@@ -79,3 +65,7 @@ class GazeboEngine:
         spent, x, y, z, yaw, *wheels = map(float, answer.split())
         self.spent_s += spent
         return Sample(x, y, z, yaw, wheels)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate()

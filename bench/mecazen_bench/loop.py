@@ -1,10 +1,10 @@
-"""The whole loop: in one process, as processes over Zenoh, its messages alone, and its parts."""
+"""The whole loop: in one process, as processes over Zenoh, its messages only, and its parts."""
 
 from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -14,65 +14,92 @@ from mecazen.config import Scenario
 from mecazen.keys import Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen.runtime import find_service
 from mecazen.wire import Stamp
-from mecazen_tools.simulate import Result, in_lockstep, simulate, simulate_distributed
-from mecazen_tools.trajectory import Trajectory
+from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
-from mecazen_bench.scenarios import SCENARIOS
+from mecazen_bench.stack import SCENARIOS
 
+PATH = SCENARIOS / "back.toml"
 DURATION_S = 10.0
-STEPS = ("physics.dt_s=0.001",)
-NULL_PHYSICS = Path(__file__).with_name("null_physics.py")
+NULL_PHYSICS = f'programs.physics="{Path(__file__).with_name("null_physics.py")}:NullPhysics"'
 
-REAL_TIMES = Target.at_least(25.0)
-DISTRIBUTED_REAL_TIMES = Target.at_least(12.0)
-MESSAGING_TICKS = Target.at_least(4000.0)
-SHARE = Target.below(10.0)
+REAL_TIMES = Target(low=25.0)
+DISTRIBUTED_REAL_TIMES = Target(low=12.0)
+MESSAGING_TICKS = Target(low=4000.0)
+SHARE = Target(high=10.0)
 
 BUS = "messages and bus"
-HEAVY = ("physics", "follower")
-"""Parts whose share has no bound: what they compute is what the loop is for."""
+UNBOUNDED = ("physics", "follower")
+"""Parts whose share has no target: their computation is the purpose of the loop."""
 
 MessageT = TypeVar("MessageT", bound=Message)
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
-    """Run the scenario `back` in each of the ways, and take a tick to its parts."""
-    return [_ways(duration_s), _parts(duration_s)]
+    """Run the scenario `back` in each of the ways, and divide a tick into its parts."""
+    settings = ("physics.dt_s=0.001", f"sim.duration_s={duration_s}")
+    return [_ways(settings, duration_s), _parts(settings, duration_s)]
 
 
-def _ways(duration_s: float) -> Group:
-    path = SCENARIOS / "back.toml"
-    settings = (*STEPS, f"sim.duration_s={duration_s}")
-    nothing = (*settings, f'programs.physics="{NULL_PHYSICS}:NullPhysics"')
-    ways: dict[str, Callable[[], tuple[Result, object]]] = {
-        "in one process": lambda: simulate(load_scenario(path, settings), path.stem),
-        "distributed": lambda: simulate_distributed(path, settings, path.stem),
-        "distributed, physics replaced by nothing": lambda: simulate_distributed(
-            path, nothing, path.stem
-        ),
-    }
-    goals: tuple[tuple[Target | Better, Target | Better], ...] = (
-        ("more", REAL_TIMES),
-        ("more", DISTRIBUTED_REAL_TIMES),
-        (MESSAGING_TICKS, "more"),
-    )
-    rows = []
-    for (name, way), (ticks, real_times) in zip(ways.items(), goals, strict=True):
-        result, _ = way()
+def _ways(settings: tuple[str, ...], duration_s: float) -> Group:
+    def row(name: str, result: Result, ticks: Target | Better, real_time: Target | Better) -> Row:
         figures = {
             "ticks/s": Figure.of(result.ticks / result.wall_s, ticks),
-            "× real time": Figure.of(result.rtf, real_times),
+            "× real time": Figure.of(result.rtf, real_time),
         }
-        rows.append(Row(name, figures))
+        return Row(name, figures)
+
+    name = PATH.stem
+    one, _ = simulate(load_scenario(PATH, settings), name)
+    distributed, _ = simulate_distributed(PATH, settings, name)
+    messages, _ = simulate_distributed(PATH, (*settings, NULL_PHYSICS), name)
+    rows = (
+        row("in one process", one, "more", REAL_TIMES),
+        row("distributed", distributed, "more", DISTRIBUTED_REAL_TIMES),
+        row("distributed, without physics", messages, MESSAGING_TICKS, "more"),
+    )
     how = f"lockstep, physics at 1 ms; {duration_s:g} s, without the start"
-    return Group("The loop: scenario back", how, tuple(rows))
+    return Group("Whole loop: scenario back", how, rows)
+
+
+def _parts(settings: tuple[str, ...], duration_s: float) -> Group:
+    scenario = load_scenario(PATH, settings)
+    ns = _timed_run(scenario)
+    total = sum(ns.values())
+    rows = []
+    for part in (*scenario.services, "trajectory", BUS):
+        goal: Target | Better = "less" if part in UNBOUNDED else SHARE
+        figures = {
+            "µs/tick": Figure.of(ns[part] / 1e3, "less"),
+            "% of the tick": Figure.of(100.0 * ns[part] / total, goal),
+        }
+        rows.append(Row(part, figures))
+    rows.append(Row("all", {"µs/tick": Figure.of(total / 1e3, "less")}))
+    how = (
+        f"in one process, physics at 1 ms; means over {duration_s:g} s of a part's handlers with "
+        "the messages that they make, and the stopwatch's own time"
+    )
+    return Group("Parts of a tick: scenario back", how, tuple(rows))
+
+
+def _timed_run(scenario: Scenario) -> dict[str, float]:
+    """Return the mean time of each part in a tick [ns]."""
+    watch = Stopwatch()
+    count = 0
+    seen_by = lambda bus, part: cast(Bus, TimedBus(bus, watch, part))  # noqa: E731
+    with closing(InProcess(scenario, seen_by)) as loop:
+        for _ in loop.ticks():
+            if not count:
+                watch.ns.clear()  # the first answers take longer
+            count += 1
+            watch.turn_to("physics")
+        watch.turn_to(BUS)
+    return {part: ns / count for part, ns in watch.ns.items()}
 
 
 class Stopwatch:
-    """Adds up how long each part of a run has been at work; one is at any time."""
+    """Adds up the time of each part of a run; one is active at any time."""
 
     def __init__(self) -> None:
         self.ns: defaultdict[str, int] = defaultdict(int)
@@ -80,7 +107,7 @@ class Stopwatch:
         self._since = time.perf_counter_ns()
 
     def turn_to(self, part: str) -> None:
-        """Let `part` be at work from now on."""
+        """Count for `part` from now on."""
         now = time.perf_counter_ns()
         self.ns[self._part] += now - self._since
         self._part, self._since = part, now
@@ -89,7 +116,7 @@ class Stopwatch:
 class TimedBus:
     """A bus as one part of the loop sees it: its handlers count as the part's time.
 
-    Publishing counts as the bus's, and so does all that is between two handlers.
+    Publishing counts as the bus's time, and so does everything between two handlers.
     """
 
     def __init__(self, bus: LocalBus, watch: Stopwatch, part: str) -> None:
@@ -128,52 +155,3 @@ class _TimedPublisher(Publisher[MessageT]):
         self._watch.turn_to(BUS)
         self._publisher.put(message, stamp)
         self._watch.turn_to(self._part)
-
-
-def _parts(duration_s: float) -> Group:
-    settings = (*STEPS, f"sim.duration_s={duration_s}")
-    scenario = in_lockstep(load_scenario(SCENARIOS / "back.toml", settings))
-    ns = _timed_run(scenario)
-    total = sum(ns.values())
-    rows = [
-        Row(
-            part,
-            {
-                "µs/tick": Figure.of(ns[part] / 1e3, "less"),
-                "% of the tick": Figure.of(
-                    100.0 * ns[part] / total, "less" if part in HEAVY else SHARE
-                ),
-            },
-        )
-        for part in (*scenario.services, "trajectory", BUS)
-    ]
-    rows.append(Row("all", {"µs/tick": Figure.of(total / 1e3, "less")}))
-    how = (
-        f"in one process, physics at 1 ms; means over {duration_s:g} s of a part's handlers with "
-        "the messages that they make, and the stopwatch's own time"
-    )
-    return Group("A tick, part by part: scenario back", how, tuple(rows))
-
-
-def _timed_run(scenario: Scenario) -> dict[str, float]:
-    """Return the mean time of each part in a tick [ns]."""
-    bus, watch = LocalBus(), Stopwatch()
-
-    def seen_by(part: str) -> Bus:
-        return cast(Bus, TimedBus(bus, watch, part))
-
-    sim, services = scenario.sim, scenario.services
-    Trajectory(seen_by("trajectory"), sim.tick_ns, sim.ticks, services)
-    parts = {part: find_service(part, scenario)(seen_by(part), scenario) for part in services}
-    for part in parts:
-        bus.declare_alive(part)
-    physics = cast(Any, parts["physics"])
-    physics.begin()
-    watch.ns.clear()
-    for _ in range(sim.ticks - 1):
-        watch.turn_to(BUS)
-        physics.await_answers()
-        watch.turn_to("physics")
-        physics.step()  # which has nothing to wait for any more
-    watch.turn_to(BUS)
-    return {part: ns / (sim.ticks - 1) for part, ns in watch.ns.items()}

@@ -1,4 +1,4 @@
-"""The machine that figures come from, and what else it does."""
+"""The machine that figures come from, and the load of other processes on it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,6 @@ import msgspec
 import psutil
 
 LIBRARIES = ("dartpy", "mujoco", "eclipse-zenoh", "msgspec", "numpy")
-BUSIEST = 5
-"""Other processes that are named."""
-LEAST_SHARE = 0.01
-"""Of a core, that a process is named for."""
 
 
 class Machine(msgspec.Struct, frozen=True):
@@ -33,113 +29,70 @@ class Machine(msgspec.Struct, frozen=True):
     @classmethod
     def here(cls) -> Machine:
         """Return this machine."""
+        libraries = {}
+        for name in LIBRARIES:
+            with suppress(PackageNotFoundError):
+                libraries[name] = version(name)
+        cpuinfo = Path("/proc/cpuinfo").read_text()
+        model = re.search(r"^model name\s*:\s*(.+)$", cpuinfo, re.MULTILINE)
         return cls(
-            cpu=_cpu(),
+            cpu=model[1].strip() if model else platform.machine(),
             cores=len(os.sched_getaffinity(0)),
             kernel=".".join(platform.release().split(".")[:2]),
             python=platform.python_version(),
-            libraries={name: found for name in LIBRARIES if (found := _version(name))},
+            libraries=libraries,
         )
 
     @property
     def name(self) -> str:
-        """Processor and cores as the name of a file: the same after the host is made anew."""
-        # some processors give their clock, too
+        """Processor and cores as a file name."""
+        # some processors include their clock frequency
         words = re.sub(r"\((r|tm)\)|@.*", " ", self.cpu.lower())
         return f"{re.sub(r'[^a-z0-9]+', '-', words).strip('-')}-{self.cores}-cores"
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """Return the machine in one line."""
         libraries = ", ".join(f"{name} {found}" for name, found in self.libraries.items())
         system = f"Linux {self.kernel}, Python {self.python}"
         return f"{self.cpu}, {self.cores} cores; {system}, {libraries}"
 
 
-class OtherWork(msgspec.Struct, frozen=True):
-    """What others did on the machine: they make figures worse."""
+class OtherLoad(msgspec.Struct, frozen=True):
+    """The load of other processes during the measurement: it makes figures worse."""
 
     load: tuple[float, float, float]
-    """Load averages over 1, 5 and 15 minutes before it was measured."""
+    """Load averages over 1, 5 and 15 minutes before the measurement."""
     cores: float
-    """Cores that others kept busy in the mean while it was measured."""
-    busiest: dict[str, float]
-    """Of these cores, by the name of the process."""
+    """Cores that others kept busy, on average."""
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """Return it in one line."""
         load = " ".join(f"{value:.2f}" for value in self.load)
-        names = ", ".join(f"{name} {share:.2f}" for name, share in self.busiest.items())
-        return f"load before {load}; meanwhile others took {self.cores:.2f} cores" + (
-            f": {names}" if names else ""
-        )
+        return f"load before {load}; other processes took {self.cores:.2f} cores meanwhile"
 
 
 class Others:
-    """Watches what other processes do, from its making on.
-
-    What begins and ends between two looks is only in the sum of all.
-    """
+    """Accounts for the processor time of other processes, from its creation on."""
 
     def __init__(self) -> None:
         self._load = os.getloadavg()
-        self._begin_s, self._begin_all_s = time.monotonic(), _processor_s()
-        self._spent: dict[tuple[int, float], tuple[str, float, float]] = {}
-        self._first = True
-        self.look()
+        self._begin_s, self._begin_others_s = time.monotonic(), _others_s()
 
-    def look(self) -> None:
-        """See how much processor time each process has had."""
-        me = psutil.Process()
-        own = {me.pid, *(child.pid for child in me.children(recursive=True))}
-        for process in psutil.process_iter(["name", "create_time", "cpu_times"]):
-            spent = process.info["cpu_times"]
-            if process.pid in own or spent is None:
-                continue
-            total = spent.user + spent.system
-            key = (process.pid, process.info["create_time"])
-            # what is new since the last look has spent all of it meanwhile
-            _, before, _ = self._spent.get(key, ("", total if self._first else 0.0, 0.0))
-            self._spent[key] = (process.info["name"], before, total)
-        self._first = False
-
-    def work(self) -> OtherWork:
-        """Return what others have done so far."""
-        self.look()
+    def so_far(self) -> OtherLoad:
+        """Return the load so far."""
         elapsed = time.monotonic() - self._begin_s
-        shares: dict[str, float] = {}
-        for name, before, now in self._spent.values():
-            shares[name] = shares.get(name, 0.0) + (now - before) / elapsed
-        busiest = sorted(shares.items(), key=lambda item: -item[1])[:BUSIEST]
-        return OtherWork(
-            load=self._load,
-            # the two clocks are not read at one instant
-            cores=max(0.0, (_processor_s() - self._begin_all_s) / elapsed),
-            busiest={name: share for name, share in busiest if share >= LEAST_SHARE},
-        )
+        # the clocks of machine and processes are not read at one instant
+        cores = max(0.0, (_others_s() - self._begin_others_s) / elapsed)
+        return OtherLoad(self._load, cores)
 
 
-def _processor_s() -> float:
-    """Return the processor time of all others; a hypervisor's other guests are some."""
+def _others_s() -> float:
+    """Return the processor time of all others [s]; a hypervisor's other guests are included."""
     machine = psutil.cpu_times()
     # guest is in user already
     busy = machine.user + machine.nice + machine.system + machine.irq + machine.softirq
     own = sum(os.times()[:4])  # with the children that have ended
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.NoSuchProcess):
-            spent = child.cpu_times()
-            own += spent.user + spent.system
+            own += sum(child.cpu_times()[:2])
     return float(busy + machine.steal - own)
-
-
-def _cpu() -> str:
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.machine()
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

@@ -1,19 +1,18 @@
-"""A million payloads that are no messages: none crashes, holds up or moves any service."""
+"""A million malformed payloads: they crash, delay and move no service."""
 
 from __future__ import annotations
 
 import json
 import logging
-import struct
+import random
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from copy import deepcopy
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import msgspec
-import numpy as np
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.bus.base import decode_sample
@@ -21,29 +20,25 @@ from mecazen.config import Scenario
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.loading import load_scenario
-from mecazen.messages import DiagnosticArray, Message
-from mecazen.runtime import find_service
+from mecazen.messages import Message
 from mecazen.wire import (
     ENCODINGS,
     JSON_ENCODING,
     MAX_SAMPLE_BYTES,
     MSGPACK_ENCODING,
     RefusedError,
-    Stamp,
     decode,
     encode,
 )
-from mecazen_tools.simulate import in_lockstep
-from mecazen_tools.trajectory import Trajectory
+from mecazen_tools.simulate import InProcess, simulate
 
 from mecazen_bench.figures import Figure, Group, Row, Target
-from mecazen_bench.scenarios import SCENARIOS
+from mecazen_bench.stack import SCENARIOS
 
 PAYLOADS = 1_000_000
 TICKS = 500
 SEED = 20
-BLOCK = 4096
-"""Payloads whose random numbers are drawn together."""
+NONE = Target(0.0, 0.0)
 
 WRONG_VALUES: tuple[Any, ...] = (
     None, True, "", "1", [], {}, [[]], {"x": 1}, -1, 2**31, 2**32, 2**63, -(2**63), 1.5,
@@ -59,10 +54,11 @@ LABELS = (
     "", JSON_ENCODING, MSGPACK_ENCODING, "text/json", "text/plain", "application/cdr",
     "zenoh/bytes", "application/json;é", "\x00", "/", "a" * 200,
 )  # fmt: skip
+CALLS: dict[str, Call[Any, Any]] = {call.key: call for call in keys.CALLS}
 
 
 class Payload(NamedTuple):
-    """What an intruder puts on a key, or asks it."""
+    """What an intruder puts on a key, or sends as a query."""
 
     key: str
     payload: bytes
@@ -71,242 +67,180 @@ class Payload(NamedTuple):
 
 
 class Malformed:
-    """Makes payloads that are refused, of good messages or of nothing, from one seed."""
+    """Generates payloads that are refused, from good messages or from nothing.
+
+    Args:
+        good: Messages that each key carries.
+        seed: Of the generator.
+    """
 
     def __init__(self, good: Mapping[str, Sequence[Message]], seed: int = SEED) -> None:
-        """Prepare.
-
-        Args:
-            good: Messages that each key carries.
-            seed: Of all that is drawn.
-        """
         self.well_formed: Counter[str] = Counter()
-        """Payloads that were made and, by chance, are messages: left out, by key."""
-        self._rng = np.random.default_rng(seed)
+        """Payloads that happened to be valid and were discarded, by key."""
+        self._random = random.Random(seed)  # noqa: S311
         self._keys = sorted(good)
         self._kinds = {key: type(messages[0]) for key, messages in good.items()}
         self._good = {
             key: [encode(message, form) for message in messages for form in ENCODINGS]
             for key, messages in good.items()
         }
-        self._wrong = {key: self._damaged(messages) for key, messages in good.items()}
-        self._ways: tuple[Callable[[bytes, str, Sequence[int]], bytes], ...] = (
-            lambda good, _, r: good[: r[0] % len(good)],
-            self._flipped,
-            lambda _, key, r: self._wrong[key][r[0] % len(self._wrong[key])],
-            lambda _, __, r: BOMBS[r[0] % len(BOMBS)],
-            self._with_number,
-            lambda good, *_: good,
-            lambda good, *_: good,
-            lambda *_: b"",
-            lambda good, _, r: _spliced(good, r[0], bytes((0xFF, 0xC0, 0x80 | r[1] % 64))),
-            lambda _, __, r: r[1].to_bytes(8, "little")[: 1 + r[0] % 8] * (1 + r[2] % 9),
-            lambda good, *_: good + b" " * MAX_SAMPLE_BYTES,
-        )
+        self._wrong = {
+            key: [self._with_wrong_value(messages) for _ in range(200)]
+            for key, messages in good.items()
+        }
 
     def __iter__(self) -> Iterator[Payload]:
         """Return payloads without end."""
         while True:
-            for numbers in self._rng.integers(0, 2**63, (BLOCK, 8)).tolist():
-                made = self._make(numbers)
-                if self._is_refused(made):
-                    yield made
-                else:
-                    self.well_formed[made.key] += 1
+            key = self._random.choice(self._keys)
+            attachment = None
+            if self._random.random() < 0.1:  # a stamp is 16 bytes
+                size = self._random.choice((16, self._random.randrange(40)))
+                attachment = self._random.randbytes(size)
+            label = self._random.choice(LABELS)
+            made = Payload(key, self._payload(key), label, attachment)
+            if self._is_refused(made):
+                yield made
+            else:
+                self.well_formed[key] += 1
 
-    def _make(self, numbers: Sequence[int]) -> Payload:
-        key = self._keys[numbers[0] % len(self._keys)]
-        good = self._good[key][numbers[1] % len(self._good[key])]
-        way = numbers[2] % len(self._ways)
-        payload = self._ways[way](good, key, numbers[3:])
-        encoding = LABELS[numbers[6] % len(LABELS)]
-        attachment = None
-        if way == 6:
-            size = (numbers[3] % 40) if numbers[4] % 2 else 16
-            attachment = struct.pack("<5Q", *numbers[:5])[:size]
-        return Payload(key, payload, encoding, attachment)
+    def _payload(self, key: str) -> bytes:
+        choice, below = self._random.choice, self._random.randrange
+        good = choice(self._good[key])
+        match below(9):
+            case 0:
+                return good[: below(len(good))]
+            case 1:
+                flipped = bytearray(good)
+                for _ in range(1 + below(3)):
+                    flipped[below(len(good))] ^= 1 << below(8)
+                return bytes(flipped)
+            case 2:
+                return choice(self._wrong[key])
+            case 3:
+                return choice(BOMBS)
+            case 4:
+                fields = msgspec.structs.fields(self._kinds[key])
+                name = choice(fields).encode_name if fields else "x"
+                text = b'{"%b":%b}' % (name.encode(), choice(NUMBERS))
+                return choice((text, b'{"header":{"stamp":{"sec":' + text))
+            case 5:  # no UTF-8
+                place = below(len(good))
+                return good[:place] + bytes((0xFF, 0xC0, 0x80 | below(64))) + good[place + 1 :]
+            case 6:
+                return self._random.randbytes(below(9)) * (1 + below(9))
+            case 7:
+                return good + b" " * MAX_SAMPLE_BYTES
+        return good  # its encoding or its attachment may be wrong
 
     def _is_refused(self, made: Payload) -> bool:
+        kind = self._kinds[made.key]
         try:
-            if made.key in CALLS:
-                return bool(made.payload.strip()) and _refuses(self._kinds[made.key], made.payload)
-            decode_sample(cast(Topic[Message], keys.topic_of(made.key)), *made[1:])
+            if made.key not in CALLS:
+                decode_sample(Topic(made.key, kind, ""), *made[1:])
+            elif made.payload.strip():  # a query may be empty
+                decode(made.payload, kind)
         except RefusedError:
             return True
         return False
 
-    def _flipped(self, good: bytes, key: str, numbers: Sequence[int]) -> bytes:
-        del key
-        payload = bytearray(good)
-        for place in numbers[: 1 + numbers[3] % 3]:
-            payload[(place >> 3) % len(payload)] ^= 1 << (place & 7)
-        return bytes(payload)
-
-    def _with_number(self, good: bytes, key: str, numbers: Sequence[int]) -> bytes:
-        del good
-        text = b'{"%b":%b}' % (
-            self._field(key, numbers[0]).encode(),
-            NUMBERS[numbers[1] % len(NUMBERS)],
-        )
-        return text if numbers[2] % 2 else b'{"header":{"stamp":{"sec":' + text
-
-    def _field(self, key: str, number: int) -> str:
-        fields = msgspec.structs.fields(self._kinds[key])
-        return fields[number % len(fields)].encode_name if fields else "x"
-
-    def _damaged(self, messages: Sequence[Message], count: int = 200) -> list[bytes]:
-        """Return messages with a value of a wrong type somewhere."""
-        made = []
-        for _ in range(count):
-            tree = msgspec.to_builtins(messages[int(self._rng.integers(len(messages)))])
-            self._damage(tree)
-            try:
-                made.append(
-                    msgspec.msgpack.encode(tree)
-                    if self._rng.integers(2)
-                    else json.dumps(tree).encode(errors="replace")
-                )
-            except OverflowError:  # MessagePack has no such integer
-                made.append(json.dumps(tree).encode())
-        return made
-
-    def _damage(self, node: Any) -> None:
+    def _with_wrong_value(self, messages: Sequence[Message]) -> bytes:
+        """Return a message with a value of a wrong type somewhere."""
+        tree = node = msgspec.to_builtins(self._random.choice(messages))
         while node:
-            places = list(node) if isinstance(node, dict) else list(range(len(node)))
-            place = places[self._rng.integers(len(places))]
+            places = list(node) if isinstance(node, dict) else range(len(node))
+            place = self._random.choice(places)
             child = node[place]
-            if not isinstance(child, dict | list) or not child or self._rng.integers(4) == 0:
-                node[place] = deepcopy(WRONG_VALUES[self._rng.integers(len(WRONG_VALUES))])
-                return
+            if not isinstance(child, dict | list) or not child or self._random.random() < 0.25:
+                node[place] = deepcopy(self._random.choice(WRONG_VALUES))
+                break
             node = child
+        if self._random.random() < 0.5:
+            with suppress(OverflowError):  # MessagePack has no such integer
+                return msgspec.msgpack.encode(tree)
+        return json.dumps(tree).encode()
 
 
-def _refuses(kind: type[Message], payload: bytes) -> bool:
-    try:
-        decode(payload, kind)
-    except RefusedError:
-        return True
-    return False
+def sample_messages(scenario: Scenario) -> dict[str, list[Message]]:
+    """Run a scenario; return messages that each key carries, a default one where it is silent."""
+    with closing(InProcess(scenario)) as run:
+        received = _subscribe(run.bus, scenario)
+        for _ in run.ticks():
+            pass
+    messages = {
+        topic.key: received[topic.key][:20] or [topic.type()] for topic in _topics(scenario)
+    }
+    return messages | {key: [call.request()] for key, call in CALLS.items()}
 
 
-def _spliced(good: bytes, place: int, what: bytes) -> bytes:
-    place %= len(good)
-    return good[:place] + what + good[place + 1 :]
+def _topics(scenario: Scenario) -> list[Topic[Any]]:
+    topics: list[Topic[Any]] = [topic for topic in keys.TOPICS if "*" not in topic.key]
+    return [*topics, *map(keys.diagnostics, scenario.services)]
 
 
-CALLS: dict[str, Call[Any, Any]] = {call.key: call for call in keys.CALLS}
-
-
-class Loop:
-    """A scenario's services on the bus within this process, tick by tick."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = in_lockstep(scenario)
-        self.bus = LocalBus()
-        sim = self.scenario.sim
-        self.trajectory = Trajectory(self.bus, sim.tick_ns, sim.ticks, scenario.services)
-        self.heard: dict[str, list[Message]] = {}
-        topics: list[Topic[Any]] = [topic for topic in keys.TOPICS if "*" not in topic.key]
-        for topic in (*topics, *map(keys.diagnostics, scenario.services)):
-            self._listen(topic)
-        kinds = {part: find_service(part, self.scenario) for part in scenario.services}
-        self.parts = {part: kind(self.bus, self.scenario) for part, kind in kinds.items()}
-        for part in self.parts:
-            self.bus.declare_alive(part)
-
-    def _listen(self, topic: Topic[Any]) -> None:
-        heard = self.heard.setdefault(topic.key, [])
-
-        def keep(message: Message, _: Stamp | None) -> None:
-            if len(heard) < 20:
-                heard.append(message)
-
-        self.bus.subscribe(topic, keep)
-
-    def run(self, between: Callable[[], None]) -> str:
-        """Run it whole, with something done between ticks; return the trajectory's hash."""
-        physics = cast(Any, self.parts["physics"])  # its class is not known here
-        physics.begin()
-        for _ in range(1, self.scenario.sim.ticks):
-            physics.step()
-            between()
-        physics.await_answers()
-        self.bus.spin()
-        for part in self.parts.values():
-            part.close()
-        return self.trajectory.sha256()
-
-    def messages(self) -> dict[str, list[Message]]:
-        """Return messages that each key carries, as heard; of a key in silence, an empty one."""
-        kinds = {topic.key: topic.type for topic in keys.TOPICS}
-        heard = {
-            key: messages or [kinds.get(key, DiagnosticArray)()]
-            for key, messages in self.heard.items()
-        }
-        return {**heard, **{key: [call.request()] for key, call in CALLS.items()}}
+def _subscribe(bus: LocalBus, scenario: Scenario) -> dict[str, list[Message]]:
+    """Subscribe to all topics, so that the bus checks each; return the messages to come."""
+    received: dict[str, list[Message]] = {topic.key: [] for topic in _topics(scenario)}
+    for topic in _topics(scenario):
+        keep = received[topic.key].append
+        bus.subscribe(topic, lambda message, _, keep=keep: keep(message))  # type: ignore[misc]
+    return received
 
 
 def run(payloads: int = PAYLOADS, ticks: int = TICKS) -> list[Group]:
-    """Run the scenario `back` without them and with them, and compare the trajectories."""
-    settings = (f"sim.duration_s={ticks / 100}",)
-    alone = Loop(load_scenario(SCENARIOS / "back.toml", settings))
-    expected = alone.run(lambda: None)
-    loop = Loop(load_scenario(SCENARIOS / "back.toml", settings))
-    malformed = Malformed(alone.messages())
-    batch = -(-payloads // (ticks - 1))
+    """Run the scenario `back` with and without them, and compare the trajectories."""
+    scenario = load_scenario(SCENARIOS / "back.toml", (f"sim.duration_s={ticks / 100}",))
+    expected = simulate(scenario, "back")[0].trajectory_sha256
+    malformed = Malformed(sample_messages(scenario))
     source = iter(malformed)
+    batch = -(-payloads // (ticks - 1))
     counts: Counter[str] = Counter()
     spent = 0.0
-
-    def intrude() -> None:
-        nonlocal spent
-        made = [next(source) for _ in range(min(batch, payloads - counts.total()))]
-        begin = time.perf_counter()
-        for one in made:
-            _put(loop.bus, one)
-        loop.bus.spin()
-        spent += time.perf_counter() - begin
-        counts.update(one.key for one in made)
-
-    logger = logging.getLogger("mecazen.bus.base")
-    level = logger.level
-    logger.setLevel(logging.ERROR)  # each refusal is a warning
-    try:
-        found = loop.run(intrude)
-    finally:
-        logger.setLevel(level)
-    refused = loop.bus.refused
-    rows = [
-        Row(
-            key,
-            {
-                "payloads": Figure.of(count, "more"),
-                "not refused": Figure.of(count - refused[key], Target.around(0.0, 0.0)),
-                "left out as well-formed": Figure.of(malformed.well_formed[key], "less"),
-            },
-        )
-        for key, count in sorted(counts.items())
-    ]
-    rows.append(
-        Row(
-            "all",
-            {
-                "payloads": Figure.of(counts.total(), "more"),
-                "not refused": Figure.of(counts.total() - refused.total(), Target.around(0.0, 0.0)),
-                "left out as well-formed": Figure.of(malformed.well_formed.total(), "less"),
-                "payloads/s": Figure.of(counts.total() / spent, "more"),
-                "trajectories that differ": Figure.of(found != expected, Target.around(0.0, 0.0)),
-            },
-        )
-    )
-    how = f"put between {ticks} ticks of lockstep, seed {SEED}; the trajectory's hash must stay"
+    with closing(InProcess(scenario)) as loop, _without_warnings():
+        _subscribe(loop.bus, scenario)
+        for _ in loop.ticks():
+            made = [next(source) for _ in range(min(batch, payloads - counts.total()))]
+            begin = time.perf_counter()
+            for one in made:
+                _put(loop.bus, one)
+            loop.bus.spin()
+            spent += time.perf_counter() - begin
+            counts.update(one.key for one in made)
+    refused, valid = loop.bus.refused, malformed.well_formed
+    rows = [_row(key, n, n - refused[key], valid[key]) for key, n in sorted(counts.items())]
+    total = counts.total()
+    rows.append(_row("all", total, total - refused.total(), valid.total()))
+    rows[-1].figures["payloads/s"] = Figure.of(total / spent, "more")
+    differs = loop.trajectory.sha256() != expected
+    rows[-1].figures["trajectories that differ"] = Figure.of(differs, NONE)
+    how = f"put between {ticks} ticks of lockstep, seed {SEED}; the trajectory must stay the same"
     return [Group("Malformed payloads: scenario back", how, tuple(rows))]
 
 
+def _row(subject: str, count: int, accepted: int, valid: int) -> Row:
+    figures = {
+        "payloads": Figure.of(count, "more"),
+        "not refused": Figure.of(accepted, NONE),
+        "discarded as valid": Figure.of(valid, "less"),
+    }
+    return Row(subject, figures)
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Silence the bus: each refusal is a warning."""
+    logger = logging.getLogger("mecazen.bus.base")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
 def _put(bus: LocalBus, made: Payload) -> None:
-    call = CALLS.get(made.key)
-    if call is None:
+    if made.key not in CALLS:
         bus.put_bytes(*made)
         return
-    with suppress(BusError):  # what is not refused is seen in the counts
-        bus.call_bytes(call, made.payload)
+    with suppress(BusError):  # the counts show what is not refused
+        bus.call_bytes(CALLS[made.key], made.payload)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
-from typing import Literal, get_args
 
 import mujoco
 from mecazen.robot import WHEEL_JOINTS, Robot
@@ -15,52 +13,39 @@ from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.rollers import Roller
 
 from mecazen_bench.energy import Sample
-
-Shape = Literal["capsule", "mesh"]
-SHAPES: tuple[Shape, ...] = get_args(Shape)
+from mecazen_bench.engine import Engine
+from mecazen_bench.gazebo_peer import Shape
 
 INTEGRATOR = "implicitfast"
-"""The one option that is not MuJoCo's default (Newton's solver, pyramidal cones): elliptic
-cones or a higher impratio cost up to four times as much and bring no gain closer to the
-geometry's."""
+"""The only option that is not MuJoCo's default: elliptic cones or a higher impratio cost up to
+four times as much and bring no gain closer to the geometry's."""
 CONTACT_TIME_CONSTANT_STEPS = 2.0
-"""In steps; the least that MuJoCo allows, so that the soft contacts are as hard as can be."""
+"""In steps; the shortest that MuJoCo allows: contacts as stiff as possible."""
 SERVO_GAIN = 10.0
 """Of the wheels' velocity actuators [N·m·s/rad], integrated implicitly."""
 MESH_RINGS, MESH_SEGMENTS = 33, 48
 
 
-class MujocoEngine:
-    """A robot in MuJoCo; see `mecazen_bench.engine.Engine`."""
+class MujocoEngine(Engine):
+    """A robot in MuJoCo."""
 
     def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
-        self.name = f"MuJoCo, {shape}"
-        self.robot = robot
-        self.dt_s = dt_s
-        self.spent_s = 0.0
+        super().__init__(f"MuJoCo, {shape}", robot, dt_s)
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, dt_s, shape))
         self._data = mujoco.MjData(self._model)
         self._wheels = [int(self._model.joint(name).qposadr[0]) for name in WHEEL_JOINTS]
 
-    def advance(self, speeds: Sequence[float], steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
         """Simulate some steps; see `Engine`."""
-        self._model.opt.disableflags = 0
-        return self._step(speeds, steps)
-
-    def coast(self, steps: int) -> Sample:
-        """Simulate some steps without the motors; see `Engine`."""
-        self._model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_ACTUATION
-        return self._step([0.0] * len(self._wheels), steps)
-
-    def _step(self, speeds: Sequence[float], steps: int) -> Sample:
+        off = mujoco.mjtDisableBit.mjDSBL_ACTUATION if speeds is None else 0
+        self._model.opt.disableflags = off
         begin = time.thread_time()
-        self._data.ctrl[:] = speeds
+        self._data.ctrl[:] = 0.0 if speeds is None else speeds
         mujoco.mj_step(self._model, self._data, nstep=steps)
         position = self._data.qpos.tolist()
         self.spent_s += time.thread_time() - begin
-        x, y, z, qw, qx, qy, qz = position[:7]
-        yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
-        return Sample(x, y, z, yaw, [position[index] for index in self._wheels])
+        w, *xyz = position[3:7]
+        return Sample.of(position[:3], (*xyz, w), [position[index] for index in self._wheels])
 
 
 def mjcf(robot: Robot, dt_s: float, shape: Shape) -> str:
@@ -80,53 +65,34 @@ def mjcf(robot: Robot, dt_s: float, shape: Shape) -> str:
     ET.SubElement(world, "geom", type="plane", size="0 0 1", conaffinity="0")
     _add_robot(world, robot, shape)
     actuators = ET.SubElement(root, "actuator")
-    limit = robot.wheels.max_torque_nm
+    limits = _text([-robot.wheels.max_torque_nm, robot.wheels.max_torque_nm])
     for joint in WHEEL_JOINTS:
-        ET.SubElement(
-            actuators,
-            "velocity",
-            joint=joint,
-            kv=str(SERVO_GAIN),
-            forcerange=_text([-limit, limit]),
-        )
+        ET.SubElement(actuators, "velocity", joint=joint, kv=str(SERVO_GAIN), forcerange=limits)
     return ET.tostring(root, encoding="unicode")
 
 
 def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
-    """Add the links as bodies: camera and lidar lumped with the base, as in our world."""
+    """Add the links as bodies; camera and lidar are part of the base, as in our world."""
     links = model.links(robot)
     mass, centre, inertia = model.lump(
         [model.base(robot), *(link for link in links if link.axis is None)]
     )
     base = ET.SubElement(world, "body", name="base_link")
     ET.SubElement(base, "freejoint")
-    ET.SubElement(
-        base,
-        "inertial",
-        pos=_text(centre.tolist()),
-        mass=str(mass),
-        fullinertia=_text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()),
-    )
+    full = _text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())
+    ET.SubElement(base, "inertial", pos=_text(centre.tolist()), mass=str(mass), fullinertia=full)
     bodies = {"base_link": base}
     for link in links:
         if link.axis is None:
             continue
-        axes = link.rotation[:, :2].T.ravel().tolist()
-        body = ET.SubElement(
-            bodies[link.parent],
-            "body",
-            name=link.name,
-            pos=_text(link.translation),
-            xyaxes=_text(axes),
-        )
+        axes = _text(link.rotation[:, :2].T.ravel().tolist())
+        place = _text(link.translation)
+        body = ET.SubElement(bodies[link.parent], "body", name=link.name, pos=place, xyaxes=axes)
         bodies[link.name] = body
         joint = ET.SubElement(body, "joint", name=link.joint, axis=_text(link.axis))
+        centre_of_mass, moments = _text(link.centre), _text(link.moments)
         ET.SubElement(
-            body,
-            "inertial",
-            pos=_text(link.centre),
-            mass=str(link.mass),
-            diaginertia=_text(link.moments),
+            body, "inertial", pos=centre_of_mass, mass=str(link.mass), diaginertia=moments
         )
         if link.parent != "base_link":
             joint.set("damping", str(robot.rollers.bearing_friction_nms))
@@ -134,7 +100,7 @@ def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
 
 
 def _add_roller(body: ET.Element, roller: Roller, shape: Shape) -> None:
-    """Add a roller's shape, which meets the ground and nothing else."""
+    """Add a roller's shape, which collides with the ground only."""
     geom = ET.SubElement(body, "geom", type=shape, contype="0")
     if shape == "mesh":
         geom.set("mesh", "roller")

@@ -1,4 +1,4 @@
-"""A whole stack in real time under `mecazen up`: its start, its ticks, its processors, memory."""
+"""A whole stack in real time under `mecazen up`: start, schedule, processor time and memory."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -16,71 +17,58 @@ import psutil
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
-from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock
 from mecazen.wire import Stamp
 from mecazen_tools.processes import private_router
 
 from mecazen_bench.figures import Figure, Group, Row, Target
-from mecazen_bench.latency import go_first
-from mecazen_bench.scenarios import SCENARIOS
+from mecazen_bench.latency import set_priority
+from mecazen_bench.stack import SCENARIOS, Usage, spin, spin_until
 
 WARM_S = 2.0
 WINDOW_S = 5.0
-START_S = 30.0
 
-FIRST_ODOM_S = Target.below(2.0)
-JITTER_MS = Target.below(1.0)
-CPU_PERCENT = Target.below(25.0)
-MEMORY_MB = Target.below(150.0)
+FIRST_ODOM_S = Target(high=2.0)
+JITTER_MS = Target(high=1.0)
+CPU_PERCENT = Target(high=25.0)
+MEMORY_MB = Target(high=150.0)
 
 
-class Ticks(NamedTuple):
-    """What a process hears that goes before others, as the services do."""
+class Arrivals(NamedTuple):
+    """When a process with the services' priority receives samples."""
 
     first_odom_s: float
-    """When the first odometry came, of the monotonic clock [s]."""
-    arrivals: list[tuple[float, float]]
-    """Simulated time and wall time of each tick from then on [s]."""
+    """Of the first odometry, on the monotonic clock [s]."""
+    ticks: list[tuple[float, float]]
+    """Simulated time and wall time of each later tick [s]."""
 
     def jitter_ms(self) -> tuple[float, float]:
-        """Return how far from the schedule ticks arrive, for half of them and for 99 % at most.
+        """Return the median and the 99th percentile of ticks' deviation from the schedule.
 
-        The schedule is that of the median tick: a constant delay is none of its faults.
+        The schedule is that of the median tick: a constant delay does not count.
         """
-        simulated, wall = np.array(self.arrivals).T
+        simulated, wall = np.array(self.ticks).T
         late = (wall - simulated) * 1e3
         half, most = np.percentile(np.abs(late - np.median(late)), (50, 99)).tolist()
         return half, most
 
 
-def _hear(scenario: Scenario, seconds: float) -> Ticks:
-    """Wait for odometry, and then take ticks for some time.
-
-    Raises:
-        MecazenError: There is none.
-    """
+def _receive(scenario: Scenario, seconds: float) -> Arrivals:
+    """Wait for odometry, and then note ticks for some time."""
     odoms: list[float] = []
-    arrivals: list[tuple[float, float]] = []
+    ticks: list[tuple[float, float]] = []
 
-    def on_clock(clock: Clock, stamp: Stamp | None) -> None:
-        del clock
+    def on_clock(_: Clock, stamp: Stamp | None) -> None:
         if odoms and stamp is not None:
-            arrivals.append((stamp.time_ns / 1e9, time.monotonic()))
+            ticks.append((stamp.time_ns / 1e9, time.monotonic()))
 
     with closing(ZenohBus(scenario.bus)) as bus:
         bus.subscribe(keys.ODOM, lambda *_: odoms.append(time.monotonic()))
         bus.subscribe(keys.CLOCK, on_clock, every=True)
-        end = time.monotonic() + START_S
-        while not odoms:
-            if time.monotonic() > end:
-                raise MecazenError("`mecazen up back` does not start")
-            bus.spin_once(0.1)
-        end = time.monotonic() + seconds
-        while (left_s := end - time.monotonic()) > 0.0:
-            bus.spin_once(left_s)
-    return Ticks(odoms[0], arrivals)
+        spin_until(bus, lambda: odoms, "`mecazen up back` does not start")
+        spin(bus, seconds)
+    return Arrivals(odoms[0], ticks)
 
 
 def run(window_s: float = WINDOW_S) -> list[Group]:
@@ -91,60 +79,45 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
     """
     settings = private_router()
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
-    flags = [f"--set={setting}" for setting in settings]
     begin = time.monotonic()
-    up = subprocess.Popen(
-        [sys.executable, "-m", "mecazen_tools", "up", "back", "--no-viewer", *flags],
-        stdout=subprocess.DEVNULL,
-    )
-    try:
-        with ProcessPoolExecutor(1, get_context("spawn"), go_first) as listener:
-            first_odom_s = listener.submit(_hear, scenario, WARM_S).result().first_odom_s
-            processes = _processes(up.pid)
-            before = {name: _spent_s(process) for name, process in processes.items()}
-            since = time.monotonic()
-            ticks = listener.submit(_hear, scenario, window_s).result()
-            elapsed = time.monotonic() - since
-            shares = {
-                name: 100.0 * (_spent_s(process) - before[name]) / elapsed
-                for name, process in processes.items()
-            }
-            sizes = {name: process.memory_info().rss / 1e6 for name, process in processes.items()}
-    finally:
-        up.send_signal(signal.SIGINT)
-        up.wait()
-    half, most = ticks.jitter_ms()
+    with (
+        _up(settings) as up,
+        ProcessPoolExecutor(1, get_context("spawn"), set_priority) as receiver,
+    ):
+        first_odom_s = receiver.submit(_receive, scenario, WARM_S).result().first_odom_s
+        # python -m mecazen.runtime NAME …
+        usage = Usage({child.cmdline()[3]: child for child in up.children()} | {"up": up})
+        arrivals = receiver.submit(_receive, scenario, window_s).result()
+        cpu, memory = usage.core_percent(), usage.memory_mb()
     rows = [
-        Row(
-            name,
-            {"% of a core": Figure.of(share, "less"), "MB": Figure.of(sizes[name], MEMORY_MB)},
-        )
-        for name, share in shares.items()
+        Row(name, {"% of a core": Figure.of(cpu[name], "less"), "MB": Figure.of(size, MEMORY_MB)})
+        for name, size in memory.items()
     ]
-    rows.append(Row("all", {"% of a core": Figure.of(sum(shares.values()), CPU_PERCENT)}))
+    rows.append(Row("all", {"% of a core": Figure.of(sum(cpu.values()), CPU_PERCENT)}))
+    half, most = arrivals.jitter_ms()
     schedule = {
         "first odom s": Figure.of(first_odom_s - begin, FIRST_ODOM_S),
         "tick off schedule, median ms": Figure.of(half, "less"),
         "p99 ms": Figure.of(most, JITTER_MS),
     }
-    where = "scenario back in real time, under `mecazen up --no-viewer`"
+    where = "scenario back in real time"
+    load = f"under `mecazen up --no-viewer`, over {window_s:g} s; resident memory"
+    start = "from the command to the first `odom`; `clock` as another process receives it"
     return [
-        Group(f"A stack: {where}", f"over {window_s:g} s; resident memory", tuple(rows)),
-        Group(
-            f"Its start and its schedule: {where}",
-            "from the command to the first `odom`; `clock` as another process sees it",
-            (Row("up", schedule),),
-        ),
+        Group(f"Processes: {where}", load, tuple(rows)),
+        Group(f"Start and schedule: {where}", start, (Row("mecazen up", schedule),)),
     ]
 
 
-def _processes(pid: int) -> dict[str, psutil.Process]:
-    """Return the processes of an `up`, by the name of the part, and itself."""
-    up = psutil.Process(pid)
-    # python -m mecazen.runtime NAME …
-    return {child.cmdline()[3]: child for child in up.children()} | {"up": up}
-
-
-def _spent_s(process: psutil.Process) -> float:
-    times = process.cpu_times()
-    return float(times.user + times.system)
+@contextmanager
+def _up(settings: tuple[str, ...]) -> Iterator[psutil.Process]:
+    flags = [f"--set={setting}" for setting in settings]
+    up = subprocess.Popen(
+        [sys.executable, "-m", "mecazen_tools", "up", "back", "--no-viewer", *flags],
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        yield psutil.Process(up.pid)
+    finally:
+        up.send_signal(signal.SIGINT)
+        up.wait()

@@ -1,4 +1,4 @@
-"""What a run of the bench has found, and the file that keeps it."""
+"""The results of a run of the bench, and the file that keeps them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,25 @@ from mecazen.errors import MecazenError
 from rich.table import Table
 
 from mecazen_bench.figures import Group
-from mecazen_bench.machine import Machine, OtherWork
+from mecazen_bench.machine import Machine, OtherLoad
 
 FOLDER = Path(__file__).parents[1] / "results"
-SCHEMA = 1
-"""Raised when files of before no longer say the same."""
+SCHEMA = 2
+"""Raised when older files no longer mean the same."""
 
 
 class ResultsError(MecazenError):
-    """A file of results that can't be used; the exit code 1 says that something became worse."""
+    """A results file that can't be used; exit code 1 means that a figure became worse."""
 
     exit_code = 2
+
+
+class Measured(msgspec.Struct, frozen=True):
+    """The results of one benchmark."""
+
+    seconds: float
+    """How long it was measured."""
+    groups: tuple[Group, ...]
 
 
 class Results(msgspec.Struct, frozen=True):
@@ -28,10 +36,13 @@ class Results(msgspec.Struct, frozen=True):
 
     schema: int
     machine: Machine
-    others: OtherWork
-    seconds: dict[str, float]
-    """How long each part was measured."""
-    groups: tuple[Group, ...]
+    others: OtherLoad
+    benchmarks: dict[str, Measured]
+
+    @property
+    def groups(self) -> list[Group]:
+        """The groups of all benchmarks."""
+        return [group for measured in self.benchmarks.values() for group in measured.groups]
 
     def table(self) -> Table:
         """Return one table of all figures, a line for each."""
@@ -40,29 +51,26 @@ class Results(msgspec.Struct, frozen=True):
             table.add_section()
             table.add_row(f"[bold]{group.title}[/]")
             for row in group.rows:
-                for number, (title, figure) in enumerate(row.figures.items()):
+                subject = row.subject
+                for title, figure in row.figures.items():
                     colour = {True: "green", False: "red", None: "default"}[figure.met]
                     value, quartiles, target = figure.texts()
-                    subject = row.subject if number == 0 else ""
                     table.add_row(subject, title, value, quartiles, f"[{colour}]{target}[/]")
+                    subject = ""
         return table
 
-    def text(self) -> str:
+    def context(self) -> str:
         """Return what the figures depend on, in two lines."""
-        return f"{self.machine.text()};\n{self.others.text()}."
-
-    def markdown(self) -> str:
-        """Return the figures as tables of a document."""
-        return "\n".join([f"{self.text()}\n", *(group.markdown() for group in self.groups)])
+        return f"{self.machine};\n{self.others}."
 
 
-def default_path(machine: Machine, only: Sequence[str]) -> Path:
-    """Return where figures of the whole bench, or of some parts alone, are kept."""
-    return FOLDER / f"{'-'.join([machine.name, *only])}.json"
+def default_path(machine: str, only: Sequence[str], folder: Path = FOLDER) -> Path:
+    """Return the file for the default benchmarks, or for some of them."""
+    return folder / f"{'-'.join([machine, *only])}.json"
 
 
 def write(results: Results, path: Path) -> None:
-    """Write the file, and its folder where there is none.
+    """Write the file, and create its folder.
 
     Raises:
         ResultsError: It can't be written.
@@ -78,20 +86,16 @@ def read(path: Path) -> Results:
     """Return what `write` has written.
 
     Raises:
-        ResultsError: There is no such file, or it holds something else.
+        ResultsError: There is no such file, or its content is something else.
     """
     try:
         content = path.read_bytes()
+        found = msgspec.json.decode(content, type=dict[str, msgspec.Raw]).get("schema", b"null")
+        schema = msgspec.json.decode(found, type=int)
+        if schema != SCHEMA:
+            raise ResultsError(f"{path}: schema {schema} instead of {SCHEMA}: measure again")
+        return msgspec.json.decode(content, type=Results)
     except OSError as error:
         raise ResultsError(f"{path}: {error.strerror}") from error
-    try:
-        schema = msgspec.json.decode(content, type=dict[str, msgspec.Raw])["schema"]
-        found = msgspec.json.decode(schema, type=int)
-    except (msgspec.MsgspecError, KeyError, UnicodeDecodeError) as error:
-        raise ResultsError(f"{path}: no results of mecazen bench") from error
-    if found != SCHEMA:
-        raise ResultsError(f"{path}: results of schema {found}, not of {SCHEMA}: measure again")
-    try:
-        return msgspec.json.decode(content, type=Results)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise ResultsError(f"{path}: no results of mecazen bench: {error}") from error

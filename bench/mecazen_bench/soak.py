@@ -1,124 +1,107 @@
-"""Hours of simulated time: memory, ticks, and the schedule: `make soak HOURS=2`."""
+"""Hours of simulated time: memory, ticks, and the schedule."""
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, nullcontext
-from pathlib import Path
+from contextlib import ExitStack, closing, contextmanager
 from typing import Any
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario
-from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
-from mecazen.messages import Message
-from mecazen.runtime import announce_readiness
+from mecazen.messages import Clock, Message
+from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import Stamp
-from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
+from mecazen_tools.processes import beside_that_core, on_one_core
 
-from mecazen_bench.scenarios import SCENARIOS
+from mecazen_bench.stack import SCENARIOS, Stack, running
 
 WITNESS = "witness"
-"""The part that counts ticks; in lockstep physics begins when it is ready, too."""
-SCENARIO = SCENARIOS / "circle.toml"
+"""The part that counts ticks; in lockstep physics waits until it is ready."""
+SCENARIO = "circle"
 """Its person walks without end."""
 EVERY_TICK = (keys.CLOCK, keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE, keys.JOINT_COMMAND)
 
 SAMPLE_S = 60.0
-"""Simulated time between two looks at memory."""
+"""Simulated time between two measurements of memory."""
 SETTLED_S = 600.0
-"""After this simulated time nothing is to grow any more ..."""
+"""Simulated time after which memory may grow ..."""
 GROWTH_MB = 5.0
-"""... by more than this."""
+"""... by this at most."""
 DRIFT_MS = 10.0
-"""At most so far a schedule may be off the wall clock at the end."""
+"""Largest drift of the schedule against the wall clock."""
 WINDOW_S = 5.0
-"""At both ends of a real-time run the soonest tick of so long counts: the others came late."""
+"""At both ends of a real-time run, the earliest tick of this time counts: others were late."""
 PATIENCE_S = 0.25
 
 
 class Ticks:
-    """Counts what is missing or comes twice on keys that have a sample in every tick."""
+    """Counts missing and repeated samples of keys that have one in every tick."""
 
     def __init__(self, bus: ZenohBus, tick_ns: int) -> None:
         self.newest = 0
         self.missed = self.repeated = 0
         self._tick_ns = tick_ns
-        self._last: dict[str, int] = {}
         topics: tuple[keys.Topic[Any], ...] = EVERY_TICK
         for topic in topics:
-            bus.subscribe(topic, self._counter(topic.key), every=True)
+            bus.subscribe(topic, self._counter(), every=True)
 
-    def _counter(self, key: str) -> Callable[[Message, Stamp | None], None]:
-        def count(message: Message, stamp: Stamp | None) -> None:
-            del message
+    def _counter(self) -> Callable[[Message, Stamp | None], None]:
+        last = -1
+
+        def count(_: Message, stamp: Stamp | None) -> None:
+            nonlocal last
             assert stamp is not None
             tick = stamp.time_ns // self._tick_ns
-            last = self._last.get(key, -1)
             self.missed += max(0, tick - last - 1)
             self.repeated += tick <= last
-            self._last[key] = tick
+            last = tick
             self.newest = max(self.newest, tick)
 
         return count
 
 
-def own_mb(pid: int) -> float:
-    """Return the memory that is a process's own [MB]: what it shares is counted nowhere."""
-    rollup = Path(f"/proc/{pid}/smaps_rollup").read_text()
-    lines = [line.split() for line in rollup.splitlines()[1:]]
-    return sum(int(line[1]) for line in lines if line[0].startswith("Private_")) / 1024
-
-
 @contextmanager
-def running(*settings: str) -> Iterator[tuple[Scenario, Supervisor, ZenohBus, Ticks]]:
-    """Start the scenario with a witness; in lockstep as `mecazen simulate --distributed` does."""
-    settings = (*settings, *private_router())
-    parts = load_scenario(SCENARIO, settings).services
-    settings = (*settings, f"services={json.dumps([*parts, WITNESS])}")
-    scenario = load_scenario(SCENARIO, settings)
-    lockstep = scenario.sim.mode == "lockstep"
-    supervisor = Supervisor(SCENARIO, settings)
-    try:
-        supervisor.start_router()
-        with beside_that_core() if lockstep else nullcontext():
-            bus = ZenohBus(scenario.bus, lossless=True)
-        with closing(bus):
-            ticks = Ticks(bus, scenario.sim.tick_ns)
-            bus.declare_alive(WITNESS)
-            announce_readiness(bus, WITNESS, scenario)
-            for part in parts:
-                with on_one_core() if lockstep else nullcontext():
-                    supervisor.start(part)
-            yield scenario, supervisor, bus, ticks
-    finally:
-        supervisor.stop()
+def _lockstep_stack(duration_s: float) -> Iterator[tuple[Stack, ZenohBus, Ticks]]:
+    """Run the scenario with a witness, on the cores of `mecazen simulate --distributed`."""
+    parts = load_scenario(SCENARIOS / f"{SCENARIO}.toml").services
+    settings = (
+        "sim.mode=lockstep",
+        f"sim.duration_s={duration_s}",
+        f"services={json.dumps([*parts, WITNESS])}",
+    )
+    with ExitStack() as exits:
+        with on_one_core():
+            stack = exits.enter_context(running(SCENARIO, *settings, services=parts))
+        with beside_that_core():
+            bus = exits.enter_context(closing(ZenohBus(stack.scenario.bus, lossless=True)))
+        ticks = Ticks(bus, stack.scenario.sim.tick_ns)
+        bus.declare_alive(WITNESS)
+        announce_readiness(bus, WITNESS, stack.scenario)
+        yield stack, bus, ticks
 
 
-def soak(hours: float) -> bool:
-    """Simulate as fast as it goes; return whether memory and ticks are as they should be."""
-    with running("sim.mode=lockstep", f"sim.duration_s={hours * 3600.0}") as (
-        scenario,
-        supervisor,
-        bus,
-        ticks,
-    ):
-        settled: dict[str, float] = {}
-        most: dict[str, float] = {}
+def lockstep(hours: float) -> bool:
+    """Simulate as fast as possible; return whether memory and ticks pass, and print them."""
+    settled: dict[str, float] = {}
+    most: dict[str, float] = {}
+    with _lockstep_stack(hours * 3600.0) as (stack, bus, ticks):
+        sim = stack.scenario.sim
         begin, due_s = time.monotonic(), SAMPLE_S
-        while ticks.newest < scenario.sim.ticks - 1:
+        while ticks.newest < sim.ticks - 1:
             if not bus.spin_once(PATIENCE_S):
-                supervisor.poll(0.0)
-            time_s = ticks.newest * scenario.sim.tick_s
+                stack.supervisor.poll(0.0)
+            time_s = ticks.newest * sim.tick_s
             if time_s < due_s:
                 continue
             due_s += SAMPLE_S
-            memory = {name: own_mb(pid) for name, pid in supervisor.pids.items()}
+            # unique memory: what processes share is not counted
+            memory = {
+                name: process.memory_full_info().uss / 2**20
+                for name, process in stack.processes().items()
+            }
             if time_s < SETTLED_S + SAMPLE_S:
                 settled = memory
             most = {name: max(mb, most.get(name, 0.0)) for name, mb in memory.items()}
@@ -137,49 +120,24 @@ def soak(hours: float) -> bool:
     return max(grown.values()) <= GROWTH_MB and not ticks.missed and not ticks.repeated
 
 
-def drift(minutes: float) -> bool:
-    """Run in real time; return whether the schedule stays with the wall clock."""
-    lags: list[tuple[float, float]] = []
-    with running() as (_, supervisor, bus, _ticks):
-        begin_s: float | None = None
+def real_time(minutes: float) -> bool:
+    """Run in real time; return whether the schedule keeps to the wall clock, and print it."""
+    ticks: list[tuple[float, float]] = []
 
-        def on_clock(message: Message, stamp: Stamp | None) -> None:
-            nonlocal begin_s
-            del message
-            assert stamp is not None
-            now = time.monotonic()
-            if stamp.time_ns == 0:
-                return  # the second tick is the first that is due
+    def on_clock(_: Clock, stamp: Stamp | None) -> None:
+        assert stamp is not None
+        if stamp.time_ns > 0:  # the second tick is the first that is scheduled
             time_s = stamp.time_ns / 1e9
-            if begin_s is None:
-                begin_s = now - time_s
-            lags.append((time_s, now - begin_s - time_s))
+            ticks.append((time_s, time.monotonic() - time_s))
 
+    with running(SCENARIO) as stack, closing(ZenohBus(stack.scenario.bus, lossless=True)) as bus:
         bus.subscribe(keys.CLOCK, on_clock, every=True)
-        while not lags or lags[-1][0] < minutes * 60.0:
+        while not ticks or ticks[-1][0] < minutes * 60.0:
             if not bus.spin_once(PATIENCE_S):
-                supervisor.poll(0.0)
-    end_s = lags[-1][0]
-    first = min(lag for time_s, lag in lags if time_s < WINDOW_S)
-    last = min(lag for time_s, lag in lags if time_s > end_s - WINDOW_S)
-    off_ms = (last - first) * 1e3
-    print(f"{minutes:g} min in real time: the schedule is {off_ms:+.3f} ms off the wall clock")
-    return abs(off_ms) < DRIFT_MS
-
-
-def main() -> None:
-    """Soak, and say by the exit code whether all is as it should be."""
-    parser = argparse.ArgumentParser(prog="python -m mecazen_bench.soak", description=__doc__)
-    parser.add_argument("--hours", type=float, default=2.0, help="simulated, in lockstep")
-    parser.add_argument("--minutes", type=float, default=10.0, help="in real time")
-    options = parser.parse_args()
-    try:
-        good = [soak(options.hours), drift(options.minutes)]
-    except MecazenError as error:
-        sys.exit(f"error: {error}")
-    if not all(good):
-        sys.exit("error: not as it should be")
-
-
-if __name__ == "__main__":
-    main()
+                stack.supervisor.poll(0.0)
+    begin_s, end_s = ticks[0][0], ticks[-1][0]
+    first = min(lag for time_s, lag in ticks if time_s < begin_s + WINDOW_S)
+    last = min(lag for time_s, lag in ticks if time_s > end_s - WINDOW_S)
+    drift_ms = (last - first) * 1e3
+    print(f"{minutes:g} min in real time: the schedule drifts {drift_ms:+.3f} ms")
+    return abs(drift_ms) < DRIFT_MS

@@ -21,9 +21,8 @@ CONNECT_S = 10.0
 class ClusterWorkers:
     """The workers at a Dask scheduler; they need the same code and see the same files.
 
-    The scheduler itself gives the work of a worker that dies to another, and gives it up
-    after so many times as its `allowed-failures` says. Not by joblib's backend for Dask: it
-    waits forever for a job that the scheduler has given up.
+    The scheduler itself gives the job of a worker that dies to another, and gives it up after
+    its `allowed-failures`. joblib's backend for Dask would wait forever for such a job.
 
     Args:
         address: The scheduler's, as `tcp://192.0.2.1:8786`.
@@ -45,8 +44,8 @@ class ClusterWorkers:
     def do(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         """See `Workers`.
 
-        A job that the scheduler has given up is tried again after the rest, alone: it may only
-        have waited at workers that another job took with it.
+        A job that the scheduler has given up is tried again after the rest, alone: another job
+        may have killed its worker.
         """
         doubtful = []
         with closing(self._do_once(work, jobs)) as outcomes:
@@ -84,10 +83,10 @@ class ClusterWorkers:
 
 
 def _connect(address: str) -> Any:
-    # before Dask sees it: its client hangs at the end of the process over a wrong one
+    # checked here: with a wrong one Dask's client hangs at the end of the process
     if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
         raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
-    # what becomes of the scheduler is told in one line, and not in its client's own
+    # errors of the scheduler are reported in one line instead of the client's
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         return Client(  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""What the commands do; `mecazen_experiments.cli` is how they are asked for."""
+"""The commands of `mecazen experiment`; `mecazen_experiments.cli` declares their options."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
+from mecazen_experiments import budget as budgets
 from mecazen_experiments import report
-from mecazen_experiments import shares as owed
 from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
 from mecazen_experiments.config import (
@@ -27,25 +27,25 @@ from mecazen_experiments.config import (
     experiment_path,
     parse_sweeps,
 )
-from mecazen_experiments.jobs import expand
+from mecazen_experiments.jobs import Job, Series, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.run import tabulate
-from mecazen_experiments.schedule import Progress, run_all
+from mecazen_experiments.schedule import Progress, do_all, run_all
 from mecazen_experiments.store import Store
 from mecazen_experiments.table import Table
-from mecazen_experiments.workers import Done, Workers
+from mecazen_experiments.workers import Workers
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as a shell gives it: 128 and the signal's number."""
+"""Exit code after Ctrl-C, as of a shell: 128 and the signal's number."""
 WIDTH = 140
 """Of the tables [characters] where the output is no terminal."""
 
 
 class Options(NamedTuple):
-    """What all commands with many runs can be told."""
+    """The options of all commands with many runs."""
 
     jobs: int | None
-    """Processes on this machine; None for all cores."""
+    """Processes on this machine; None for one on each core."""
     scheduler: str | None
     """Address of a Dask scheduler to send the runs to."""
     store: Path
@@ -54,41 +54,29 @@ class Options(NamedTuple):
 
 
 def run(
+    options: Options,
     file: str,
     settings: Settings,
     sweeps: Sequence[str],
     walks: Path | None,
     runs: int | None,
-    options: Options,
     *,
     verbose: bool,
 ) -> None:
     """Run an experiment; print and write its report."""
-    _check(options)
-    experiment = load_table(experiment_path(file), Experiment)
-    todo = expand(
-        experiment.cases,
-        range(1, (runs or experiment.seeds) + 1),
-        settings,
-        parse_sweeps(sweeps),
-        _csv_files(walks) if walks else (),
-    )
+    todo = _expand(file, runs, walks, settings, parse_sweeps(sweeps))
     with _session(options, "runs") as (store, workers, progress):
-        records = run_all([job for one in todo for job in one.jobs], store, workers, progress)
+        records = run_all(_jobs(todo), store, workers, progress)
     rows = [report.summarise(one, records) for one in todo]
     _write(options, report.Report(tuple(rows)))
     if verbose:
-        rows = [
-            row
-            for one, row in zip(todo, rows, strict=True)
-            for row in (row, *report.summarise_walks(one, records))
-        ]
+        walked = (report.summarise_walks(one, records) for one in todo)
+        rows = [row for one, more in zip(rows, walked, strict=True) for row in (one, *more)]
     _print(report.table(rows))
 
 
-def tune(file: str, options: Options) -> None:
-    """Search; print and write the best."""
-    _check(options)
+def tune(options: Options, file: str) -> None:
+    """Search; print and write the best settings."""
     tuning = load_table(experiment_path(file), Tuning)
     with _session(options, "trials") as (store, workers, progress):
         best = search.tune(tuning, partial(run_all, store=store, workers=workers), progress)
@@ -96,61 +84,79 @@ def tune(file: str, options: Options) -> None:
     _print(search.table(best), report.table(best.rows))
 
 
-def table2(runs: int | None, options: Options) -> None:
+def table2(options: Options, runs: int | None) -> None:
     """Run the experiment of the paper's Table II; print and write it in that shape."""
-    _check(options)
-    experiment = load_table(experiment_path(paper.NAME), Experiment)
-    todo = expand(experiment.cases, range(1, (runs or experiment.seeds) + 1))
+    todo = _expand(paper.NAME, runs)
     with _session(options, "runs") as (store, workers, progress):
-        records = run_all([job for one in todo for job in one.jobs], store, workers, progress)
+        records = run_all(_jobs(todo), store, workers, progress)
     result = paper.table2(report.summarise(one, records) for one in todo)
     _write(options, result)
     _print(*paper.tables(result))
 
 
-def shares(file: str, runs: int | None, walks: Path | None, options: Options) -> None:
-    """Run an experiment, and again with an oracle; print and write who owes what."""
-    _check(options)
-    experiment = load_table(experiment_path(file), Experiment)
-    seeds = range(1, (runs or experiment.seeds) + 1)
-    tracks = _csv_files(walks) if walks else ()
-    best = expand(experiment.cases, seeds, walks=tracks)
-    oracle = expand(experiment.cases, seeds, (owed.ORACLE,), walks=tracks)
-    jobs = [job for one in best for job in one.jobs]
+def budget(options: Options, file: str, runs: int | None, walks: Path | None) -> None:
+    """Run an experiment with and without an oracle; print and write the error budget."""
+    todo = _expand(file, runs, walks)
+    oracle = _expand(file, runs, walks, (budgets.ORACLE,))
+    bounds = {}
     with _session(options, "runs") as (store, workers, progress):
-        told = [job for one in oracle for job in one.jobs]
-        records = run_all(jobs + told, store, workers, progress)
-        bounds = {}
-        for outcome in workers.do(owed.bound, jobs):
-            if not isinstance(outcome, Done):
-                raise MecazenError(str(outcome))
-            bounds[outcome.job.key] = outcome.value
+        records = run_all(_jobs([*todo, *oracle]), store, workers, progress)
+        jobs = _jobs(todo)
+
+        def keep(job: Job, bound: budgets.Bound) -> None:
+            bounds[job.key] = bound
             progress(len(bounds), len(jobs))
-    rows = [owed.shares(*pair, records, bounds) for pair in zip(best, oracle, strict=True)]
-    _write(options, owed.Report(tuple(rows)))
-    _print(owed.table(rows))
+
+        do_all(budgets.bound, jobs, workers, keep)
+    rows = [budgets.budget(*pair, records, bounds) for pair in zip(todo, oracle, strict=True)]
+    _write(options, budgets.Report(tuple(rows)))
+    _print(budgets.table(rows))
 
 
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:
-    """Run the paper's four cases with one seed and have them drawn; print the files."""
+    """Run the paper's four cases with one seed and draw them; print the files."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise MecazenError(f"--out {out}: {error.strerror}") from None
     experiment = load_table(experiment_path(paper.NAME), Experiment)
     cases = [case for case in experiment.cases if case.name in paper.CASES]
-    tables = {}
-    for outcome in LocalWorkers().do(tabulate, [one.jobs[0] for one in expand(cases, [seed])]):
-        if not isinstance(outcome, Done):
-            raise MecazenError(str(outcome))
-        tables[outcome.job.row] = outcome.value
+    tables: dict[str, Table] = {}
+    jobs = _jobs(expand(cases, [seed]))
+    do_all(tabulate, jobs, LocalWorkers(), lambda job, table: tables.update({job.row: table}))
     for file in draw(tables, out):
         typer.echo(file)
 
 
+def _expand(
+    file: str,
+    runs: int | None,
+    walks: Path | None = None,
+    settings: Settings = (),
+    sweeps: Mapping[str, tuple[str, ...]] | None = None,
+) -> list[Series]:
+    """Return the runs of an experiment; see `jobs.expand`."""
+    experiment = load_table(experiment_path(file), Experiment)
+    files = sorted(walks.glob("*.csv")) if walks else []
+    if walks and not files:
+        raise ConfigError(f"--walks {walks}: no such folder, or no *.csv in it")
+    seeds = range(1, (runs or experiment.seeds) + 1)
+    return expand(experiment.cases, seeds, settings, sweeps, files)
+
+
+def _jobs(todo: Sequence[Series]) -> list[Job]:
+    return [job for one in todo for job in one.jobs]
+
+
 @contextmanager
 def _session(options: Options, what: str) -> Iterator[tuple[Store, Workers, Progress]]:
-    """Open the store and the workers, and show progress; Ctrl-C ends it in one line."""
+    """Open the store and the workers, and show progress; Ctrl-C ends it in one line.
+
+    Raises:
+        ConfigError: There is no folder for the result.
+    """
+    if options.json is not None and not options.json.absolute().parent.is_dir():
+        raise ConfigError(f"--json {options.json}: no such folder")
     bar = Bar(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -171,8 +177,8 @@ def _session(options: Options, what: str) -> Iterator[tuple[Store, Workers, Prog
     except KeyboardInterrupt:
         done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
         typer.echo(
-            f"interrupted after {done:g} of {total:g} {what}; what is finished is kept in "
-            f"{options.store}, and the same command goes on from there",
+            f"interrupted after {done:g} of {total:g} {what}; finished ones are kept in "
+            f"{options.store}, and the same command continues from there",
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
@@ -193,19 +199,6 @@ def _workers(options: Options) -> Iterator[Workers]:
         ) from None
     with closing(ClusterWorkers(options.scheduler)) as workers:
         yield workers
-
-
-def _csv_files(folder: Path) -> list[Path]:
-    files = sorted(folder.glob("*.csv"))
-    if not files:
-        raise ConfigError(f"--walks {folder}: no such folder, or no *.csv in it")
-    return files
-
-
-def _check(options: Options) -> None:
-    """Raise ConfigError now, and not after the runs, if there is no place for the result."""
-    if options.json is not None and not options.json.absolute().parent.is_dir():
-        raise ConfigError(f"--json {options.json}: no such folder")
 
 
 def _write(options: Options, result: msgspec.Struct) -> None:

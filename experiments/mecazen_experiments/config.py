@@ -1,8 +1,9 @@
-"""Experiments and searches from TOML files, strict as scenarios are."""
+"""Experiments and searches from TOML files, as strict as scenarios."""
 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,20 +19,20 @@ Seed = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Runs = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Settings = tuple[str, ...]
-"""`key=value` each, as of `--set`."""
+"""Overrides `key=value`, as of `--set`."""
 
 
 class BaseCase(Section):
-    """A scenario, what is changed in it, and what its scores are held against."""
+    """A scenario, its overrides, and the reference values of its scores."""
 
     name: Name
     scenario: Path
     """The scenario's file, relative to this one."""
     settings: Settings = msgspec.field(name="set", default=())
     published: dict[str, Positive] = msgspec.field(default_factory=dict)
-    """Means of scores that others have published."""
+    """Published means of scores."""
     limits: dict[str, Positive] = msgspec.field(default_factory=dict)
-    """Means of scores that are not to be exceeded."""
+    """Upper limits of means of scores."""
 
     def __post_init__(self) -> None:
         for key, scores in (("published", self.published), ("limits", self.limits)):
@@ -67,14 +68,14 @@ class Experiment(Section):
 
 
 class Range(Section):
-    """Where a parameter is searched."""
+    """The range of a parameter."""
 
     low: Finite
     high: Finite
     log: bool = False
-    """Search evenly in the logarithm."""
+    """Search on a logarithmic scale."""
     prefer: Positive | None = None
-    """The value to prefer among those that do equally well."""
+    """The preferred value among equally good ones."""
 
     def __post_init__(self) -> None:
         if self.high <= self.low:
@@ -87,22 +88,22 @@ class TunedCase(BaseCase):
     """A case of a search."""
 
     parameters: dict[str, Range] = msgspec.field(default_factory=dict)
-    """Settings that are searched for this case alone."""
+    """Settings searched for this case only."""
 
 
 class Tuning(Section):
-    """A search for the settings that do best."""
+    """A search for the best settings."""
 
     cases: Annotated[tuple[TunedCase, ...], msgspec.Meta(min_length=1)]
     training_seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)]
-    """The seeds that the search sees."""
+    """The seeds of the search."""
     held_out_seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)]
-    """The seeds that its result is reported on."""
+    """The seeds of the report."""
     trials: Runs = 100
     objective: Literal["match", "limits"] = "limits"
-    """match comes close to what is published; limits stays far below the limits."""
+    """`match` approaches the published means; `limits` stays far below the limits."""
     parameters: dict[str, Range] = msgspec.field(default_factory=dict)
-    """Settings that are searched, the same for all cases."""
+    """Settings searched, with the same values for all cases."""
 
     def __post_init__(self) -> None:
         _check_names(self.cases)
@@ -111,9 +112,9 @@ class Tuning(Section):
             raise ValueError(f"held_out_seeds: {min(both)} is a training seed too")
         if not any((self.parameters, *(case.parameters for case in self.cases))):
             raise ValueError("parameters: nothing to search")
+        wanted = "published" if self.objective == "match" else "limits"
         for case in self.cases:
-            if not (case.published if self.objective == "match" else case.limits):
-                wanted = "published" if self.objective == "match" else "limits"
+            if not getattr(case, wanted):
                 raise ValueError(
                     f"case {case.name!r} needs {wanted} for objective = {self.objective!r}"
                 )
@@ -144,7 +145,6 @@ def parse_sweeps(options: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
 
 
 def _check_names(cases: Iterable[BaseCase]) -> None:
-    names = [case.name for case in cases]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(case.name for case in cases).items():
+        if count > 1:
             raise ValueError(f"cases: two are named {name!r}")

@@ -46,18 +46,11 @@ STYLE: list[Any] = [
     "default",
     {
         "font.size": 7.0,
-        "axes.titlesize": "medium",
-        "axes.labelsize": "medium",
-        "xtick.labelsize": "medium",
-        "ytick.labelsize": "medium",
-        "legend.fontsize": "medium",
+        **dict.fromkeys(("axes.titlesize", "axes.labelsize", "legend.fontsize"), "medium"),
+        **{f"{axis}tick.labelsize": "medium" for axis in "xy"},
+        **{f"{axis}tick.major.width": 0.5 for axis in "xy"},
+        **{f"{axis}tick.major.{key}": 2.0 for axis in "xy" for key in ("size", "pad")},
         "axes.linewidth": 0.5,
-        "xtick.major.width": 0.5,
-        "ytick.major.width": 0.5,
-        "xtick.major.size": 2.0,
-        "ytick.major.size": 2.0,
-        "xtick.major.pad": 2.0,
-        "ytick.major.pad": 2.0,
         "axes.labelpad": 2.0,
         "axes.titlepad": 3.0,
         "axes.grid": True,
@@ -125,13 +118,8 @@ def errors(tables: Mapping[str, Table]) -> Figure:
 def _draw_paths(axes: Axes, table: Table) -> None:
     """Draw the person with an arrow at the start, and the robot with arrows on its way."""
     person, robot = table.poses("target"), table.poses("robot")
-    axes.plot(
-        *person[:2],
-        color=ORANGE,
-        linestyle=DASHES,
-        linewidth=1.0,
-        label="person, direction at the start",
-    )
+    dashed: dict[str, Any] = {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0}
+    axes.plot(*person[:2], label="person, direction at the start", **dashed)
     axes.plot(*robot[:2], color=BLUE, linewidth=0.8, label="robot, heading")
     every = slice(None, None, round(ARROW_EVERY_S / table.tick_s))
     _draw_arrows(axes, table.where(every).poses("robot"), BLUE)

@@ -1,4 +1,4 @@
-"""From cases to runs, each with a key under which its result can be found again."""
+"""Cases expanded to runs, each with a key under which its result is stored."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mecazen_tools.simulate import in_lockstep
 from mecazen_experiments.config import BaseCase, Case, Settings
 
 LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
-"""Those whose arithmetic is in a result."""
+"""Those that a result depends on."""
 
 
 class Key(msgspec.Struct, frozen=True):
@@ -39,7 +39,7 @@ class Key(msgspec.Struct, frozen=True):
 
 
 class Job(msgspec.Struct, frozen=True):
-    """One run to do."""
+    """One run."""
 
     row: str
     """The row of the table that the run belongs to."""
@@ -50,7 +50,7 @@ class Job(msgspec.Struct, frozen=True):
     key: Key
 
     def __str__(self) -> str:
-        """Say which run it is: row, walk and seed."""
+        """Return row, walk and seed."""
         walk = f" / {self.walk}" if self.walk else ""
         return f"{self.row}{walk}, seed {self.key.seed}"
 
@@ -75,12 +75,12 @@ def expand(
     Args:
         cases: What to run.
         seeds: For each case.
-        settings: Laid over every case.
-        sweeps: Values in TOML by key, for every case; they take the place of its own.
+        settings: Override those of every case.
+        sweeps: Values in TOML by key, for every case; they replace its own.
         walks: Recorded walks; a case whose person walks one is run with each of them.
 
     Raises:
-        ConfigError: A scenario can't be loaded, or walks are given and nobody walks them.
+        ConfigError: A scenario can't be loaded, or no case uses the walks that are given.
     """
     rows = []
     for case in cases:
@@ -121,7 +121,7 @@ def series(
 
 
 def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Settings, Scenario]:
-    """Return the walk's name, and the scenario with it for as long as it lasts."""
+    """Return the walk's name, and the scenario with the walk and its duration."""
     settings = (*settings, f"target.path.file={msgspec.json.encode(str(walk.resolve())).decode()}")
     loaded = load_scenario(scenario, settings)
     path = loaded.section(TargetConfig, "target").path
@@ -130,18 +130,17 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
         end_s = make_path(path).duration
     except ValueError as error:
         raise ConfigError(f"{walk}: {error}") from None
-    # a duration that is whole ticks but for the last bits is not a tick longer
+    # rounding does not make the run a tick longer
     ticks = math.ceil(end_s / loaded.sim.tick_s - 1e-6)
     settings = (*settings, f"sim.duration_s={ticks * loaded.sim.tick_s!r}")
     return walk.stem, settings, load_scenario(scenario, settings)
 
 
 def fingerprint(scenario: Scenario) -> str:
-    """Return the SHA-256 of all that a scenario says, but for its seed.
+    """Return the SHA-256 of a scenario without its seed.
 
-    It is taken over canonical JSON in which each file, a recorded walk or a program of
-    one's own, stands with its content and not with its name. What such a program imports
-    is not looked at.
+    It covers canonical JSON in which each file (a recorded walk, a user's program) is
+    represented by its content instead of its name. Imports of such a program do not count.
 
     Raises:
         ConfigError: A program can't be found.
@@ -165,7 +164,7 @@ def _content(value: Any) -> str:
 
 
 def _with_content(program: str) -> str:
-    """Return a program's name, or its class and what the file says if it has one."""
+    """Return a program's name, or its class and the content of its file if it has one."""
     place, colon, name = program.partition(":")
     if not colon:
         return program
@@ -182,10 +181,10 @@ def _with_content(program: str) -> str:
 
 @cache
 def version() -> str:
-    """Return the SHA-256 of the code that makes a result.
+    """Return the SHA-256 of the code that a result depends on.
 
-    It covers the source of every installed package of mecazen, and the versions of Python
-    and of the libraries that calculate: a changed estimator never shows old results.
+    It covers the source of every installed package of mecazen, and the versions of Python and
+    `LIBRARIES`: changed code never shows old results.
     """
     digest = hashlib.sha256()
     for line in (platform.python_version(), *(f"{name} {version_of(name)}" for name in LIBRARIES)):

@@ -28,14 +28,14 @@ class LocalWorkers:
     def do(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         """See `Workers`.
 
-        When a worker dies, joblib ends the others with it. Those jobs that may have been in
-        work are then tried again after the rest, each alone: it is clear whose worker dies.
+        When a worker dies, joblib ends the others with it. Jobs that may have been running are
+        then tried again after the rest, one at a time, so that it is clear whose worker dies.
         """
         batches = deque([list(jobs)])
         tries: Counter[Job] = Counter()
         while batches:
             waiting = batches.popleft()
-            # joblib may also just end: it tells the error only if it has it before it stops
+            # joblib may also just end, without the error
             with suppress(BrokenProcessPool), closing(self._do_once(work, waiting)) as outcomes:
                 for outcome in outcomes:
                     waiting.remove(outcome.job)
@@ -50,26 +50,21 @@ class LocalWorkers:
     def _do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         outcomes: Outcomes[T] | None = None
         try:
-            with (
-                parallel_config(backend="loky", inner_max_num_threads=1),
-                _interrupts_held_back(),
-            ):
-                outcomes = Parallel(
-                    n_jobs=self._count,
-                    return_as="generator_unordered",
-                    batch_size=1,
-                    pre_dispatch="all",
-                )(delayed(attempt)(work, job) for job in jobs)
+            with parallel_config(backend="loky", inner_max_num_threads=1), _sigint_blocked():
+                parallel = Parallel(
+                    self._count, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
+                )
+                outcomes = parallel(delayed(attempt)(work, job) for job in jobs)
             yield from outcomes
         finally:
             if outcomes is not None:
-                with warnings.catch_warnings(action="ignore"):  # of what is left undone
+                with warnings.catch_warnings(action="ignore"):  # of unfinished jobs
                     outcomes.close()
 
 
 @contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Start processes that never see Ctrl-C: a terminal sends it to all, this one ends them."""
+def _sigint_blocked() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C, which a terminal sends to all: this one ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

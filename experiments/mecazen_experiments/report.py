@@ -1,4 +1,4 @@
-"""What an experiment gave: the mean of each score with its interval, and every run."""
+"""The report of an experiment: the mean of each score with its interval, and every run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 import msgspec
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_experiments.config import BaseCase
@@ -14,6 +14,8 @@ from mecazen_experiments.jobs import Job, Key, Series
 from mecazen_experiments.run import Record
 from mecazen_experiments.scores import Score
 from mecazen_experiments.statistics import Interval, mean_interval
+
+CAPTION = "means over the runs, below each its 95 % interval"
 
 Means = dict[str, Interval | None]
 """By the names of `Score`; None where no run has the score."""
@@ -48,19 +50,15 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def summarise(series: Series, records: Mapping[Key, Record]) -> Row:
-    """Return the row of a series whose runs are all there."""
+    """Return the row of a series."""
     return _row(series.row, series.case, series.jobs, records)
 
 
 def summarise_walks(series: Series, records: Mapping[Key, Record]) -> list[Row]:
     """Return a row for each recorded walk of a series; none if it was given none."""
-
-    def walk_of(job: Job) -> str:
-        return job.walk or ""
-
     return [
         _row(f"{series.row} / {walk}", series.case, tuple(jobs), records)
-        for walk, jobs in groupby(series.jobs, walk_of)
+        for walk, jobs in groupby(series.jobs, lambda job: job.walk)
         if walk
     ]
 
@@ -97,14 +95,17 @@ def within(found: Means, limits: Mapping[str, float]) -> bool | None:
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the rows as a table, each mean above its 95 % interval."""
-    shown = Table(show_lines=True, caption="means over the runs, below each its 95 % interval")
-    shown.add_column("case", overflow="fold")
-    shown.add_column("runs")
-    for part in ("whole", "settled"):
-        shown.add_column(f"{part}\nD_err \\[m]")
-        shown.add_column(f"{part}\nΘ_err \\[°]")
-    for header in ("NEES", "lost \\[s]", "limits"):
-        shown.add_column(header)
+    errors = [
+        f"{part}\n{error}"
+        for part in ("whole", "settled")
+        for error in ("D_err \\[m]", "Θ_err \\[°]")
+    ]
+    shown = Table(
+        Column("case", overflow="fold"),
+        *("runs", *errors, "NEES", "lost \\[s]", "limits"),
+        show_lines=True,
+        caption=CAPTION,
+    )
     for row in rows:
         shown.add_row(
             Text(row.name),  # not markup, whatever it is
@@ -125,7 +126,6 @@ def show(interval: Interval | None, digits: int) -> str:
     """Return a mean and, in a line of its own, its interval."""
     if interval is None:
         return "-"
-    mean, low, high = (
-        f"{value:.{digits}f}" for value in (interval.mean, interval.low, interval.high)
+    return "{0:.{3}f}\n[dim]{1:.{3}f} … {2:.{3}f}[/]".format(
+        interval.mean, interval.low, interval.high, digits
     )
-    return f"{mean}\n[dim]{low} … {high}[/]"

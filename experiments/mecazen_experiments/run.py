@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import gc
-import resource
+import re
 import time
+from pathlib import Path
 
 import msgspec
+from mecazen.config import Scenario
 from mecazen.loading import load_scenario
 from mecazen_follower.config import FollowerConfig
-from mecazen_tools.simulate import simulate
+from mecazen_tools.simulate import Result, simulate
+from mecazen_tools.trajectory import Trajectory
 
 from mecazen_experiments.jobs import Job, Key, check_version
 from mecazen_experiments.scores import Scores, score
@@ -17,47 +20,48 @@ from mecazen_experiments.table import Table
 
 
 class Record(msgspec.Struct, frozen=True):
-    """What a run gave, and what it took."""
+    """The results of a run, and its cost."""
 
     key: Key
     trajectory_sha256: str
     """As of `mecazen simulate --json`."""
     scores: Scores
     wall_s: float
-    """From the loading of the scenario to the last score."""
+    """From loading the scenario to the last score."""
     peak_rss_mb: float
-    """The most memory that the worker has had so far, this run and those before it."""
+    """The peak memory of the worker so far, in this run and those before it."""
 
 
-def run(job: Job) -> Record:
-    """Simulate a job and score it.
+def simulated(job: Job) -> tuple[Scenario, Result, Trajectory]:
+    """Simulate a job.
 
     Raises:
         MecazenError: The run failed, or this process has another version of the code.
     """
     check_version(job)
-    # services and their bus hold each other, and the last run's world of DART, of many megabytes
+    scenario = load_scenario(job.scenario, job.settings)
+    return scenario, *simulate(scenario, job.row)
+
+
+def run(job: Job) -> Record:
+    """Simulate a job and score it; raises as `simulated`."""
+    # reference cycles hold the last run's DART world, of many megabytes
     gc.collect()
     begin = time.perf_counter()
-    scenario = load_scenario(job.scenario, job.settings)
-    result, trajectory = simulate(scenario, job.row)
+    scenario, result, trajectory = simulated(job)
     standoff = scenario.section(FollowerConfig, "follower").standoff
     scores = score(Table.of(trajectory), standoff)
-    return Record(
-        key=job.key,
-        trajectory_sha256=result.trajectory_sha256,
-        scores=scores,
-        wall_s=time.perf_counter() - begin,
-        peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,
-    )
+    wall_s = time.perf_counter() - begin
+    return Record(job.key, result.trajectory_sha256, scores, wall_s, _peak_rss_mb())
 
 
 def tabulate(job: Job) -> Table:
-    """Simulate a job and return every tick of it.
+    """Simulate a job and return every tick of it; raises as `simulated`."""
+    return Table.of(simulated(job)[2])
 
-    Raises:
-        MecazenError: As of `run`.
-    """
-    check_version(job)
-    _, trajectory = simulate(load_scenario(job.scenario, job.settings), job.row)
-    return Table.of(trajectory)
+
+def _peak_rss_mb() -> float:
+    # not getrusage: its maximum includes the memory of the process that started this one
+    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    assert found is not None
+    return int(found[1]) * 1024 / 1e6

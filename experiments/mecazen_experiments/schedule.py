@@ -1,8 +1,8 @@
-"""All runs of a command: what is stored already is not done again."""
+"""All runs of a command: what is already in the store is not run again."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 
 from mecazen.errors import MecazenError
@@ -10,10 +10,10 @@ from mecazen.errors import MecazenError
 from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.run import Record, run
 from mecazen_experiments.store import Store
-from mecazen_experiments.workers import Done, Failure, Workers
+from mecazen_experiments.workers import Done, Failure, T, Workers
 
 Progress = Callable[[int, int], None]
-"""Is told how many runs are done, of how many."""
+"""Is called with the number of runs that are done, and of all."""
 
 
 class RunsFailedError(MecazenError):
@@ -23,29 +23,43 @@ class RunsFailedError(MecazenError):
         super().__init__("\nerror: ".join(sorted(map(str, failures))))
 
 
-def run_all(
-    jobs: Iterable[Job], store: Store, workers: Workers, progress: Progress = lambda *_: None
-) -> dict[Key, Record]:
-    """Return the record of every job, each kept in the store as soon as it is there.
+def do_all(
+    work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers, keep: Callable[[Job, T], None]
+) -> None:
+    """Do some work on each job; `keep` is called with each result.
 
     Raises:
         RunsFailedError: Some could not be done; all others were.
-        MecazenError: The store can't be used, or there are no workers any more.
+        MecazenError: There are no workers any more.
+    """
+    failures = []
+    with closing(workers.do(work, jobs)) as outcomes:
+        for outcome in outcomes:
+            match outcome:
+                case Done(job, value):
+                    keep(job, value)
+                case Failure():
+                    failures.append(outcome)
+    if failures:
+        raise RunsFailedError(failures)
+
+
+def run_all(
+    jobs: Iterable[Job], store: Store, workers: Workers, progress: Progress = lambda *_: None
+) -> dict[Key, Record]:
+    """Return the record of every job; each is stored as soon as it exists.
+
+    Raises:
+        MecazenError: As of `do_all`, or the store can't be used.
     """
     wanted = {job.key: job for job in jobs}
     records = store.find(wanted)
     progress(len(records), len(wanted))
-    missing = [job for key, job in wanted.items() if key not in records]
-    failures: list[Failure] = []
-    with closing(workers.do(run, missing)) as outcomes:
-        for outcome in outcomes:
-            match outcome:
-                case Done(_, record):
-                    store.add(record)
-                    records[record.key] = record
-                case Failure():
-                    failures.append(outcome)
-            progress(len(records) + len(failures), len(wanted))
-    if failures:
-        raise RunsFailedError(failures)
+
+    def keep(_: Job, record: Record) -> None:
+        store.add(record)
+        records[record.key] = record
+        progress(len(records), len(wanted))
+
+    do_all(run, [job for key, job in wanted.items() if key not in records], workers, keep)
     return records

@@ -1,4 +1,4 @@
-"""How well a run went: following, smoothness, estimation, in numbers."""
+"""Scores of a run: following, smoothness and estimation."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mecazen_experiments.poses import Floats, Poses, wrap
 from mecazen_experiments.table import Table
 
 SETTLING_S = 5.0
-"""From the first motion of the person to where the robot should have caught up."""
+"""From the first motion of the person until the robot should have caught up."""
 MIN_PATH_M = 0.1
-"""Of a shorter path no share is taken."""
+"""A shorter path has no drift."""
 
 
 class Score(msgspec.Struct, frozen=True):
@@ -41,7 +41,7 @@ class Score(msgspec.Struct, frozen=True):
     theta_err_deg: float | None = None
     """Mean of |Θ - Θ0|, Θ the robot's heading less the person's: the paper's eq. 6 and 8.
 
-    Θ has its sign, and Θ - Θ0 is wrapped: to the wrong side is not as good as to the right.
+    Θ is signed, and Θ - Θ0 is wrapped: facing the wrong side counts as an error.
     """
     theta_rms_deg: float | None = None
     """Root mean square of Θ - Θ0."""
@@ -50,9 +50,9 @@ class Score(msgspec.Struct, frozen=True):
     theta_max_deg: float | None = None
     """Largest |Θ - Θ0|."""
     bearing_err_deg: float | None = None
-    """Mean of what the direction from person to robot, in the person's frame, is off."""
+    """Mean error of the direction from person to robot, in the person's frame."""
     goal_err_m: float | None = None
-    """Mean distance from the robot to where it should be beside the true person."""
+    """Mean distance from the robot to its goal beside the true person."""
     min_distance_m: float | None = None
     """Smallest distance from robot to person."""
     acceleration_rms_m_s2: float | None = None
@@ -70,9 +70,9 @@ class Score(msgspec.Struct, frozen=True):
     robot, placed in odom with the robot's odometry.
     """
     estimate_yaw_err_deg: float | None = None
-    """Mean of what the person's estimated heading is off."""
+    """Mean error of the person's estimated heading."""
     estimate_speed_err_m_s: float | None = None
-    """Mean of what the person's estimated planar speed is off."""
+    """Mean error of the person's estimated planar speed."""
     nees: float | None = None
     """Mean normalised estimation error squared of x, y and yaw: 3 if the covariance is right."""
     nees_p95: float | None = None
@@ -82,9 +82,9 @@ class Score(msgspec.Struct, frozen=True):
     lost_s: float | None = None
     """Time in which the person was lost."""
     odometry_drift_percent: float | None = None
-    """What the odometry's displacement is off at the end, of the length of the true path.
+    """Error of the odometry's displacement at the end, relative to the length of the true path.
 
-    Both displacements are as seen from where they start. None for a path below 0.1 m.
+    Both displacements are in the frame of their start. None for a path below 0.1 m.
     """
 
 
@@ -122,14 +122,14 @@ def score(table: Table, standoff: Standoff) -> Scores:
 
 
 def first_motion(table: Table) -> int | None:
-    """Return the first tick in which the person is not where they were in the first."""
+    """Return the first tick in which the person's pose differs from the initial one."""
     person = np.stack(table.poses("target"))
     moved = np.flatnonzero((person != person[:, :1]).any(axis=0))
     return int(moved[0]) if moved.size and not np.isnan(person[:, 0]).any() else None
 
 
 def deviations(table: Table, standoff: Standoff) -> Deviations:
-    """Return what the true robot is off from its place beside the true person."""
+    """Return the deviations of the true robot from its goal beside the true person."""
     seen = table.poses("target").between(table.poses("robot"))
     return Deviations(
         np.hypot(seen.x, seen.y) - standoff.distance,
@@ -149,7 +149,7 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
         covariances: n×k×k.
 
     Returns:
-        n; NaN where the covariance is not positive definite, as the zeros that say unknown.
+        n; NaN where the covariance is not positive definite; zeros mean unknown.
     """
     variances, axes = np.linalg.eigh(covariances)
     variances[variances[:, 0] <= 0.0] = np.nan
@@ -169,14 +169,8 @@ def _score(table: Table, standoff: Standoff) -> Score:
     consistency = nees(np.stack(error, axis=-1), _covariances(estimated))
     commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
     return Score(
-        d_err_m=_of(np.mean, distance),
-        d_rms_m=_of(_rms, distance),
-        d_p95_m=_of(_p95, distance),
-        d_max_m=_of(np.max, distance),
-        theta_err_deg=_of(np.mean, yaw),
-        theta_rms_deg=_of(_rms, yaw),
-        theta_p95_deg=_of(_p95, yaw),
-        theta_max_deg=_of(np.max, yaw),
+        **{f"d_{name}_m": _of(measure, distance) for name, measure in MEASURES.items()},
+        **{f"theta_{name}_deg": _of(measure, yaw) for name, measure in MEASURES.items()},
         bearing_err_deg=_of(np.mean, bearing),
         goal_err_m=_of(np.mean, np.hypot(robot.x - goal.x, robot.y - goal.y)),
         min_distance_m=_of(np.min, np.hypot(robot.x - person.x, robot.y - person.y)),
@@ -224,9 +218,9 @@ def _variation(table: Table, command: Floats | npt.NDArray[np.complex128]) -> fl
 
 
 def _time(table: Table, state: TrackingState) -> float | None:
-    """Return the time in a state [s], which holds until the next is told."""
-    told = table.tracking[table.tracking != ""]
-    share = _of(np.mean, (told == state).astype(np.float64))
+    """Return the time in a state [s], which holds until the next is reported."""
+    reported = table.tracking[table.tracking != ""]
+    share = _of(np.mean, (reported == state).astype(np.float64))
     return None if share is None else share * len(table) * table.tick_s
 
 
@@ -256,3 +250,12 @@ def _p95(values: Floats) -> SupportsFloat:
 
 def _degrees(angles: Floats) -> Floats:
     return np.degrees(abs(angles))
+
+
+MEASURES: dict[str, Callable[[Floats], SupportsFloat]] = {
+    "err": np.mean,
+    "rms": _rms,
+    "p95": _p95,
+    "max": np.max,
+}
+"""Of the magnitude of an error."""

@@ -1,7 +1,6 @@
-"""A smoother: what could have been known of the person with all observations at hand.
+"""A smoother of the person's state, from all observations.
 
-It sees the same observations as the filter, those after an instant included, and so bounds
-what any filter of this model can reach.
+It uses those after an instant as well, and so bounds what any filter of this model can reach.
 """
 
 from __future__ import annotations
@@ -84,7 +83,7 @@ LEVELS = tuple(
     for speed in (0.01, 0.1, 1.0)
     for rate in (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 )
-"""Disturbances from which the best is taken in hindsight: a bound may know which."""
+"""Disturbances, of which the best is taken in hindsight: a bound may do so."""
 
 
 def least_errors(sights: Sequence[Sight], truth: Poses) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""How sure a mean of runs is: bootstrap intervals, also of differences paired by seed."""
+"""Bootstrap intervals of means, also of differences paired by seed."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Interval(msgspec.Struct, frozen=True):
 def mean_interval(values: Sequence[float]) -> Interval:
     """Return the mean of `values` with its bootstrap interval; a single value has no width.
 
-    Bias-corrected and accelerated (BCa), of Efron (1987), Better Bootstrap Confidence
-    Intervals: the values need not be normal, nor as far above their mean as below.
+    Bias-corrected and accelerated (BCa), Efron (1987), Better Bootstrap Confidence Intervals:
+    the distribution need not be normal or symmetric.
 
     Raises:
         ValueError: There is no value.
@@ -46,7 +46,7 @@ def mean_interval(values: Sequence[float]) -> Interval:
 def paired_difference(a: Mapping[int, float], b: Mapping[int, float]) -> Interval:
     """Return the mean of b - a, each by seed, over the seeds that both have.
 
-    What a seed does to both alike, such as its noise, drops out of the difference.
+    Common effects of a seed, such as its noise, cancel in the difference.
 
     Raises:
         ValueError: No seed is in both.

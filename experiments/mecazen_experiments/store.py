@@ -1,4 +1,4 @@
-"""Results in one SQLite file, each under its key, to be found again by the next command."""
+"""Results in one SQLite file, each under its key, for the next command."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mecazen_experiments.jobs import Key
 from mecazen_experiments.run import Record
 
 BUSY_S = 60.0
-"""How long to wait while another command writes; a write takes milliseconds."""
+"""How long to wait for the write of another command, which takes milliseconds."""
 
 _TABLE = """
 create table if not exists runs (
@@ -31,8 +31,8 @@ _FIND = "select record from runs where (scenario_sha256, seed, version) = (?, ?,
 class Store:
     """Records by key, in a file that may be shared with other commands.
 
-    A record is in it whole or not at all, whenever the process ends: each is a transaction
-    of SQLite. The first that comes for a key stays; another would be equal.
+    Each record is a transaction: it is stored whole or not at all. The first of a key stays;
+    another would be equal.
 
     Raises:
         MecazenError: From any method: the file can't be used.

@@ -15,11 +15,11 @@ from mecazen_experiments.poses import Floats, Poses
 
 
 class Table:
-    """The columns of a run, one number a tick in each; NaN where there was nothing.
+    """The columns of a run, one number for each tick; NaN where there is none.
 
     Args:
         columns: By their names in `mecazen_tools.trajectory.COLUMNS`; `tracking` is text, empty
-            where there was nothing.
+            where there is none.
         tick_s: The control period.
     """
 
@@ -55,7 +55,7 @@ class Table:
 
     @property
     def tracking(self) -> npt.NDArray[np.str_]:
-        """How well the follower knew where the person is, see `mecazen_follower.tracking`."""
+        """The follower's tracking state, see `mecazen_follower.tracking`."""
         return self._columns["tracking"]
 
     def poses(self, who: str) -> Poses:

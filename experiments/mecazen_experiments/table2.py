@@ -6,7 +6,7 @@ Capture": following by the raw observation (without) and by the Kalman filter (w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import msgspec
 from mecazen.errors import ConfigError
@@ -25,11 +25,11 @@ CASES = tuple(f"{view} {variant}" for view in VIEWS for variant in PAPER)
 PAIRS = (("with", "without"), ("best", "with"))
 """Each variant that should gain, and over which."""
 MEASURES = {"d_err_m": ("D_err", "m", 3), "theta_err_deg": ("Θ_err", "°", 2)}
-"""Score, and how the paper calls it, its unit, the digits to show."""
+"""The paper's symbol of each score, its unit, and the digits to show."""
 
 
 class Gain(msgspec.Struct, frozen=True):
-    """What one variant's error is below another's, seed by seed."""
+    """By how much one variant's error is below another's, seed by seed."""
 
     view: str
     score: str
@@ -57,21 +57,21 @@ def table2(rows: Iterable[Row]) -> Table2:
             raise ConfigError(f"{NAME}: needs a case named {name!r}")
         if any(by_name[name].whole[score] is None for score in MEASURES):
             raise ConfigError(f"{NAME}: nobody walks in the case {name!r}")
+
+    def errors(view: str, variant: str, score: str) -> dict[int, float]:
+        records = [run.record for run in by_name[f"{view} {variant}"].runs]
+        return {record.key.seed: getattr(record.scores.whole, score) for record in records}
+
     gains = tuple(
-        Gain(view, score, variant, over, _gain(by_name, view, score, variant, over))
+        Gain(
+            *(view, score, variant, over),
+            paired_difference(errors(view, variant, score), errors(view, over, score)),
+        )
         for view in VIEWS
         for score in MEASURES
         for variant, over in PAIRS
     )
     return Table2(tuple(by_name.values()), gains)
-
-
-def _gain(rows: Mapping[str, Row], view: str, score: str, variant: str, over: str) -> Interval:
-    def errors(name: str) -> dict[int, float]:
-        runs = rows[f"{view} {name}"].runs
-        return {run.record.key.seed: getattr(run.record.scores.whole, score) for run in runs}
-
-    return paired_difference(errors(variant), errors(over))
 
 
 def tables(result: Table2) -> tuple[Table, Table]:
@@ -90,7 +90,7 @@ def tables(result: Table2) -> tuple[Table, Table]:
         "",
         *(f"{variant}\nover {over}" for variant, over in PAIRS),
         title="Gains",
-        caption="how much smaller the error is, paired by seed, with its 95 % interval",
+        caption="reduction of the error, paired by seed, with its 95 % interval",
         show_lines=True,
     )
     for view in VIEWS:

@@ -1,4 +1,4 @@
-"""A search for the settings that do best, by Optuna."""
+"""A search for the best settings, by Optuna."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from mecazen_experiments.run import Record
 from mecazen_experiments.schedule import Progress, RunsFailedError
 
 SEED = 1
-"""Of the search: with the same runs it goes the same way."""
+"""Of the search, which is deterministic."""
 PREFERENCE = 0.001
-"""Weight of what is preferred: less than any difference between runs that matters."""
+"""Weight of preferred values: less than any difference between runs that matters."""
 EXCESS = 100.0
-"""Cost of a limit exceeded by its own size: far above what all that is within limits costs."""
+"""Cost of a limit exceeded by its own size: far above the cost of scores within limits."""
 DIGITS = 4
-"""Significant digits of a parameter: what is shown is what was run."""
+"""Significant digits of a parameter, in the runs as in the table."""
 
 Do = Callable[[Iterable[Job]], Mapping[Key, Record]]
 
@@ -36,7 +36,7 @@ class Best(msgspec.Struct, frozen=True):
     failed_trials: int
     """Those in which a run failed."""
     settings: dict[str, dict[str, float]]
-    """The best found, by case; what is searched for all cases is in each."""
+    """The best found, by case; parameters of all cases are in each."""
     training_cost: float
     held_out_cost: float
     rows: tuple[Row, ...]
@@ -49,7 +49,7 @@ def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
     Args:
         tuning: What to search.
         do: Does runs and returns their records, see `mecazen_experiments.schedule.run_all`.
-        progress: Is told how many trials are done.
+        progress: Is called with the number of trials that are done.
 
     Raises:
         MecazenError: Every trial failed, or a run of the best does on a held-out seed.
@@ -104,7 +104,7 @@ def suggest(tuning: Tuning, choose: Callable[..., float]) -> dict[str, dict[str,
 
 
 def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str, float]]) -> float:
-    """Return what is to be minimal: see `match_cost`, `limits_cost` and `preference`.
+    """Return the cost to minimise: see `match_cost`, `limits_cost` and `preference`.
 
     Raises:
         MecazenError: A row has no such score.
@@ -121,7 +121,7 @@ def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str
 
 
 def match_cost(row: Row) -> float:
-    """Return the sum of the squares of what the means are off the published, in parts of it."""
+    """Return the sum of the squared relative errors of the means from the published."""
     return math.fsum(
         ((_mean(row, score) - published) / published) ** 2
         for score, published in row.published.items()
@@ -129,13 +129,13 @@ def match_cost(row: Row) -> float:
 
 
 def limits_cost(row: Row) -> float:
-    """Return the sum of the means in parts of their limits, and far more for any excess."""
+    """Return the sum of the means relative to their limits, and far more for any excess."""
     parts = [_mean(row, score) / limit for score, limit in row.limits.items()]
     return math.fsum(part + EXCESS * max(0.0, part - 1.0) for part in parts)
 
 
 def preference(value: float, preferred: float) -> float:
-    """Return the cost of a parameter that is not the preferred: it decides between equals."""
+    """Return the cost of a parameter that is not preferred: it decides between equal costs."""
     return PREFERENCE * math.log(value / preferred) ** 2
 
 
@@ -161,7 +161,7 @@ def _run(
 
 
 def table(best: Best) -> Table:
-    """Return the settings that were found."""
+    """Return the settings found."""
     shown = Table(
         "case",
         "setting",

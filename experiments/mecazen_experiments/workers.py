@@ -1,4 +1,4 @@
-"""Who does the runs: what is asked of them, and what they answer."""
+"""The interface of workers, and what they return."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from mecazen_experiments.jobs import Job
 T = TypeVar("T")
 
 MAX_TRIES = 3
-"""How often a run is begun whose worker dies."""
+"""How often a job is started whose worker dies."""
 
 
 class Done(NamedTuple, Generic[T]):
-    """A job that was done, and what it gave."""
+    """A job that was done, and its result."""
 
     job: Job
     value: T
 
 
 class Failure(NamedTuple):
-    """A job that can't be done, and why, in one line."""
+    """A job that failed, and why, in one line."""
 
     job: Job
     reason: str
@@ -34,7 +34,7 @@ class Failure(NamedTuple):
 
 
 Outcomes = Generator[Done[T] | Failure, None, None]
-"""Of jobs, as they come and in no order; to close it ends the work."""
+"""Of jobs, in the order of completion; closing it ends the work."""
 
 
 class Workers(Protocol):
@@ -49,7 +49,7 @@ class Workers(Protocol):
 
 
 def attempt(work: Callable[[Job], T], job: Job) -> Done[T] | Failure:
-    """Do a job; a failure that the user is to be told of is an outcome too."""
+    """Do a job; a `MecazenError` is an outcome too."""
     try:
         return Done(job, work(job))
     except MecazenError as error:
@@ -57,5 +57,5 @@ def attempt(work: Callable[[Job], T], job: Job) -> Done[T] | Failure:
 
 
 def died(job: Job) -> Failure:
-    """Return the outcome of a job that takes its workers with it."""
+    """Return the outcome of a job that kills its workers."""
     return Failure(job, "its worker died, each time it was tried")

@@ -1,8 +1,10 @@
-"""Each part of the bench gives finite and sane figures; how fast it is, is not tested."""
+"""Each benchmark gives finite and plausible figures; how fast it is, is not tested."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from mecazen_bench import (
@@ -17,10 +19,9 @@ from mecazen_bench import (
     viewer,
 )
 from mecazen_bench.figures import Figure, Group, named
-from mecazen_bench.scenarios import robot
+from mecazen_bench.stack import robot
 
-SECONDS = 0.001
-"""The physics step."""
+STEP_S = 0.001
 
 
 def figures(groups: list[Group]) -> dict[str, dict[str, Figure]]:
@@ -34,41 +35,45 @@ def figures(groups: list[Group]) -> dict[str, dict[str, Figure]]:
     return rows
 
 
-@pytest.mark.parametrize("rollers", physics.OURS)
+@pytest.mark.parametrize("rollers", physics.ROLLERS)
 @pytest.mark.parametrize("name", physics.ROBOTS)
-def test_our_physics_is_smooth_and_has_the_predicted_gains(name: str, rollers: str) -> None:
-    engine = physics.DartEngine(robot(name), SECONDS, rollers)
+def test_our_physics_is_smooth_and_has_the_predicted_gains(name: str, rollers: Any) -> None:
+    engine = physics.DartEngine(robot(name), STEP_S, rollers)
     (row,) = figures([physics.measure("Physics", [engine], blocks=2)]).values()
     accuracy = ["ripple % of R", "forward", "lateral", "lateral / predicted", "yaw / predicted"]
     assert all(row[title].met for title in accuracy)
-    # a smooth wheel loses nothing; that the rollers are hulls of spheres costs some percent
+    # a smooth wheel loses nothing; rollers that are hulls of spheres cost some percent
     assert -10.0 < row["energy %/s"].value < 0.5
-    assert 1.0 < row["µs/step"].value < 1e5
-    assert row["× real time"].value == pytest.approx(1e3 / row["µs/step"].value)
 
 
 def test_experiments_run_with_one_worker_and_with_two() -> None:
     one, two = figures(experiments.run(duration_s=0.5)).values()
     assert one["runs/min"].value > 0.0
-    assert two["120 runs, min"].value == pytest.approx(120 / two["runs/min"].value)
+    assert "120 runs, min" in two.keys() - one.keys()
 
 
-def test_every_command_is_answered_in_real_time() -> None:
+def test_commands_are_answered_before_the_next_tick_would_repeat_them() -> None:
     rows = figures(latency.run(puts=30))
-    assert list(rows) == ["idle", latency.BUSY]
-    for row in rows.values():
-        assert row["lost"].value == 0
-        assert 0.01 < row["median ms"].value <= row["p99 ms"].value <= row["max ms"].value < 1000.0
+    assert list(rows) == ["idle", "all cores busy"]
+    assert [row["lost"].value for row in rows.values()] == [0, 0]
+    # puts are at random phases of a tick of 10 ms: the tick alone would take 5 ms in the median
+    assert rows["idle"]["median ms"].value < 5.0
 
 
-def test_a_stack_in_real_time_is_measured_part_by_part() -> None:
+def test_latencies_are_summarised_in_ms_without_those_that_are_lost() -> None:
+    found = latency.figures([number / 1e3 for number in range(101)] + [None, None])
+    assert {title: figure.value for title, figure in found.items()} == pytest.approx(
+        {"median ms": 50.0, "p99 ms": 99.0, "max ms": 100.0, "lost": 2}
+    )
+
+
+def test_a_stack_in_real_time_is_measured_by_process() -> None:
     rows = figures(realtime.run(window_s=1.0))
-    parts = [name for name in rows if name != "all"]
-    assert set(parts) == {"router", "physics", "controller", "target", "follower", "up"}
-    for name in parts:
+    services = ["physics", "controller", "target", "follower"]
+    assert sorted(rows) == sorted(["router", *services, "up", "all", "mecazen up"])
+    for name in services:
+        assert rows[name]["% of a core"].value > 0.0
         assert rows[name]["MB"].value > 1.0
-    total = sum(rows[name]["% of a core"].value for name in parts)
-    assert 0.0 < total == pytest.approx(rows["all"]["% of a core"].value)
 
 
 def test_under_every_flood_ticks_are_answered() -> None:
@@ -76,7 +81,6 @@ def test_under_every_flood_ticks_are_answered() -> None:
     assert list(rows) == list(flood.FLOODS)
     for name, row in rows.items():
         assert (row["puts/s"].value > 0.0) is ("quiet" not in name)
-        assert 0.01 < row["median ms"].value <= row["p99 ms"].value < 10_000.0
 
 
 def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory() -> None:
@@ -96,19 +100,35 @@ def test_the_recorder_loses_nothing_alone_or_as_a_process() -> None:
 
 
 def test_the_viewer_takes_some_processor_time_and_memory() -> None:
-    service, server, both = figures(viewer.run(window_s=2.0)).values()
-    for figure in ("% of a core", "MB"):
-        # a server that nobody looks at may take less than the clock of the processor counts
-        assert service[figure].value > 0.0
-        assert server[figure].value >= 0.0
-        total = service[figure].value + server[figure].value
-        assert both[figure].value == pytest.approx(total)
+    service, server, _ = figures(viewer.run(window_s=2.0)).values()
+    # a server without a browser may take less than the resolution of the processor's clock
+    assert service["% of a core"].value > 0.0
+    assert min(service["MB"].value, server["MB"].value) > 1.0
 
 
-def test_robots_apart_are_measured_beside_one_alone_and_two_that_push() -> None:
+def test_robots_apart_and_two_that_push_are_measured() -> None:
+    assert len(figures(robots.run(blocks=1))) == len(robots.COUNTS) + 1
+
+
+def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spent_s = 0.0
+
+    class Quadratic:
+        def __init__(self, *_: object) -> None: ...
+
+        def advance(self, commands: Sequence[object], _: int) -> None:
+            nonlocal spent_s
+            spent_s += 1e-3 * len(commands) ** 2
+
+    monkeypatch.setattr(robots, "Arena", Quadratic)
+    monkeypatch.setattr(robots.time, "thread_time", lambda: spent_s)
     rows = figures(robots.run(blocks=1))
-    assert list(rows) == ["1 apart", "2 apart", "4 apart", "8 apart", "2 head on"]
-    assert rows["1 apart"]["of one alone"].value == 1.0
-    one = rows["1 apart"]["µs/robot and tick"].value
-    for row in rows.values():
-        assert row["of one alone"].value == pytest.approx(row["µs/robot and tick"].value / one)
+    # differences of a clock that has run for seconds: roundings
+    assert [row["µs/robot and tick"].value for row in rows.values()] == pytest.approx(
+        [1e3, 2e3, 4e3, 8e3, 2e3], rel=1e-9
+    )
+    assert [row["relative to one robot"].value for row in rows.values()] == pytest.approx(
+        [1.0, 2.0, 4.0, 8.0, 2.0], rel=1e-9
+    )

@@ -1,4 +1,4 @@
-"""The loop of the bench runs in every way, and a tick's time is told part by part."""
+"""The loop of the bench runs in every way, and a tick's time is divided into its parts."""
 
 from __future__ import annotations
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import subprocess
+from collections.abc import Sequence
 from contextlib import closing
-from typing import get_args
 
 import pytest
 from mecazen.errors import MecazenError
+from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen_bench import gazebo_peer, physics
 from mecazen_bench.energy import Body, Sample
 from mecazen_bench.engine import Engine, measure_accuracy
 from mecazen_bench.gazebo_peer import GazeboEngine
-from mecazen_bench.scenarios import robot
+from mecazen_bench.stack import robot
+from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 
 STEP_S = 0.001
 needs_gazebo = pytest.mark.skipif(
@@ -24,11 +26,11 @@ needs_gazebo = pytest.mark.skipif(
 
 def test_the_same_robot_drives_alike_in_mujoco() -> None:
     pytest.importorskip("mujoco", reason="MuJoCo, the bench's peer, is not installed")
-    from mecazen_bench.mujoco_peer import SHAPES, MujocoEngine
+    from mecazen_bench.mujoco_peer import MujocoEngine
 
-    for shape in SHAPES:
+    for shape in gazebo_peer.SHAPES:
         found = measure_accuracy(MujocoEngine(robot("nexus"), STEP_S, shape))
-        # its contacts are soft and its capsules no barrels: some percent off
+        # its contacts are soft and its capsules are not barrels: some percent off
         assert found.forward == pytest.approx(1.0, abs=0.1)
         assert found.lateral == pytest.approx(1.0, abs=0.1)
         assert found.yaw == pytest.approx(1.0, abs=0.1)
@@ -37,7 +39,7 @@ def test_the_same_robot_drives_alike_in_mujoco() -> None:
 
 
 @needs_gazebo
-@pytest.mark.parametrize("shape", get_args(gazebo_peer.Shape))
+@pytest.mark.parametrize("shape", gazebo_peer.SHAPES)
 def test_the_same_robot_drives_in_gazebos_physics_and_the_same_twice(
     shape: gazebo_peer.Shape,
 ) -> None:
@@ -45,7 +47,7 @@ def test_the_same_robot_drives_in_gazebos_physics_and_the_same_twice(
     for _ in range(2):
         with closing(GazeboEngine(robot("nexus"), STEP_S, shape)) as engine:
             driven = engine.advance([6.0] * len(WHEELS), 300)
-            ways.append([driven, engine.coast(20)])
+            ways.append([driven, engine.advance(None, 20)])
             assert engine.spent_s > 0.0
     # 6 rad/s on wheels of 5 cm for 0.3 s; it slips and judders at the start
     assert driven.x == pytest.approx(6.0 * 0.05 * 0.3, rel=0.15)
@@ -109,56 +111,43 @@ def test_a_robot_has_the_mass_and_the_inertia_of_its_parts() -> None:
     assert points + box < body.yaw_inertia < 1.1 * (points + box)
 
 
-class Frictionless:
-    """A robot that moves as it is told at once, and rolls on for ever or slows down."""
+class Ideal(Engine):
+    """A robot by the ideal equations, whose wheels coast on for ever or slow down."""
 
-    name = "frictionless"
-
-    def __init__(self, slowing: float) -> None:
-        self.robot = robot("nexus")
-        self.dt_s = STEP_S
-        self.spent_s = 0.0
+    def __init__(self, slowing: float = 0.0) -> None:
+        super().__init__("ideal", robot("nexus"), STEP_S)
+        sizes = self.robot.wheels.radius_m, self.robot.half_wheelbase, self.robot.half_track
+        self._kinematics = MecanumKinematics(*sizes)
         self._slowing = slowing
-        self._speeds = [0.0] * len(WHEELS)
-        self._angles = [0.0] * len(WHEELS)
-        self._pose = [0.0, 0.0, 0.0]
+        self._speeds = self._angles = [0.0] * len(WHEELS)
+        self._pose = Pose2D()
 
-    def advance(self, speeds: list[float], steps: int) -> Sample:
-        self._speeds = list(speeds)
-        return self._move(steps)
-
-    def coast(self, steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+        self.spent_s += 20e-6 * steps
         for _ in range(steps):
-            self._speeds = [speed * (1.0 - self._slowing * STEP_S) for speed in self._speeds]
-            self._move(1)
-        return self._move(0)
-
-    def _move(self, steps: int) -> Sample:
-        elapsed, radius = steps * STEP_S, self.robot.wheels.radius_m
-        fl, fr, rl, rr = (speed * elapsed * radius / 4 for speed in self._speeds)
-        lever = self.robot.half_wheelbase + self.robot.half_track
+            coasting = [speed * (1.0 - self._slowing * STEP_S) for speed in self._speeds]
+            self._speeds = coasting if speeds is None else list(speeds)
+            twist = self._kinematics.forward(WheelSpeeds(*self._speeds))
+            self._pose = self._pose.integrate(twist, STEP_S)
+            moved = zip(self._angles, self._speeds, strict=True)
+            self._angles = [angle + speed * STEP_S for angle, speed in moved]
         x, y, yaw = self._pose
-        forward, left, turn = fl + fr + rl + rr, -fl + fr + rl - rr, (-fl + fr - rl + rr) / lever
-        self._pose = [
-            x + forward * math.cos(yaw) - left * math.sin(yaw),
-            y + forward * math.sin(yaw) + left * math.cos(yaw),
-            yaw + turn,
-        ]
-        self._angles = [
-            angle + speed * elapsed for angle, speed in zip(self._angles, self._speeds, strict=True)
-        ]
-        x, y, yaw = self._pose
-        return Sample(x, y, 0.0, math.remainder(yaw, 2 * math.pi), tuple(self._angles))
+        return Sample(x, y, 0.0, yaw, self._angles)
 
 
 @pytest.mark.parametrize("slowing", [0.0, 0.1])
 def test_an_ideal_robot_has_gains_of_one_and_loses_what_slows_it(slowing: float) -> None:
-    engine: Engine = Frictionless(slowing)  # type: ignore[assignment]
-    found = measure_accuracy(engine)
+    found = measure_accuracy(Ideal(slowing))
     # sums of thousands of steps
-    assert found.forward == pytest.approx(1.0, rel=1e-9)
-    assert found.lateral == pytest.approx(1.0, rel=1e-9)
-    assert found.yaw == pytest.approx(1.0, rel=1e-9)
+    assert found[1:4] == pytest.approx((1.0, 1.0, 1.0), rel=1e-9)
     assert found.ripple == 0.0
     # v² falls by twice its rate, from the middle of one passage to that of another 1 s later
     assert found.energy == pytest.approx(math.exp(-2.0 * slowing) - 1.0, abs=1e-4)
+
+
+def test_a_step_of_1_ms_that_takes_20_us_is_50_times_real_time() -> None:
+    (row,) = physics.measure("Physics", [Ideal()], blocks=2).rows
+    assert row.subject == "nexus 1 ms ideal"
+    # sums of thousands of steps
+    assert row.figures["µs/step"].value == pytest.approx(20.0, rel=1e-9)
+    assert row.figures["× real time"].value == pytest.approx(50.0, rel=1e-9)

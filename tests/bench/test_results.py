@@ -1,32 +1,34 @@
-"""Figures, the file that keeps them, and two files beside each other."""
+"""Figures, the file that keeps them, two files beside each other, and the document's tables."""
 
 from __future__ import annotations
 
-import json
-import os
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
 import pytest
-from mecazen_bench import machine, results
+from mecazen.errors import MecazenError
+from mecazen_bench import benchmarks, document, machine, results
+from mecazen_bench.benchmarks import BENCHMARKS, Benchmark, measure
 from mecazen_bench.compare import Change, compare, notes
+from mecazen_bench.document import updated
 from mecazen_bench.figures import Better, Figure, Group, Row, Target, merged
-from mecazen_bench.machine import Machine, Others, OtherWork
-from mecazen_bench.parts import PARTS, Part, measure
-from mecazen_bench.results import Results, ResultsError
+from mecazen_bench.machine import Machine, OtherLoad, Others
+from mecazen_bench.results import Measured, Results, ResultsError
 from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
 MACHINE = Machine("Some(R) CPU(TM) i7 @ 2.60GHz", 2, "6.1", "3.11.7", {"numpy": "2.4.6"})
-OTHERS = OtherWork((0.5, 0.25, 0.125), 0.25, {"cc1plus": 0.2})
+OTHERS = OtherLoad((0.5, 0.25, 0.125), 0.25)
 
 
-def result(value: float, better: Better = "less", spread: float = 0.0, **others: Figure) -> Results:
+def result(value: float, better: Better = "less", spread: float = 0.0, **more: Figure) -> Results:
     """Results of one figure, and others."""
     quartiles = (value - spread / 2, value + spread / 2)
-    row = Row("nexus", {"µs/step": Figure(value, better, quartiles), **others})
-    return Results(1, MACHINE, OTHERS, {"physics": 2.0}, (Group("Physics", "so", (row,)),))
+    row = Row("nexus", {"µs/step": Figure(value, better, quartiles), **more})
+    groups = (Group("Physics", "so", (row,)),)
+    return Results(results.SCHEMA, MACHINE, OTHERS, {"physics": Measured(2.0, groups)})
 
 
 def change(before: Results, after: Results) -> Change:
@@ -35,21 +37,21 @@ def change(before: Results, after: Results) -> Change:
 
 
 @pytest.mark.parametrize(
-    ("target", "good", "bad", "better"),
+    ("target", "good", "bad", "better", "text"),
     [
-        (Target.at_least(12.0), 12.0, 11.9, "more"),
-        (Target.below(0.1), 0.05, 0.11, "less"),
-        (Target.around(1.0, 0.01), 0.995, 1.011, 1.0),
+        (Target(low=12.0), 12.0, 11.9, "more", "≥ 12"),
+        (Target(high=0.1), 0.05, 0.11, "less", "< 0.1"),
+        (Target(0.965, 1.035), 0.97, 1.036, 1.0, "1 ± 0.035"),
     ],
 )
-def test_a_figure_is_held_against_its_target(
-    target: Target, good: float, bad: float, better: Better
+def test_a_figure_is_compared_with_its_target(
+    target: Target, good: float, bad: float, better: Better, text: str
 ) -> None:
     assert Figure.of(good, target).met is True
     assert Figure.of(bad, target).met is False
     assert Figure.of(good, target).better == better
     assert Figure.of(good, "less").met is None
-    assert target.text in Figure.of(good, target).texts()[2]
+    assert Figure.of(good, target).texts()[2] == f"✓ {text}"
 
 
 def test_rounds_become_medians_with_quartiles() -> None:
@@ -63,92 +65,80 @@ def test_rounds_become_medians_with_quartiles() -> None:
     assert merged(rounds[:1]) == rounds[0]
 
 
-def test_parts_take_turns_until_each_has_had_its_rounds() -> None:
-    turns: list[str] = []
+def test_benchmarks_are_interleaved_until_each_has_had_its_rounds() -> None:
+    order: list[str] = []
 
-    def part(name: str, rounds: int) -> Part:
+    def benchmark(name: str, rounds: int) -> Benchmark:
         def run() -> list[Group]:
-            turns.append(name)
-            figure = Figure.of(float(len(turns)), "less")
-            return [Group(name, "so", (Row("a", {"turn": figure}),))]
+            order.append(name)
+            figure = Figure.of(float(len(order)), "less")
+            return [Group(name, "so", (Row("a", {"place": figure}),))]
 
-        return Part(run, rounds)
+        return Benchmark(run, rounds)
 
-    told: list[str] = []
-    found = measure({"a": part("a", 3), "b": part("b", 1)}, told.append)
-    assert turns == ["a", "b", "a", "a"]
-    assert told[1] == "b, round 1 of 1"
-    assert [group.rows[0].figures["turn"].value for group in found.groups] == [3.0, 2.0]
-    assert list(found.seconds) == ["a", "b"]
+    reports: list[str] = []
+    found = measure({"a": benchmark("a", 3), "b": benchmark("b", 1)}, reports.append)
+    assert order == ["a", "b", "a", "a"]
+    assert reports[1] == "b, round 1 of 1"
+    assert [group.rows[0].figures["place"].value for group in found.groups] == [3.0, 2.0]
     assert msgspec.json.decode(msgspec.json.encode(found), type=Results) == found
 
 
-def test_a_whole_bench_leaves_out_what_takes_minutes() -> None:
-    assert [name for name, part in PARTS.items() if not part.on_demand] == [
-        "physics",
-        "robots",
-        "loop",
-        "latency",
-        "realtime",
-        "recorder",
-        "viewer",
-    ]
+def test_what_takes_minutes_is_measured_on_request_only() -> None:
+    some = {"quick": Benchmark(list), "slow": Benchmark(list, on_demand=True)}
+    assert list(benchmarks.select([], some)) == ["quick"]
+    assert list(benchmarks.select(["slow"], some)) == ["slow"]
+    with pytest.raises(MecazenError, match="fast: no such benchmark; there are quick, slow"):
+        benchmarks.select(["fast"], some)
+
+
+def test_the_help_names_what_is_measured_on_request_only() -> None:
+    shown = CliRunner().invoke(app, ["bench", "run", "--help"], env={"COLUMNS": "400"}).output
+    names = re.search(r"take minutes: ([\w, ]+)\.", shown)
+    assert names is not None
+    on_demand = {name for name, benchmark in BENCHMARKS.items() if benchmark.on_demand}
+    assert set(names[1].split(", ")) == on_demand
 
 
 def test_results_read_back_as_they_were_written(tmp_path: Path) -> None:
     path = tmp_path / "new" / "results.json"
-    figures = {"gain": Figure.of(0.99, Target.around(1.0, 0.01)), "lost": Figure.of(0.0, 0.0)}
+    figures = {"gain": Figure.of(0.99, Target(0.99, 1.01)), "lost": Figure.of(0.0, 0.0)}
     written = result(80.0, spread=1.0, **figures)
     results.write(written, path)
     assert results.read(path) == written
 
 
-def test_results_of_the_reference_machine_can_be_read() -> None:
-    for path in results.FOLDER.glob("*.json"):
-        assert results.read(path).groups
-
-
 def test_a_machine_is_named_by_its_processor_and_cores() -> None:
     assert MACHINE.name == "some-cpu-i7-2-cores"
-    assert results.default_path(MACHINE, []).name == "some-cpu-i7-2-cores.json"
-    assert results.default_path(MACHINE, ["peers"]).name == "some-cpu-i7-2-cores-peers.json"
+    assert results.default_path(MACHINE.name, []).name == "some-cpu-i7-2-cores.json"
+    assert results.default_path(MACHINE.name, ["a"]).name == "some-cpu-i7-2-cores-a.json"
     here = Machine.here()
     assert here.cores >= 1
     assert "dartpy" in here.libraries
     assert here.name.strip("-abcdefghijklmnopqrstuvwxyz0123456789") == ""
 
 
-def test_what_others_do_is_seen_and_what_we_do_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s, all_s = 100.0, 50.0
-    spent = {(7, "make", 5.0): 1.0, (8, "cc1plus", 6.0): 2.0, (os.getpid(), "we", 7.0): 3.0}
+def test_the_load_of_others_is_that_of_the_machine_without_ours_and_our_childrens(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s, machine_s, own_s, child_s = 100.0, 50.0, 3.0, 1.0
 
-    def processes(_: list[str]) -> list[SimpleNamespace]:
-        return [
-            SimpleNamespace(
-                pid=pid,
-                info={
-                    "name": name,
-                    "create_time": begin,
-                    "cpu_times": SimpleNamespace(user=seconds, system=0.0),
-                },
-            )
-            for (pid, name, begin), seconds in spent.items()
-        ]
+    def cpu_times() -> SimpleNamespace:
+        others = dict.fromkeys(("nice", "system", "irq", "softirq", "steal"), machine_s / 10)
+        return SimpleNamespace(user=machine_s / 2, **others)
 
-    monkeypatch.setattr(machine.psutil, "process_iter", processes)
+    child = SimpleNamespace(cpu_times=lambda: (child_s, 0.0))
+    process = SimpleNamespace(children=lambda recursive: [child] if recursive else [])
+    monkeypatch.setattr(machine.psutil, "cpu_times", cpu_times)
+    monkeypatch.setattr(machine.psutil, "Process", lambda: process)
+    monkeypatch.setattr(machine.os, "times", lambda: (own_s, 0.0, 0.0, 0.0, now_s))
     monkeypatch.setattr(machine.time, "monotonic", lambda: now_s)
-    monkeypatch.setattr(machine, "_processor_s", lambda: all_s)
     others = Others()
-    # in 10 s: cc1plus 3 s and ends; another of it 2 s; make next to nothing; we a lot
-    now_s, all_s = 110.0, 56.0
-    spent |= {(8, "cc1plus", 6.0): 5.0, (os.getpid(), "we", 7.0): 12.0, (7, "make", 5.0): 1.01}
-    others.look()
-    del spent[8, "cc1plus", 6.0]
-    spent[9, "cc1plus", 105.0] = 2.0
-    work = others.work()
-    assert work.cores == pytest.approx(0.6)
-    assert work.busiest == pytest.approx({"cc1plus": 0.5})
-    assert work.text().endswith("meanwhile others took 0.60 cores: cc1plus 0.50")
+    # in 10 s the machine is busy for 18 s, of which we take 9 s and our child 3 s
+    now_s, machine_s, own_s, child_s = 110.0, 68.0, 12.0, 4.0
+    found = others.so_far()
+    assert found.cores == pytest.approx(0.6)
+    assert str(found).endswith("other processes took 0.60 cores meanwhile")
 
 
 @pytest.mark.parametrize(
@@ -171,7 +161,7 @@ def test_a_change_is_judged_by_what_is_better_for_the_figure(
     assert change(result(before, better), result(after, better)).verdict == verdict
 
 
-def test_a_change_within_the_spread_of_both_is_none() -> None:
+def test_a_change_within_the_spread_of_both_is_ignored() -> None:
     assert change(result(80.0, spread=5.0), result(89.0, spread=5.0)).verdict == ""
     assert change(result(80.0, spread=5.0), result(91.0, spread=5.0)).verdict == "worse"
 
@@ -181,14 +171,14 @@ def test_a_ratio_is_the_later_over_the_earlier() -> None:
     assert change(result(0.0), result(1.0)).ratio is None
 
 
-def test_figures_that_only_one_has_and_other_machines_are_told() -> None:
+def test_figures_that_only_one_has_and_other_machines_are_noted() -> None:
     before = result(80.0, lost=Figure.of(1.0, "less"))
     other = msgspec.structs.replace(result(80.0), machine=Machine.here())
     assert len(compare(before, other)) == 1
     lines = notes(before, other)
     assert lines[0].startswith("different machines: Some(R) CPU(TM)")
-    assert lines[1] == "1 figures are in one of them only: Physics"
-    assert notes(before, before) == [f"{when}: {OTHERS.text()}" for when in ("before", "after")]
+    assert lines[1] == "1 figures are in only one of them: Physics"
+    assert notes(before, before) == [f"{when}: {OTHERS}" for when in ("before", "after")]
 
 
 def test_the_command_shows_ratios_and_ends_with_1_where_something_became_worse(
@@ -206,16 +196,6 @@ def test_the_command_shows_ratios_and_ends_with_1_where_something_became_worse(
     assert "0.800" in better.output
 
 
-def test_results_are_printed_as_a_documents_tables(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    gain = Figure.of(0.9991, Target.around(1.0, 0.01))
-    results.write(result(80.0, spread=2.0, gain=gain), path)
-    shown = CliRunner().invoke(app, ["bench", "markdown", str(path)])
-    assert shown.exit_code == 0
-    assert "### Physics\n\n| | µs/step | gain |\n| --- | --- | --- |\n" in shown.output
-    assert "| nexus | 80 (79 to 81) | 0.9991 ✓ 1 ± 0.01 |\n\nSo.\n" in shown.output
-
-
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
@@ -225,8 +205,8 @@ def test_results_are_printed_as_a_documents_tables(tmp_path: Path) -> None:
         (b"[1, 2]", "no results of mecazen bench"),
         (b'{"a": 1}', "no results of mecazen bench"),
         (b'{"schema": "x"}', "no results of mecazen bench"),
-        (b'{"schema": 2}', "results of schema 2, not of 1"),
-        (b'{"schema": 1}', "no results of mecazen bench: Object missing required field"),
+        (b'{"schema": 1}', "schema 1 instead of 2"),
+        (b'{"schema": 2}', "no results of mecazen bench: Object missing required field"),
     ],
 )
 def test_a_bad_file_is_refused_in_one_line(
@@ -248,19 +228,62 @@ def test_a_folder_or_results_without_a_common_figure_are_refused(tmp_path: Path)
     with pytest.raises(ResultsError, match=r"a\.json: .+"):
         results.write(result(1.0), tmp_path / "file" / "a.json")
     with pytest.raises(ResultsError, match="no figure is in both"):
-        compare(result(1.0), msgspec.structs.replace(result(1.0), groups=()))
-
-
-def test_an_unknown_part_is_refused() -> None:
-    from mecazen.errors import MecazenError
-
-    done = CliRunner().invoke(app, ["bench", "run", "--only", "speed"])
-    assert isinstance(done.exception, MecazenError)
-    assert "no such part; there are physics, robots, loop" in str(done.exception)
-    assert json.dumps(str(done.exception)).count("\\n") == 0
+        compare(result(1.0), msgspec.structs.replace(result(1.0), benchmarks={}))
 
 
 def test_a_figure_that_a_row_lacks_is_an_empty_cell() -> None:
-    one, two = Figure.of(12_345.6, "more"), Figure.of(0.25, "less")
-    group = Group("T", "so", (Row("a", {"x": one, "y": two}), Row("b", {"x": two})))
-    assert "| a | 12,346 | 0.25 |\n| b | 0.25 | |\n" in group.markdown()
+    one, two = Figure.of(12_345.6, "more"), Figure(0.25, "less", (0.2, 0.3), Target(0.9, 1.1))
+    group = Group("T", "so", (Row("a", {"x": one, "y": two}), Row("b", {"y": two})))
+    cell = "0.25 (0.2 to 0.3) ✗ 1 ± 0.1"
+    assert group.markdown() == (
+        "**T.** So.\n\n| | x | y |\n| --- | --- | --- |\n"
+        f"| a | 12,346 | {cell} |\n| b | | {cell} |\n"
+    )
+
+
+def test_the_tables_of_the_document_are_those_of_the_results_files() -> None:
+    text = document.DOCUMENT.read_text()
+    assert document.BLOCK.search(text)
+    assert updated(text) == text  # `mecazen bench tables` writes them
+
+
+def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path: Path) -> None:
+    def block(name: str) -> str:
+        text = updated(f"a\n<!-- bench: {name} -->\nold\n<!-- /bench -->\nb", tmp_path)
+        begin, end = f"a\n<!-- bench: {name} -->\n", "<!-- /bench -->\nb"
+        assert text.startswith(begin)
+        assert text.endswith(end)
+        return text.removeprefix(begin).removesuffix(end)
+
+    def write(value: float, *only: str) -> None:
+        results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
+
+    write(80.0)
+    (group,) = result(80.0).groups
+    assert block("physics") == group.markdown()
+    assert block("machine") == f"{MACHINE};\n{OTHERS}.\n"
+    assert block("flood") == "Not measured yet: `mecazen bench run --only flood`.\n"
+    write(90.0, "physics")
+    assert "| nexus | 90 |" in block("physics")
+    assert str(OTHERS) in block("physics")
+
+
+def test_the_gain_of_an_optimisation_is_the_figure_with_it_over_that_without(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = ("Physics", "nexus", "µs/step")
+    rows = {"near": ("near rollers", name), "other": ("other", name)}
+    monkeypatch.setattr(document, "OPTIMISATIONS", rows)
+    for value, only in ((40.0, []), (80.0, ["without", "near"])):
+        results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
+    shown = updated("<!-- bench: optimisations -->\n<!-- /bench -->", tmp_path)
+    assert (
+        "| near rollers | Physics / nexus / µs/step | 80 | 40 | 2.00 |" in shown
+    )  # less is better
+    assert "| other | Physics / nexus / µs/step | | | not measured yet |" in shown
+
+
+def test_every_optimisation_has_a_figure_in_the_results() -> None:
+    main = results.read(results.default_path(document.MACHINE, []))
+    names = {name for name, _ in document.named(main.groups)}
+    assert {name for _, name in document.OPTIMISATIONS.values()} <= names

@@ -113,7 +113,7 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(
     out, errors = held.finish(process, code=130)
     assert out == ""
     assert errors.splitlines() == [errors]
-    for words in ("interrupted after", "of 4 runs", "experiments.sqlite", "same command goes on"):
+    for words in ("interrupted after", "of 4 runs", "experiments.sqlite", "same command continues"):
         assert words in errors
     assert 3 not in stored(held.path / "experiments.sqlite")
     held.mecazen(*command)

@@ -24,49 +24,33 @@ held_out_seeds = [3]
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("kind", "text", "words"),
     [
-        ("seeds = 3", ("cases", "missing")),
-        (f"seeds = 0\n{CASE}", ("seeds", "got 0", ">= 1")),
-        (f"seed = 3\n{CASE}", ("seed", "did you mean seeds?")),
-        (CASE + CASE, ("cases: two are named 'short'",)),
-        (CASE + "published = { d_err = 1.0 }", ("published: unknown score 'd_err'", "d_err_m")),
-        (CASE + "limits = { d_err_m = 0 }", ("limits.d_err_m", "got 0", "> 0")),
-        (CASE + "sweep = { seed = 3 }", ("sweep", "got 3")),
-        (CASE + "set = 'seed=3'", ("set", "got 'seed=3'")),
-        (CASE.replace("short.toml", "none.toml"), ("none.toml: no such file",)),
-        ("cases = [", ("not TOML",)),
+        (Experiment, "seeds = 3", ("cases", "missing")),
+        (Experiment, f"seeds = 0\n{CASE}", ("seeds", "got 0", ">= 1")),
+        (Experiment, f"seed = 3\n{CASE}", ("seed", "did you mean seeds?")),
+        (Experiment, CASE + CASE, ("cases: two are named 'short'",)),
+        (Experiment, CASE + "published = { d_err = 1.0 }", ("unknown score 'd_err'", "d_err_m")),
+        (Experiment, CASE + "limits = { d_err_m = 0 }", ("limits.d_err_m", "got 0", "> 0")),
+        (Experiment, CASE + "sweep = { seed = 3 }", ("sweep", "got 3")),
+        (Experiment, CASE + "set = 'seed=3'", ("set", "got 'seed=3'")),
+        (Experiment, CASE.replace("short.toml", "none.toml"), ("none.toml: no such file",)),
+        (Experiment, "cases = [", ("not TOML",)),
+        (Tuning, SEARCH.replace("[3]", "[2, 3]") + CASE, ("held_out_seeds: 2 is a training seed",)),
+        (Tuning, SEARCH.replace("= 4", "= 1") + CASE, ("high = 1 must be above low = 1",)),
+        (Tuning, SEARCH.replace("= 1,", "= 0, log = true,") + CASE, ("low = 0 must be above 0",)),
+        (Tuning, SEARCH.replace("= 1,", "= 0, prefer = 1,") + CASE, ("low = 0 must be above 0",)),
+        (Tuning, SEARCH + CASE, ("case 'short' needs limits for objective = 'limits'",)),
+        (Tuning, f"objective = 'match'\n{SEARCH}{CASE}", ("needs published for objective",)),
+        (Tuning, SEARCH.partition("[parameters]")[0] + CASE, ("parameters: nothing to search",)),
     ],
 )
-def test_a_wrong_experiment_is_one_line_with_file_and_key(
-    folder: Any, text: str, words: tuple[str, ...]
+def test_a_wrong_file_is_one_line_with_file_and_key(
+    folder: Any, kind: Any, text: str, words: tuple[str, ...]
 ) -> None:
     file = folder.write("wrong.toml", text)
     with pytest.raises(ConfigError) as error:
-        load_table(file, Experiment)
-    assert "\n" not in str(error.value)
-    for word in (str(file), *words):
-        assert word in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (SEARCH.replace("[3]", "[2, 3]") + CASE, ("held_out_seeds: 2 is a training seed",)),
-        (SEARCH.replace("high = 4", "high = 1") + CASE, ("high = 1 must be above low = 1",)),
-        (SEARCH.replace("low = 1", "low = 0, log = true") + CASE, ("low = 0 must be above 0",)),
-        (SEARCH.replace("low = 1", "low = 0, prefer = 1") + CASE, ("low = 0 must be above 0",)),
-        (SEARCH + CASE, ("case 'short' needs limits for objective = 'limits'",)),
-        (f"objective = 'match'\n{SEARCH}{CASE}", ("needs published for objective = 'match'",)),
-        (SEARCH.partition("[parameters]")[0] + CASE, ("parameters: nothing to search",)),
-    ],
-)
-def test_a_wrong_search_is_one_line_with_file_and_key(
-    folder: Any, text: str, words: tuple[str, ...]
-) -> None:
-    file = folder.write("wrong.toml", text)
-    with pytest.raises(ConfigError) as error:
-        load_table(file, Tuning)
+        load_table(file, kind)
     assert "\n" not in str(error.value)
     for word in (str(file), *words):
         assert word in str(error.value)

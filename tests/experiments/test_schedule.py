@@ -46,11 +46,11 @@ def jobs(*seeds: int) -> list[Job]:
 def test_what_is_stored_is_not_done_again(store: Store) -> None:
     first, second = Obedient(), Obedient()
     run_all(jobs(1, 2), store, first)
-    told: list[tuple[int, int]] = []
-    records = run_all(jobs(1, 2, 3), store, second, lambda *done: told.append(done))
+    reported: list[tuple[int, int]] = []
+    records = run_all(jobs(1, 2, 3), store, second, lambda *done: reported.append(done))
     assert second.done == [3]
     assert {key.seed for key in records} == {1, 2, 3}
-    assert told == [(2, 3), (3, 3)]
+    assert reported == [(2, 3), (3, 3)]
 
 
 def test_what_two_rows_have_in_common_is_done_once(store: Store) -> None:

@@ -27,7 +27,7 @@ TICK_S = 0.01
 
 
 def run(ticks, **given):
-    """A run of which only what is given was told; `who=(x, y, yaw)` gives a pose."""
+    """A run with only the columns that are given; `who=(x, y, yaw)` gives a pose."""
     columns = {name: np.full(ticks, np.nan) for name in COLUMNS}
     columns["t_s"] = np.arange(ticks) * TICK_S
     columns["tracking"] = np.full(ticks, "")
@@ -60,19 +60,22 @@ def whole(table, standoff=BACK):
     return score(table, standoff).whole
 
 
+def distances(found):
+    return [getattr(found, f"d_{measure}_m") for measure in ("err", "rms", "p95", "max")]
+
+
+def angles(found):
+    return [getattr(found, f"theta_{measure}_deg") for measure in ("err", "rms", "p95", "max")]
+
+
 # --- following -----------------------------------------------------------------------------
 
 
 def test_a_constant_offset_is_mean_rms_percentile_and_maximum():
     person = line(100)
     found = whole(run(100, target=person, robot=beside(person, 1.1, 180.0, -3.0)))
-    assert [found.d_err_m, found.d_rms_m, found.d_p95_m, found.d_max_m] == pytest.approx([0.1] * 4)
-    assert [
-        found.theta_err_deg,
-        found.theta_rms_deg,
-        found.theta_p95_deg,
-        found.theta_max_deg,
-    ] == pytest.approx([3.0] * 4)
+    assert distances(found) == pytest.approx([0.1] * 4)
+    assert angles(found) == pytest.approx([3.0] * 4)
     assert found.bearing_err_deg == pytest.approx(0.0, abs=1e-9)
     assert found.goal_err_m == pytest.approx(0.1)
     assert found.min_distance_m == pytest.approx(1.1)
@@ -94,15 +97,8 @@ def test_of_errors_of_0_to_100_cm_each_measure_is_its_own():
     found = whole(run(102, target=person, robot=robot))
     rms = math.sqrt(sum(k * k for k in range(101)) / 101)
     expected = [50.0, rms, 95.0, 100.0]
-    assert [
-        found.theta_err_deg,
-        found.theta_rms_deg,
-        found.theta_p95_deg,
-        found.theta_max_deg,
-    ] == pytest.approx(expected)
-    assert [
-        100.0 * metres for metres in (found.d_err_m, found.d_rms_m, found.d_p95_m, found.d_max_m)
-    ] == pytest.approx(expected)
+    assert angles(found) == pytest.approx(expected)
+    assert [100.0 * metres for metres in distances(found)] == pytest.approx(expected)
 
 
 def test_a_robot_that_lags_on_a_circle_is_off_by_the_chord():
@@ -200,15 +196,15 @@ def test_without_a_person_who_moves_there_are_no_measures(target):
     assert score(table, BACK) == Scores(Score(), Score())
 
 
-def test_what_was_not_told_has_no_measure():
+def test_what_was_not_reported_has_no_measure():
     person = line(100)
     found = whole(run(100, target=person, robot=person, **twist("robot", 0.0)))
-    told = {name for name, value in msgspec.to_builtins(found).items() if value is not None}
+    reported = {name for name, value in msgspec.to_builtins(found).items() if value is not None}
     of_robot_and_person = {"acceleration_rms_m_s2", "jerk_rms_m_s3", "bearing_err_deg"}
     of_robot_and_person |= {"goal_err_m", "min_distance_m"}
     of_robot_and_person |= {f"d_{what}_m" for what in ("err", "rms", "p95", "max")}
     of_robot_and_person |= {f"theta_{what}_deg" for what in ("err", "rms", "p95", "max")}
-    assert told == of_robot_and_person
+    assert reported == of_robot_and_person
 
 
 # --- smoothness ----------------------------------------------------------------------------
@@ -237,8 +233,8 @@ def test_a_command_that_goes_to_and_fro_varies_by_each_step(every):
     ticks = 101  # the first motion is in tick 1; commands come in 4, 8, …, 100
     person = line(ticks)
     fro = np.arange(ticks) // every % 2
-    told = np.where(np.arange(ticks) % every == 0, 1.0, np.nan)
-    command = twist("cmd", 0.03 * fro * told, 0.04 * fro * told, 0.2 * fro * told)
+    reported = np.where(np.arange(ticks) % every == 0, 1.0, np.nan)
+    command = twist("cmd", 0.03 * fro * reported, 0.04 * fro * reported, 0.2 * fro * reported)
     found = whole(run(ticks, target=person, robot=person, **command))
     assert found.command_variation_m_s2 == pytest.approx(0.05 / (every * TICK_S))
     assert found.yaw_command_variation_rad_s2 == pytest.approx(0.2 / (every * TICK_S))
@@ -356,7 +352,7 @@ def test_time_is_counted_by_the_state_of_tracking():
     assert found.coasting_s == pytest.approx(30 * TICK_S)
 
 
-def test_a_state_that_is_told_every_fourth_tick_holds_between():
+def test_a_state_that_is_reported_every_fourth_tick_holds_between():
     ticks = 101
     person = line(ticks)
     tick = np.arange(ticks)

@@ -54,7 +54,7 @@ def test_every_column_of_a_trajectory_is_there_as_float64():
     assert {table[name].dtype for name in COLUMNS if name != "tracking"} == {np.dtype(np.float64)}
 
 
-def test_where_nothing_was_told_there_is_nan_and_no_tracking():
+def test_where_nothing_was_reported_there_is_nan_and_no_tracking():
     table = Table.of(trajectory())
     assert np.isnan(table["estimate_x_m"]).tolist() == [True, False, True]
     alone = Table.of(trajectory(services=("physics",)))

@@ -84,17 +84,17 @@ def test_a_score_that_no_run_has_is_an_error(make_series: Any) -> None:
 
 def test_the_search_finds_the_best_and_reports_it_on_held_out_seeds(folder: Any) -> None:
     robot = Robot()
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     tuning = search(folder, limits={"d_err_m": 0.2})
-    best = tune(tuning, robot.do, lambda *done: told.append(done))
+    best = tune(tuning, robot.do, lambda *done: reported.append(done))
     # 40 trials over a range of 9; a random search would come within 0.1 about every second time
     assert best.settings["short"][STANDOFF] == pytest.approx(BEST_M, abs=0.3)
     assert [run.record.key.seed for run in best.rows[0].runs] == [10, 11]
     assert robot.seeds == {1, 2, 10, 11}
     # nine seeds more are 0.009 m of 0.2 m; but for roundings
     assert best.held_out_cost - best.training_cost == pytest.approx(0.045, abs=1e-9)
-    assert told[0] == (0, 40)
-    assert told[-1] == (40, 40)
+    assert reported[0] == (0, 40)
+    assert reported[-1] == (40, 40)
 
 
 def test_the_search_is_the_same_each_time(folder: Any) -> None:

@@ -11,7 +11,7 @@ from mecazen.bus.session import open_session
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES
-from mecazen_bench.malformed import CALLS, Loop, Malformed
+from mecazen_bench.malformed import CALLS, Malformed, sample_messages
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
@@ -30,7 +30,7 @@ def intruder(running) -> zenoh.Session:
 
 def test_malformed_payloads_crash_nothing_and_change_no_trajectory(stack) -> None:
     settings = ("sim.duration_s=10.0", "seed=11")
-    malformed = Malformed(_good_messages())
+    malformed = Malformed(sample_messages(load_scenario(BACK, ("sim.duration_s=1.0",))))
     running = stack(BACK, *settings, "sim.mode=lockstep")
     sim = running.scenario.sim
     trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
@@ -58,12 +58,6 @@ def test_malformed_payloads_crash_nothing_and_change_no_trajectory(stack) -> Non
             running.bus.spin_once(0.01)
     assert trajectory.rows() == simulate(load_scenario(BACK, settings), "back")[1].rows()
     assert running.bus.call(keys.SIM_STATE, Empty()).tick == sim.ticks - 1
-
-
-def _good_messages():
-    loop = Loop(load_scenario(BACK, ("sim.duration_s=1.0",)))
-    loop.run(lambda: None)
-    return loop.messages()
 
 
 def test_under_a_flood_time_goes_on_and_memory_does_not_grow(stack) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -68,17 +68,26 @@ def in_lockstep(scenario: Scenario) -> Scenario:
 class InProcess:
     """All services of a scenario in this process, in lockstep: `step` is a tick.
 
+    Args:
+        scenario: What to simulate.
+        seen_by: Returns the bus as a service sees it, and last as the trajectory does.
+
     Raises:
         ConfigError: The scenario does not suit a service, or nothing in it owns time.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        seen_by: Callable[[LocalBus, str], Bus] = lambda bus, _: bus,
+    ) -> None:
         self.scenario = in_lockstep(scenario)
         self.bus = LocalBus()
-        self.trajectory = _trajectory(self.bus, self.scenario, self.scenario.services)
+        bus = seen_by(self.bus, "trajectory")
+        self.trajectory = _trajectory(bus, self.scenario, self.scenario.services)
         self.members = []
         for service, robot in self.scenario.parts:
-            member = make_service(service, self.bus, self.scenario, robot)
+            member = make_service(service, seen_by(self.bus, service), self.scenario, robot)
             declare_alive(member.bus, service, member.scenario)
             self.members.append(member)
         owners = [member for member in self.members if isinstance(member, TimeOwner)]
@@ -98,6 +107,15 @@ class InProcess:
         """Deliver the answers to the last tick."""
         self.clock.await_answers()
         self.bus.spin()
+
+    def ticks(self) -> Iterator[None]:
+        """Make the whole run; yield at each tick when all of it is answered, but for the last."""
+        self.begin()
+        for _ in range(1, self.scenario.sim.ticks):
+            self.clock.await_answers()
+            yield
+            self.step()
+        self.end()
 
     def close(self) -> None:
         """End the services' work."""

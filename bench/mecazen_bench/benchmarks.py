@@ -1,0 +1,95 @@
+"""The benchmarks, and how they are interleaved."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from mecazen.errors import MecazenError
+
+from mecazen_bench import (
+    containers,
+    experiments,
+    flood,
+    latency,
+    loop,
+    malformed,
+    physics,
+    realtime,
+    recorder,
+    robots,
+    viewer,
+)
+from mecazen_bench.figures import Group, merged
+from mecazen_bench.machine import Machine, Others
+from mecazen_bench.results import SCHEMA, Measured, Results
+
+
+class Benchmark(NamedTuple):
+    """Something that is measured by itself."""
+
+    measure: Callable[[], list[Group]]
+    """One round."""
+    rounds: int = 5
+    on_demand: bool = False
+    """Whether it is measured only on request: it takes minutes."""
+
+
+BENCHMARKS = {
+    "physics": Benchmark(physics.run),
+    "robots": Benchmark(robots.run),
+    "loop": Benchmark(loop.run),
+    "latency": Benchmark(latency.run),
+    "realtime": Benchmark(realtime.run, rounds=3),
+    "recorder": Benchmark(recorder.run),
+    "viewer": Benchmark(viewer.run),
+    "peers": Benchmark(physics.run_peers, on_demand=True),
+    "experiments": Benchmark(experiments.run, rounds=2, on_demand=True),
+    "flood": Benchmark(flood.run, on_demand=True),
+    "malformed": Benchmark(malformed.run, rounds=1, on_demand=True),
+    "containers": Benchmark(containers.run, on_demand=True),
+}
+
+
+def select(
+    only: Sequence[str], benchmarks: dict[str, Benchmark] = BENCHMARKS
+) -> dict[str, Benchmark]:
+    """Return the benchmarks named, or all that are not on demand.
+
+    Raises:
+        MecazenError: There is no such benchmark.
+    """
+    for name in only:
+        if name not in benchmarks:
+            raise MecazenError(
+                f"--only {name}: no such benchmark; there are {', '.join(benchmarks)}"
+            )
+    return {
+        name: benchmark
+        for name, benchmark in benchmarks.items()
+        if (name in only if only else not benchmark.on_demand)
+    }
+
+
+def measure(benchmarks: dict[str, Benchmark], report: Callable[[str], None]) -> Results:
+    """Measure benchmarks, interleaved, so that the load of others affects all alike.
+
+    Args:
+        benchmarks: What to measure, by name.
+        report: Is called with what is measured next.
+    """
+    others = Others()
+    found: dict[str, list[Sequence[Group]]] = {name: [] for name in benchmarks}
+    seconds = dict.fromkeys(benchmarks, 0.0)
+    for number in range(max(benchmark.rounds for benchmark in benchmarks.values())):
+        for name, benchmark in benchmarks.items():
+            if number < benchmark.rounds:
+                report(f"{name}, round {number + 1} of {benchmark.rounds}")
+                begin = time.monotonic()
+                found[name].append(benchmark.measure())
+                seconds[name] += time.monotonic() - begin
+    measured = {
+        name: Measured(seconds[name], tuple(merged(rounds))) for name, rounds in found.items()
+    }
+    return Results(SCHEMA, Machine.here(), others.so_far(), measured)

@@ -1,0 +1,114 @@
+"""A scenario's services as processes, and what they take of the machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import psutil
+from mecazen.bus import Bus
+from mecazen.config import Process, Scenario
+from mecazen.errors import MecazenError
+from mecazen.loading import load_scenario
+from mecazen.robot import Robot
+from mecazen_tools.processes import Supervisor, private_router
+
+SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
+START_S = 30.0
+"""Far beyond what any process takes to start."""
+
+
+def robot(name: str) -> Robot:
+    """Return the robot of `configs/robots/<name>.toml`."""
+    return load_scenario(SCENARIOS / "back.toml", (f'robot="../robots/{name}.toml"',)).robot
+
+
+class Stack(NamedTuple):
+    """A scenario whose services run."""
+
+    scenario: Scenario
+    supervisor: Supervisor
+
+    def processes(self) -> dict[str, psutil.Process]:
+        """Return all its processes, the router's included, by name."""
+        return {name: psutil.Process(pid) for name, pid in self.supervisor.pids.items()}
+
+
+@contextmanager
+def running(
+    name: str,
+    *settings: str,
+    services: Sequence[str] | None = None,
+    protocol: Literal["tcp", "tls"] = "tcp",
+) -> Iterator[Stack]:
+    """Run a router and a scenario's services, isolated from any other run.
+
+    Args:
+        name: The scenario's.
+        settings: Overrides, as of `load_scenario`.
+        services: What to start; without it, the scenario's own.
+        protocol: How processes connect.
+
+    Raises:
+        MecazenError: A process has ended.
+    """
+    path = SCENARIOS / f"{name}.toml"
+    settings = (*settings, *private_router(protocol))
+    scenario = load_scenario(path, settings)
+    supervisor = Supervisor(path, settings)
+    try:
+        supervisor.start_router()
+        for service in scenario.services if services is None else services:
+            supervisor.start(Process((service,)))
+        yield Stack(scenario, supervisor)
+        supervisor.poll(0.0)
+    finally:
+        supervisor.stop()
+
+
+def spin(bus: Bus, seconds: float) -> None:
+    """Deliver what arrives for some time."""
+    end = time.perf_counter() + seconds
+    while (left_s := end - time.perf_counter()) > 0.0:
+        bus.spin_once(left_s)
+
+
+def spin_until(bus: Bus, condition: Callable[[], object], failure: str) -> None:
+    """Deliver what arrives until a condition holds.
+
+    Raises:
+        MecazenError: It does not hold in time; with `failure`.
+    """
+    end = time.perf_counter() + START_S
+    while not condition():
+        if time.perf_counter() > end:
+            raise MecazenError(failure)
+        bus.spin_once(0.1)
+
+
+class Usage:
+    """Processor time of processes from its creation on, and their memory."""
+
+    def __init__(self, processes: Mapping[str, psutil.Process]) -> None:
+        self._processes = processes
+        self._begin_s = time.perf_counter()
+        self._before = {name: _spent_s(process) for name, process in processes.items()}
+
+    def core_percent(self) -> dict[str, float]:
+        """Return how much of a core each process has taken so far [%]."""
+        elapsed = time.perf_counter() - self._begin_s
+        return {
+            name: 100.0 * (_spent_s(process) - self._before[name]) / elapsed
+            for name, process in self._processes.items()
+        }
+
+    def memory_mb(self) -> dict[str, float]:
+        """Return the resident memory of each process [MB]."""
+        return {name: process.memory_info().rss / 1e6 for name, process in self._processes.items()}
+
+
+def _spent_s(process: psutil.Process) -> float:
+    return float(sum(process.cpu_times()[:2]))
