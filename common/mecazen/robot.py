@@ -2,7 +2,7 @@
 
 Everything that more than one service needs to know of the robot stands here, in SI units
 with the unit in each key. Lengths and positions are in `base_link`: origin on the ground
-below the middle of the four wheels, x forward, y left, z up.
+below the centre of the four wheels, x forward, y left, z up.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Wheels(Section):
     wheelbase_m: Positive
     """Distance between the front and the rear axle."""
     track_m: Positive
-    """Distance between the middles of the left and the right wheels."""
+    """Distance between the centre planes of the left and the right wheels."""
     hub_mass_kg: Positive
     hub_width_m: Positive
     max_torque_nm: Positive

@@ -31,7 +31,7 @@ MIXED = (
 )
 """Wheel speeds [rad/s], each for 1.5 s with ramps of 0.4 s."""
 
-Array = npt.NDArray[np.float64]
+FIELDS = ("position", "orientation", "joint_position", "joint_effort", "joint_velocity")
 
 
 def commands(seconds: float) -> Iterator[list[float]]:
@@ -60,44 +60,29 @@ def mixed(robot: Robot) -> Rig:
     return rig
 
 
-def rms(values: Array) -> float:
+def rms(values: npt.NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
 class Difference:
-    """How far two series of states are apart."""
+    """How far two series of states are apart: the largest [m, rad], or by RMS, relative."""
 
     def __init__(self, one: list[RobotState], other: list[RobotState]) -> None:
-        def of(name: str) -> tuple[Array, Array]:
-            a, b = (np.array([getattr(state, name) for state in s]) for s in (one, other))
-            return a, b
-
-        a, b = of("position")
-        self.position = float(np.abs(a - b).max())
-        """The largest [m]."""
-        a, b = of("orientation")
-        same = np.minimum(np.abs(np.sum(a * b, axis=1)), 1.0)
-        self.angle = float(2.0 * np.arccos(same).max())
-        """The largest [rad]."""
-        a, b = of("joint_position")
-        self.wheels = float(np.abs(a - b)[:, :4].max())
-        """The largest of the wheels' angles [rad]."""
-        a, b = of("joint_effort")
-        self.torque = rms((a - b)[:, :4]) / rms(a[:, :4])
-        """Of the motors, relative."""
-        a, b = of("joint_velocity")
-        self.spin = rms((a - b)[:, 4:]) / rms(a[:, 4:])
-        """Of the rollers, relative."""
+        a, b = ({n: np.array([getattr(x, n) for x in s]) for n in FIELDS} for s in (one, other))
+        off = {name: a[name] - b[name] for name in FIELDS}
+        cosine = np.abs(np.sum(a["orientation"] * b["orientation"], axis=1))
+        self.position = np.abs(off["position"]).max()
+        self.angle = 2.0 * np.arccos(np.minimum(cosine, 1.0)).max()
+        self.wheels = np.abs(off["joint_position"][:, :4]).max()
+        self.torque = rms(off["joint_effort"][:, :4]) / rms(a["joint_effort"][:, :4])
+        self.spin = rms(off["joint_velocity"][:, 4:]) / rms(a["joint_velocity"][:, 4:])
 
 
 def difference(robot: Robot, seconds: float, steps: int, **settings: Any) -> Difference:
     """Between the robot of all rollers and the one of those near the ground."""
     dt = settings.get("dt_s", 0.001)
-    everything, near = (
-        drive(Rig(robot, rollers=rollers, **settings), seconds, steps, dt)
-        for rollers in ("all", "near")
-    )
-    return Difference(everything, near)
+    models = (Rig(robot, rollers=rollers, **settings) for rollers in ("all", "near"))
+    return Difference(*(drive(rig, seconds, steps, dt) for rig in models))
 
 
 @pytest.mark.parametrize(

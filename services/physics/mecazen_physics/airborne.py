@@ -50,7 +50,7 @@ class AirborneRollers:
         friction, inertia = robot.rollers.bearing_friction_nms, Roller.of(robot).inertia[1]
         self._dt = dt
         self._kept = 1.0 / (1.0 + friction * dt / inertia)
-        # the last row is a·ω after the chunk to come
+        # the last row is a·ω after the next chunk
         self._all: Array = np.zeros((4, _WHEELS * count))
         self._next: Array = np.zeros((3, _WHEELS * count))
         self.state: Array = self._all[:3]
@@ -62,15 +62,14 @@ class AirborneRollers:
         """Views (4, 2) of those of the bodies, to be written."""
         self._rates = [0.0] * (3 * _WHEELS)
         axes = np.zeros((_WHEELS, count, _WHEELS, 3))
-        rollers = iter(model.links(robot)[_WHEELS:])
-        for wheel in range(_WHEELS):
-            for place in range(count):
-                axes[wheel, place, wheel] = next(rollers).rotation[:, 2]
+        for index, roller in enumerate(model.links(robot)[_WHEELS : _WHEELS * (1 + count)]):
+            wheel, place = divmod(index, count)
+            axes[wheel, place, wheel] = roller.rotation[:, 2]
         self._axes: Array = axes.reshape(_WHEELS * count, 3 * _WHEELS)
         axes = axes.copy()
         axes[:, [0, -1]] = 0.0
         airborne = axes.reshape(self._axes.shape).T
-        # of spins and a·ω: the bearings' torques and the angular momenta about the axes
+        # From spins and a·ω to the bearings' torques and the angular momenta about the axes.
         self._loads: Array = np.block(
             [[friction * airborne, 0.0 * airborne], [inertia * airborne, inertia * airborne]]
         )

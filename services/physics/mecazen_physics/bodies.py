@@ -95,9 +95,9 @@ def build_robot(
     """Return the skeleton of the robot's `tree` and the joints of its wheels and rollers.
 
     Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
-    the speed. Where rollers are lumped with their wheels, the others alone can touch anything.
+    the speed. Where rollers are lumped with their wheels, only the others can touch anything.
 
-    The front wheels hang on an axle that swings about its middle, as in platforms of this
+    The front wheels are on an axle that swings about its middle, as in platforms of this
     kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
     rollers are parallel, and it would glide along across them with all wheels at rest. No
     frame is quite true, so those two carry a tenth more than the others. With equal loads, the
@@ -114,7 +114,7 @@ def build_robot(
         _collide_base(base, robot, friction)
     barrel = _barrel(robot, physics)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
-    axle = _hang_axle(base, hinge)
+    axle = _add_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
     for link in tree.links:
         if link.axis is None:
@@ -144,7 +144,7 @@ def build_robot(
     return skeleton, joints
 
 
-def _hang_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
+def _add_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
     joint, axle = base.createRevoluteJointAndBodyNodePair()
     joint.setName(_AXLE_JOINT)
     axle.setName("front_axle")

@@ -111,7 +111,7 @@ class DartRobot:
             body.write(self.body.read())
             self.body = body
         if body.world is not before:
-            # People are not placed in the world that was left: whoever returns is placed anew.
+            # The world that was left does not follow the people any more.
             before.set_present({})
 
     def prepare(self, command: WheelCommand, steps: int) -> tuple[int, Push | None]:

@@ -1,4 +1,4 @@
-"""A world of DART: the ground, the obstacles, and the people who are close to its robots."""
+"""A world of DART: the ground, the obstacles, and the people who are close to a robot."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class DartWorld:
         self.simulation.addSkeleton(self._surroundings)
         self.step = self.simulation.step
         self.people: dict[int, Any] = {}
-        """The skeletons of all who have ever been present, by their numbers."""
+        """The skeletons of all people that have been present, by their numbers."""
         self._present: set[int] = set()
 
     def set_present(self, people: Mapping[int, MovingPerson]) -> None:
-        """Have these people present, by their numbers, and nobody else.
+        """Set the people that are present, by their numbers; all others are removed.
 
-        Those who stay are not moved: DART integrates their velocity.
+        People that stay are not moved: DART integrates their velocity.
         """
         if people.keys() == self._present:
             return

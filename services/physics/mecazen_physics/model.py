@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body and the joint by which it hangs on its parent.
+    """A rigid body and the joint that connects it to its parent.
 
     The joint's frame is the link's; `translation` (3,) [m] and `rotation` (3, 3) place it in
     the parent's frame. `axis` (3,) is the axis of a revolute joint in that frame, None for a
@@ -117,7 +117,7 @@ def near_tree(robot: Robot) -> Tree:
 def driven_inertia(robot: Robot) -> float:
     """Return what a motor has to turn when the robot drives off [kg·m²].
 
-    The wheel with its rollers about the axle, and its part of the robot's mass at its rim.
+    The wheel with its rollers about the axle, and its share of the robot's mass at its rim.
     """
     everything = [base(robot), *links(robot)]
     mass = sum(link.mass for link in everything)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
-from mecazen_physics.body import Drive, RobotBody
+from mecazen_physics.body import RobotBody
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.pid import WheelPid
 from mecazen_physics.state import RobotState
@@ -43,9 +43,9 @@ class Motors:
         self._hub_inertia = model.links(robot)[0].moments[1]
         self._torque_per_change = model.driven_inertia(robot) / physics.dt_s
         """Torque [N·m] for each rad/s by which a wheel's speed changes in one step."""
-        self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
-        self._has_pids = physics.drive == "effort"
-        self._by_torque = self._has_pids
+        self._pids: list[WheelPid] = []
+        if physics.drive == "effort":
+            self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
 
     def apply(
         self,
@@ -67,7 +67,7 @@ class Motors:
             gain = steps * self._dt / self._hub_inertia
             changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
             ranges = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
-            self._use("torque", body)
+            body.use("torque")
             return ranges, partial(self._push, body.wheels, command.values)
         limit = self._max_speed
         target = [min(max(speed, -limit), limit) for speed in command.values]
@@ -75,11 +75,11 @@ class Motors:
             (now, goal) if now < goal else (goal, now)
             for now, goal in zip(speeds, target, strict=True)
         ]
-        if self._has_pids:
-            self._use("torque", body)
+        if self._pids:
+            body.use("torque")
             return ranges, partial(self._control, body.wheels, target)
         rise = self._steps_within_headroom(target, state) if isolated else math.inf
-        self._use("speed" if rise <= steps else "servo", body)
+        body.use("speed" if rise <= steps else "servo")
         if 1.0 < rise <= steps:
             ramp = _ramp(body.wheels, speeds, target, math.ceil(rise))
             return ranges, partial(next, ramp, None)
@@ -98,13 +98,6 @@ class Motors:
         speeds = state.joint_velocity
         change = max(abs(goal - speed) for goal, speed in zip(target, speeds, strict=False))
         return self._torque_per_change * change / left
-
-    def _use(self, drive: Drive, body: RobotBody) -> None:
-        body.use(drive)
-        if self._by_torque != (drive == "torque"):
-            self._by_torque = drive == "torque"
-            for pid in self._pids:
-                pid.reset()
 
     def _control(self, wheels: Sequence[Any], target: Sequence[float]) -> None:
         """Set the torques that bring the wheels to the speeds `target` [rad/s]."""

@@ -1,4 +1,4 @@
-"""The robot's body with the rollers near the ground alone: two a wheel.
+"""The robot's body with two rollers a wheel: those near the ground.
 
 A wheel that turns by a pitch p = 2π/N looks the same. So its joint keeps an angle q within
 about [0, p), the real one less k pitches, and the bodies are the rollers in two *places*: at q

@@ -6,7 +6,7 @@ from mecazen_physics.config import Pid
 
 
 class WheelPid:
-    """PID from speed error to torque, as control_toolbox's: the integral part is clamped.
+    """PID from speed error to torque, as control_toolbox's: the integral term is clamped.
 
     Called once per physics step of `dt` [s].
     """
@@ -15,10 +15,6 @@ class WheelPid:
         self._gains = gains
         self._max_torque = max_torque
         self._dt = dt
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
         self._integral = 0.0
         self._last_error: float | None = None
 

@@ -142,21 +142,15 @@ class Roller:
             axis=-1,
         ).reshape(-1, 3)
         vertices = np.vstack([circles, [0.0, 0.0, s[0]], [0.0, 0.0, s[-1]]])
-        here = np.arange(segments)
-        there = np.roll(here, -1)
-        lower = np.arange(rings - 1)[:, None] * segments
-        upper = lower + segments
-        top, bottom_centre, top_centre = (
-            (rings - 1) * segments,
-            len(vertices) - 2,
-            len(vertices) - 1,
-        )
+        here = np.arange(rings * segments).reshape(rings, segments)
+        there = np.roll(here, -1, axis=1)
+        first_centre, last_centre = len(vertices) - 2, len(vertices) - 1
         triangles = np.vstack(
             [
-                _triangles(lower + here, lower + there, upper + there),
-                _triangles(lower + here, upper + there, upper + here),
-                _triangles(there, here, np.full(segments, bottom_centre)),
-                _triangles(top + here, top + there, np.full(segments, top_centre)),
+                _triangles(here[:-1], there[:-1], there[1:]),
+                _triangles(here[:-1], there[1:], here[1:]),
+                _triangles(there[0], here[0], np.full(segments, first_centre)),
+                _triangles(here[-1], there[-1], np.full(segments, last_centre)),
             ]
         )
         return vertices, triangles

@@ -52,7 +52,7 @@ class World:
         first = robots[0][0]
         if len({robot.rollers.contact_friction for robot, _ in robots}) > 1:
             raise UnsupportedError(
-                "robots that can meet need the same rollers.contact_friction: they share a ground"
+                "several robots need the same rollers.contact_friction: they share a ground"
             )
         self._shared = DartWorld(first, physics, world) if len(robots) > 1 else None
         self._approach = 2.0 * physics.dt_s * max(robot.max_speed for robot in self.robots)
@@ -95,8 +95,6 @@ class World:
         Returns:
             For how many steps no other two can come close to each other.
         """
-        if len(self.robots) == 1:
-            return _UNLIMITED
         centres = [robot.state().position[:2] for robot in self.robots]
         coupled = set()
         clear = math.inf
