@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
+from mecazen.config import Process
 from mecazen.loading import load_scenario
 from mecazen_tools.processes import Supervisor, private_router
 from mecazen_viewer.headless import headless_viewer
@@ -17,7 +18,6 @@ from PIL import Image
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "configs" / "scenarios" / "side.toml"
 PICTURE = ROOT / "docs" / "viewer.png"
-SERVING = "msg=serving"
 START_S = 30.0
 """Longer than any process is silent while all start."""
 AT_S = 37.0
@@ -38,9 +38,9 @@ def main() -> None:
     try:
         supervisor.start_router()
         with headless_viewer() as viewer:
-            for part in (*load_scenario(SCENARIO, settings).services, "viewer"):
-                supervisor.start(part)
-            while (line := supervisor.poll(START_S)) is not None and SERVING not in line.text:
+            for process in (*load_scenario(SCENARIO, settings).process_plan, Process(("viewer",))):
+                supervisor.start(process)
+            while (line := supervisor.poll(START_S)) is not None and not line.is_address:
                 pass
             viewer.open(uri(data_port))
             shown_s = 0.0

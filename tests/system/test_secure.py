@@ -9,8 +9,6 @@ from __future__ import annotations
 import json
 import secrets
 import struct
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -19,6 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import zenoh
+from harness import mecazen
 from mecazen import keys
 from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
@@ -264,11 +263,6 @@ def test_without_a_certificate_of_this_authority_nobody_gets_in(
             _connect(where, tls)
     with _connect(endpoint, right) as session:
         assert not session.is_closed()
-
-
-def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mecazen_tools", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
 def secure(folder: Folder) -> tuple[str, ...]:

@@ -29,7 +29,6 @@ from rerun.experimental import ViewerClient
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
 FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
-SERVING = "msg=serving url="
 FRAMES = 200
 """Pictures taken one after the other until one shows what it should: only a hang needs so many."""
 
@@ -46,7 +45,7 @@ class Shown:
         self.time_s = 0.0
         self.running.bus.subscribe(keys.CLOCK, self._tell)
         self.running.start()
-        self.running.supervisor.start("viewer", needed=False)
+        self.running.launch("viewer", needed=False)
         self.url = ""
         self.running.wait_unwatched(self._has_url)
 
@@ -55,8 +54,8 @@ class Shown:
 
     def _has_url(self) -> bool:
         line = self.running.supervisor.poll(0.0)
-        if line is not None and SERVING in line.text:
-            self.url = line.text.partition(SERVING)[2]
+        if line is not None and line.is_address:
+            self.url = line.text
         return bool(self.url)
 
     @property

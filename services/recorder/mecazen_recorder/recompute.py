@@ -1,4 +1,4 @@
-"""Feeds a service or a node with its recorded inputs and compares its outputs with the recording."""
+"""Feeds a service or a node with its recorded inputs and compares its outputs."""
 
 from __future__ import annotations
 
