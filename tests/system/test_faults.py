@@ -23,7 +23,7 @@ from faults import (
     strike,
     strikes,
 )
-from harness import mecazen
+from harness import mecazen, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.messages import Empty, JointState, ResetRequest
@@ -157,7 +157,7 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once() -> None:
             *strikes(up, 5, seed=3),
         ):
             assert struck.resumed_s <= RESUME_S, struck
-        status = mecazen("status", "--json", *tools(up))
+        status = mecazen("status", "--json", *tools(up.scenario.bus))
         services = msgspec.json.decode(status.stdout)["services"]
         assert {name: service["state"] for name, service in services.items()} == {
             **dict.fromkeys(SERVICES, "ready"),
@@ -167,13 +167,6 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once() -> None:
         assert returns["controller"] >= 1
         # who was killed last counts anew; a survivor has seen the others
         assert services["controller"]["restarts"] <= returns["controller"]
-
-
-def tools(up: Up) -> tuple[str, ...]:
-    bus = up.scenario.bus
-    assert bus.connect is not None
-    assert bus.namespace is not None
-    return ("--connect", bus.connect[0], "--namespace", bus.namespace)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import zenoh
-from harness import mecazen
+from harness import ROOT, endpoint_of, mecazen, tools
 from mecazen import keys
 from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
@@ -30,7 +30,6 @@ from mecazen_tools import certificates
 from mecazen_tools.processes import private_router
 from mecazen_tools.simulate import simulate, simulate_distributed
 
-ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 
@@ -73,7 +72,7 @@ class Net(NamedTuple):
 
 @pytest.fixture(params=[None, "robot1", "fleet/robot2"])
 def net(request: pytest.FixtureRequest, folder: Folder) -> Iterator[Net]:
-    endpoint = private_router("tls")[0].split('"')[1]
+    endpoint = endpoint_of(private_router("tls"))
     with ExitStack() as stack:
 
         def open_one(name: str, mode: str = "client", connect: str = endpoint, **more: Any) -> Any:
@@ -99,7 +98,7 @@ class Host:
     """A peer that hears everything, and answers what it may answer."""
 
     def __init__(self, net: Net, name: str, *answers: str) -> None:
-        self.endpoint = private_router("tls")[0].split('"')[1]
+        self.endpoint = endpoint_of(private_router("tls"))
         self.session = net.open(name, "peer", listen=(self.endpoint,))
         self.heard: list[str] = []
         self.asked: list[str] = []
@@ -331,10 +330,9 @@ def test_an_operators_tools_work_and_others_are_not_answered(stack, folder: Fold
         ask(viewer, "sim/resume")
         settle(viewer)
     assert running.bus.call(keys.SIM_STATE, Empty()).paused
-    where = ("--connect", running.endpoint, "--namespace", running.scenario.bus.namespace)
-    done = mecazen("sim", "resume", *where, "--tls", folder)
+    done = mecazen("sim", "resume", *tools(running.scenario.bus), "--tls", folder)
     assert json.loads(done.stdout)["paused"] is False, done.stderr
-    done = mecazen("sim", "pause", *where)
+    done = mecazen("sim", "pause", *tools(running.scenario.bus))
     assert (done.returncode, len(done.stderr.splitlines())) == (1, 1)
     assert f"nothing answers at {running.endpoint}" in done.stderr
 
