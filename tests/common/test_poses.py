@@ -49,7 +49,7 @@ def test_a_time_outside_of_the_history_is_refused_with_what_is_known(time_ns):
 
 
 def test_a_time_before_what_is_kept_is_refused():
-    with pytest.raises(ValueError, match="only of 0.02 to 0.03 s"):
+    with pytest.raises(ValueError, match=r"only of 0\.02 to 0\.03 s"):
         history(*[Pose2D()] * 4, kept_ms=10).at(10 * MS)
 
 

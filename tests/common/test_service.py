@@ -1,287 +1,197 @@
-"""What every service gets from its base: runs, ticks, and its health once a second."""
+"""The nodes of a service on a bus: what each step is told, and what becomes of what it gives."""
 
+from dataclasses import replace
+
+import msgspec
 import pytest
-from mecazen import keys
-from mecazen.bus import LocalBus
-from mecazen.messages import Clock, DiagnosticArray, JointState, KeyValue, Time, Twist, Vector3
-from mecazen.service import Service
-from mecazen.wire import Stamp
+from harness import Rig
+from mecazen.config import SimConfig
+from mecazen.errors import BusError, ConfigError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.graph import Row, due, every, latest
+from mecazen.keys import (
+    CMD_VEL,
+    FOLLOWER_STATE,
+    OBSERVATION,
+    ODOM,
+    SET_ODOMETRY,
+    TARGET_CMD_VEL,
+    diagnostics,
+)
+from mecazen.messages import (
+    FollowerState,
+    Observation,
+    Odometry,
+    OdometryRequest,
+    Time,
+    Twist,
+    planar_odometry,
+)
+from mecazen.node import Node
+from mecazen.wire import RefusedError, Stamp
 
-TICK_NS = 10_000_000
+INPUTS = (every(ODOM), due(OBSERVATION), latest(TARGET_CMD_VEL))
+NO_WORDS = Twist.planar(Twist2D(x=-1.0))
+"""What the toy cannot use."""
 
 
-class Toy(Service):
-    """Writes down what it is told, and by which seed it began."""
+class Toy(Node):
+    """Writes down its steps, and gives the number of each as a speed."""
 
-    NAME = "toy"
+    ROW = Row("toy", "", INPUTS, (CMD_VEL,), (SET_ODOMETRY,), resets_with=("controller",))
 
-    def __init__(self, bus, scenario):
+    def __init__(self, scenario):
+        super().__init__(scenario)
         self.events = []
-        super().__init__(bus, scenario)
-        self.subscribe(keys.CLOCK, lambda *_: None)
-        self.subscribe(keys.CMD_VEL, self.on_cmd_vel)
-        self.answer_every_tick(keys.JOINT_STATES, self.on_joint_states)
+        self.closed = False
 
     def reset(self, seed):
         self.events.append(("reset", seed))
 
-    def on_cmd_vel(self, twist, stamp):
-        self.events.append(("cmd_vel", twist.linear.x, stamp))
+    def step(self, tick, inputs):
+        if inputs.get(TARGET_CMD_VEL) == NO_WORDS:
+            inputs.refuse(TARGET_CMD_VEL, "not forward")
+        ages = inputs.age_s(OBSERVATION), inputs.age_s(TARGET_CMD_VEL)
+        assert inputs[ODOM].header.stamp == tick.time == Time.from_ns(tick.time_ns)
+        self.events.append((tick.number, tick.period_s, *ages))
+        return {CMD_VEL: Twist.planar(Twist2D(x=float(tick.number)))}
 
-    def on_joint_states(self, joints, stamp):
-        self.events.append(("joints", self.tick_of(stamp)))
+    def answer(self, call, request):
+        if request.pose.position.x < 0.0:
+            raise RefusedError("behind the start")
+        return Odometry(child_frame_id=call.key)
 
     def diagnostics(self):
         return {"events": len(self.events)}
 
+    def close(self):
+        self.closed = True
 
-class Timekeeper(Toy):
-    NAME = "timekeeper"
-    OWNS_TIME = True
+
+class Renamed(Toy):
+    """Hears its odometry on another key."""
+
+    @classmethod
+    def row(cls, scenario):
+        return replace(cls.ROW, remap={ODOM.key: f"odom{scenario.seed}"})
+
+
+class Talkative(Toy):
+    """Gives what is not in its row."""
+
+    def step(self, tick, inputs):
+        return {FOLLOWER_STATE: FollowerState(), **super().step(tick, inputs)}
 
 
 @pytest.fixture
-def bus():
-    return LocalBus()
+def rig(scenario):
+    """A toy in the follower's place, with a frame every fourth tick."""
+
+    def make(kind=Toy, mode="lockstep", **changes):
+        sim = SimConfig(mode=mode)
+        changed = msgspec.structs.replace(scenario, sim=sim, **changes)
+        return Rig("follower", changed, CMD_VEL, diagnostics("follower"), kinds={"follower": kind})
+
+    return make
 
 
-@pytest.fixture
-def toy(bus, scenario):
-    toy = Toy(bus, scenario)
-    assert toy.events == [("reset", 5)]
-    toy.events.clear()
-    return toy
+def put_odom(rig, tick, **stamp):
+    at = rig.at(tick, **stamp)
+    odom = planar_odometry(at.time, "odom", "base_link", Pose2D(), Twist2D())
+    return [sample for sample in rig.put(ODOM, odom, at) if sample.key == CMD_VEL.key]
 
 
-@pytest.fixture
-def put(bus):
-    def put(topic, message, stamp):
-        bus.publisher(topic).put(message, stamp)
-        bus.spin()
-
-    return put
-
-
-def forward(speed):
-    return Twist(linear=Vector3(x=speed))
-
-
-def at(tick, run=1, seed=9):
-    return Stamp(tick * TICK_NS, run, seed)
-
-
-def test_a_new_run_resets_with_its_seed_before_its_first_sample(toy, put):
-    put(keys.CMD_VEL, forward(0.1), at(0, run=1, seed=9))
-    put(keys.CMD_VEL, forward(0.2), at(1, run=1, seed=9))
-    put(keys.CMD_VEL, forward(0.3), at(0, run=2, seed=10))
+def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
+    rig = rig()
+    toy = rig.service.nodes[0].node
+    never = float("inf")
+    for tick in (4, 5, 7):
+        rig.put(OBSERVATION, Observation(), 4) if tick == 5 else None
+        rig.put(TARGET_CMD_VEL, Twist(), 7) if tick == 7 else None
+        (command,) = put_odom(rig, tick) or rig.put(OBSERVATION, Observation(), 4)
+        assert command.stamp == rig.at(tick)
+        assert command.message.linear.x == tick
     assert toy.events == [
-        ("reset", 9),
-        ("cmd_vel", 0.1, at(0)),
-        ("cmd_vel", 0.2, at(1)),
-        ("reset", 10),
-        ("cmd_vel", 0.3, at(0, run=2, seed=10)),
+        ("reset", 5),  # as the scenario has it
+        ("reset", 9),  # as the run has it
+        (4, 0.01, 0.0, never),
+        (5, 0.01, 0.0, never),
+        (7, 0.02, 0.02, 0.0),
     ]
 
 
-def test_any_sample_that_is_heard_begins_a_run(toy, put):
-    put(keys.CLOCK, Clock(), at(0))
-    assert toy.events == [("reset", 9)]
-
-
-def test_what_is_left_of_an_ended_run_is_dropped(toy, put):
-    for run in (1, 2, 3):
-        put(keys.CLOCK, Clock(), at(0, run=run))
-    toy.events.clear()
-    for run in (0, 1, 2):
-        put(keys.CMD_VEL, forward(0.1), at(100, run=run))
-        put(keys.JOINT_STATES, JointState(), at(100, run=run))
-    assert toy.events == []
-    assert toy.stamp == at(0, run=3)
-
-
-def test_an_outsiders_sample_has_no_stamp_and_is_of_any_run(toy, bus, put):
-    put(keys.CLOCK, Clock(), at(7))
-    toy.events.clear()
-    bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
-    bus.spin()
-    assert toy.events == [("cmd_vel", 0.2, None)]
-    assert toy.stamp == at(7)
-
-
-def test_a_key_that_does_not_tell_time_can_not_end_a_run(toy, bus, put):
-    heard = []
-    toy.subscribe(keys.TARGET_CMD_VEL, lambda twist, _: heard.append(twist), advances_clock=False)
-    put(keys.CLOCK, Clock(), at(0))
-    toy.events.clear()
-    put(keys.TARGET_CMD_VEL, forward(0.1), at(3, run=2))
-    assert (heard, toy.events, toy.stamp) == ([], [], at(0))
-    put(keys.TARGET_CMD_VEL, forward(0.2), at(3))
-    bus.put_bytes("target/cmd_vel", b'{"linear":{"x":0.3}}')
-    bus.spin()
-    assert heard == [forward(0.2), forward(0.3)]
-
-
-def test_each_tick_is_answered_once_and_in_order(toy, put):
-    for tick in (0, 1, 1, 0, 2, 5, 4, 5):
-        put(keys.JOINT_STATES, JointState(), at(tick))
-    assert toy.events == [("reset", 9), *(("joints", tick) for tick in (0, 1, 2, 5))]
-
-
-def test_each_tick_is_answered_again_in_a_new_run(toy, put):
-    for run in (1, 2):
-        put(keys.JOINT_STATES, JointState(), at(3, run=run))
-        put(keys.JOINT_STATES, JointState(), at(3, run=run))
-    assert toy.events == [("reset", 9), ("joints", 3), ("reset", 9), ("joints", 3)]
-
-
-def test_a_tick_without_a_stamp_is_not_answered(toy, bus):
-    bus.put_bytes("joint_states", b"{}")
-    bus.spin()
-    assert toy.events == []
-
-
-def test_the_newest_tick_is_known_whatever_comes_late(toy, put):
-    put(keys.CLOCK, Clock(), at(5))
-    put(keys.CMD_VEL, forward(0.1), at(4))
-    assert toy.stamp == at(5)
-    assert toy.events[-1] == ("cmd_vel", 0.1, at(4))
-
-
-def test_who_owns_time_hears_only_its_own_run_and_is_reset_by_none(bus, scenario, put):
-    keeper = Timekeeper(bus, scenario)
-    keeper.stamp = at(3, run=2)
-    put(keys.CMD_VEL, forward(0.1), at(4, run=1))
-    put(keys.CMD_VEL, forward(0.2), at(4, run=3))
-    put(keys.JOINT_STATES, JointState(), at(4, run=3))
-    assert keeper.events == [("reset", 5)]
-    put(keys.CMD_VEL, forward(0.3), at(4, run=2))
-    put(keys.JOINT_STATES, JointState(), at(4, run=2))
-    assert keeper.events[1:] == [("cmd_vel", 0.3, at(4, run=2)), ("joints", 4)]
-    assert keeper.stamp == at(3, run=2)
-
-
-@pytest.fixture
-def reports(bus):
-    reports = []
-    bus.subscribe(keys.diagnostics("toy"), lambda array, stamp: reports.append((array, stamp)))
-    return reports
-
-
-@pytest.mark.usefixtures("toy")
-def test_its_health_is_told_once_each_simulated_second(put, reports):
-    for tick in range(301):
-        put(keys.CLOCK, Clock(Time.from_ns(tick * TICK_NS)), at(tick))
-    assert [stamp.time_ns for _, stamp in reports] == [0, 10**9, 2 * 10**9, 3 * 10**9]
-    assert [array.header.stamp.sec for array, _ in reports] == [0, 1, 2, 3]
-
-
-@pytest.mark.usefixtures("toy")
-def test_when_all_is_well_expect_level_ok(put, reports):
-    put(keys.CLOCK, Clock(), at(0))
-    array, _ = reports[0]
-    assert isinstance(array, DiagnosticArray)
-    (status,) = array.status
-    assert (status.level, status.name, status.message) == (0, "toy", "ok")
-    assert status.values == (
-        KeyValue("events", "1"),
-        KeyValue("missed_ticks", "0"),
-        KeyValue("refused_payloads", "0"),
-    )
-
-
-def values(report):
-    return {pair.key: pair.value for pair in report[0].status[0].values}
-
-
-@pytest.mark.usefixtures("toy")
-def test_the_rate_of_each_input_is_told_in_simulated_time(put, reports):
-    for tick in range(0, 301):
-        put(keys.CLOCK, Clock(), at(tick))
-        if 100 <= tick < 200 and tick % 4 == 0:
-            put(keys.CMD_VEL, forward(0.1), at(tick))
-    assert [values(report).get("hz/clock") for report in reports] == [
-        None,
-        "100.0",
-        "100.0",
-        "100.0",
-    ]
-    assert [values(report).get("hz/cmd_vel") for report in reports] == [None, "0.0", "25.0", "0.0"]
-
-
-@pytest.mark.usefixtures("toy")
-def test_the_age_of_each_input_is_counted_from_the_newest_tick(bus, put, reports):
-    for tick in range(301):
-        put(keys.CLOCK, Clock(), at(tick))
-        if tick == 120:
-            put(keys.CMD_VEL, forward(0.1), at(tick))
-        if tick == 250:
-            bus.put_bytes("cmd_vel", b"{}")
-    ages = [values(report).get("age_s/cmd_vel") for report in reports]
-    assert ages == [None, "never", "0.8", "0.5"]
-    assert values(reports[-1])["age_s/joint_states"] == "never"
-
-
-@pytest.mark.usefixtures("toy")
-def test_a_new_run_begins_with_inputs_that_never_came(put, reports):
-    for run in (1, 2):
-        for tick in range(101):
-            put(keys.CLOCK, Clock(), at(tick, run=run))
-            if run == 1:
-                put(keys.CMD_VEL, forward(0.1), at(tick, run=run))
-    assert [values(report).get("age_s/cmd_vel") for report in reports] == [
-        None,
-        "0.01",
-        None,
-        "never",
-    ]
-    assert [values(report).get("hz/cmd_vel") for report in reports] == [None, "100.0", None, "0.0"]
+def test_a_refused_sample_is_counted_and_as_if_it_never_came(rig):
+    rig = rig()
+    put_odom(rig, 5)
+    for tick, said in ((6, Twist()), (7, NO_WORDS)):
+        rig.put(TARGET_CMD_VEL, said, tick)
+        put_odom(rig, tick)
+    ages = [event[3] for event in rig.service.nodes[0].node.events[2:]]
+    assert ages == [float("inf"), 0.0, 0.01]
+    assert rig.bus.refused == {"target/cmd_vel": 1}
 
 
 @pytest.mark.parametrize(
-    ("ticks", "missed"),
-    [((0, 1, 2, 3, 4), 0), ((0, 1, 3, 4, 7), 3), ((0, 2, 4, 6), 0), ((5, 7, 9, 15), 2), ((), 0)],
+    ("mode", "ages_s"), [("lockstep", [float("inf")] * 2), ("real_time", [0.0, 0.01])]
 )
-def test_ticks_that_were_never_heard_of_are_counted(toy, put, ticks, missed):
-    for tick in ticks:
-        put(keys.JOINT_STATES, JointState(), at(tick))
-    assert toy.missed_ticks == missed
+def test_an_outsider_speaks_for_a_node_that_takes_part_in_real_time_only(rig, mode, ages_s):
+    rig = rig(mode=mode)
+    for tick in (4, 5):
+        assert put_odom(rig, tick) == [] or tick == 5  # the frame of tick 4 is awaited
+        rig.bus.put_bytes("target/observation", b"{}")
+        rig.bus.put_bytes("odom", b"{}")  # of no tick: no step
+        rig.take()
+    assert [event[2] for event in rig.service.nodes[0].node.events[2:]] == ages_s
 
 
-def test_between_two_runs_no_tick_is_missed(toy, put):
-    for run, tick in ((1, 0), (1, 1), (2, 0), (2, 1), (3, 70), (3, 71)):
-        put(keys.JOINT_STATES, JointState(), at(tick, run=run))
-    assert toy.missed_ticks == 0
+def test_a_node_begins_anew_with_each_run_and_with_a_service_that_it_depends_on(rig):
+    rig = rig()
+    toy = rig.service.nodes[0].node
+    put_odom(rig, 5)
+    put_odom(rig, 5, run=2, seed=10)
+    for name in ("target", "controller"):
+        for alive in (True, False, True):
+            rig.bus.presence.update(name, alive=alive)
+    put_odom(rig, 5, run=2, seed=10)
+    steps = [event[:2] for event in toy.events[1:]]
+    assert steps == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (5, 0.01)]
 
 
-@pytest.mark.usefixtures("toy")
-def test_who_has_gone_and_come_back_is_counted_and_told(bus, put, reports):
-    back = []
-    bus.presence.on_return.append(back.append)
-    for alive in (True, False, True, True, False, True):
-        bus.presence.update("controller", alive=alive)
-    bus.presence.update("tool", alive=True)
-    bus.presence.update("tool", alive=False)
-    bus.presence.update("tool", alive=True)
-    put(keys.CLOCK, Clock(), at(0))
-    assert back == ["controller", "controller", "tool"]
-    said = {key: value for key, value in values(reports[0]).items() if "restarts" in key}
-    assert said == {"restarts/controller": "2"}
+def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
+    rig = rig()
+    heard = []
+    for tick in (0, 1, 2, 8, 9, 100):
+        stamp = rig.at(tick)
+        odom = planar_odometry(stamp.time, "", "", Pose2D(), Twist2D())
+        heard += rig.put(ODOM, odom, stamp)
+    (*_, last) = (s.message for s in heard if s.key == "diagnostics/follower")
+    said = {value.key: value.value for value in last.status[0].values}
+    # 0 and 8 were closed without a frame; at 100 the step of 9 is the last that was made
+    assert (said["late/target/observation"], said["missed_ticks"]) == ("2", "5")
+    assert said["events"] == "7"
 
 
-@pytest.mark.usefixtures("toy")
-def test_payloads_that_were_refused_are_counted_by_key(bus, put, reports):
-    for key in ("cmd_vel", "cmd_vel", "joint_states"):
-        bus.put_bytes(key, b"x")
-    put(keys.CLOCK, Clock(), at(0))
-    said = {key: value for key, value in values(reports[0]).items() if "refused/" in key}
-    assert said == {"refused/cmd_vel": "2", "refused/joint_states": "1"}
+def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
+    bus = rig().bus
+    assert bus.call(SET_ODOMETRY, OdometryRequest()).child_frame_id == "set_odometry"
+    with pytest.raises(BusError, match=r"^set_odometry: behind the start$"):
+        bus.call_bytes(SET_ODOMETRY, b'{"pose":{"position":{"x":-1}}}')
 
 
-@pytest.mark.usefixtures("toy")
-def test_when_payloads_were_refused_expect_a_warning_with_their_number(bus, put, reports):
-    for payload in (b"", b"x", b"[]"):
-        bus.put_bytes("cmd_vel", payload)
-    put(keys.CLOCK, Clock(), at(0))
-    (status,) = reports[0][0].status
-    assert (status.level, status.message) == (1, "refused payloads")
-    assert KeyValue("refused_payloads", "3") in status.values
+def test_a_row_may_hang_on_the_configuration(rig):
+    rig = rig(Renamed)
+    rig.bus.put_bytes("odom", b"{}", "", rig.at(5).pack())
+    rig.bus.put_bytes("odom5", b'{"header":{"stamp":{"nanosec":50000000}}}', "", rig.at(5).pack())
+    assert [sample.message.linear.x for sample in rig.take() if sample.key == "cmd_vel"] == [5.0]
+
+
+def test_what_is_not_in_its_row_is_no_nodes_to_give(rig):
+    with pytest.raises(ConfigError, match=r"^follower gives follower/state, which is not in its"):
+        put_odom(rig(Talkative), 5)
+
+
+def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
+    service = rig().service
+    service.close()
+    assert service.nodes[0].node.closed
+    assert service.stamp == Stamp(0, 0, 5)

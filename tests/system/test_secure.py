@@ -22,6 +22,7 @@ from mecazen import keys
 from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
+from mecazen.graph import services
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, OdometryRequest
 from mecazen.schema import Folder
@@ -50,6 +51,11 @@ MAY_PUT: dict[str, set[str]] = {
     "operator": {"cmd_vel", "target/cmd_vel"},
 }
 SPEAK_OF_THEMSELVES = {"physics", "controller", "target", "follower", "viewer", "recorder"}
+ANSWERS = (
+    *(call.key for row in services()["physics"] for call in row.calls),
+    f"{keys.ROBOT_DESCRIPTION.key}/**",
+)
+"""Of the physics."""
 QUESTIONS = ("sim/scenario", "robot_description", "robot_description/meshes/wheel.stl")
 GUARD_S = 20.0
 """Only ends a test that would hang."""
@@ -121,7 +127,7 @@ class Host:
 
 @pytest.fixture
 def physics(net: Net) -> Host:
-    return Host(net, "physics", "sim/**", "robot_description/**")
+    return Host(net, "physics", *ANSWERS)
 
 
 def settle(session: Any) -> None:

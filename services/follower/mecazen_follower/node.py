@@ -51,20 +51,22 @@ class FollowerNode(Node):
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
-        if tick.period_s > self.config.lost_after_s:
+        period_s = tick.period_s
+        if period_s > self.config.lost_after_s:
             self.reset(0)  # what was known so long ago is worth no prediction
+            period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
         if self.robot:
-            self.following.predict(tick.period_s)
+            self.following.predict(period_s)
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         try:
             measurement = self._measurement(inputs.get(OBSERVATION))
-            step = self.following.step(time_s, tick.period_s, robot, measurement)
+            step = self.following.step(time_s, period_s, robot, measurement)
         except ValueError as refusal:
             inputs.refuse(OBSERVATION, str(refusal))
-            step = self.following.step(time_s, tick.period_s, robot, None)
+            step = self.following.step(time_s, period_s, robot, None)
         self.state = _state(odom.header, self.config.estimator, step)
         # the state before the command: who has the command of a tick has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: Twist.planar(step.command)}

@@ -60,16 +60,17 @@ class Sample(NamedTuple):
             return cdr.decode(self.payload, kind)
         return decode(self.payload, kind, self.encoding)
 
-    def as_published(self) -> tuple[bytes, str, bytes | None]:
+    def as_published(self, known: type[Message] | None = None) -> tuple[bytes, str, bytes | None]:
         """Return payload, Zenoh encoding and attachment for a bus; messages are in JSON.
 
         Raises:
             RefusedError: The payload is not of the type of its key.
         """
         attachment = None if self.stamp is None else self.stamp.pack()
-        if self.kind is None:
+        kind = self.kind or known
+        if kind is None:
             return self.payload, self.encoding, attachment
-        return encode(self.message(self.kind), "json"), JSON_ENCODING, attachment
+        return encode(self.message(kind), "json"), JSON_ENCODING, attachment
 
 
 class Recording:

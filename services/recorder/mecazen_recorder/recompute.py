@@ -1,4 +1,4 @@
-"""Feeds a service or a node with its recorded inputs and compares its outputs."""
+"""Feeds nodes with their recorded inputs and compares their outputs with the recording."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
         if sample.key not in topics:
             continue
         if sample.key not in recorded:
-            bus.put_bytes(sample.key, *sample.as_published())
+            bus.put_bytes(sample.key, *sample.as_published(topics[sample.key].type))
             bus.spin()
         elif sample.stamp is not None:
             _keep(recorded[sample.key], sample.message(topics[sample.key].type), sample.stamp)

@@ -44,6 +44,7 @@ class Recorder:
         services: Services whose diagnostics to record on a bus within a process.
         scenario: Returns the configuration of a new run in TOML, or None.
         robots: The robots' names; replaced by those in the configuration of a new run.
+        topics: What can be decoded; samples of other keys are kept as they come.
 
     Raises:
         RecordingError: The file can't be written.
@@ -57,10 +58,12 @@ class Recorder:
         services: Sequence[str],
         scenario: Callable[[], str | None],
         robots: Sequence[str] = ("",),
+        topics: Sequence[Topic[Any]] = keys.TOPICS,
     ) -> None:
         self._bus = bus
         self._scenario = scenario
         self._robots = robots
+        self._topics = {topic.key: topic for topic in topics}
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
@@ -73,10 +76,10 @@ class Recorder:
                 take = partial(self._take_bytes, config.keys[:index])
                 bus.subscribe_bytes(key, take, config.backlog_mib * BYTES_PER_MIB)
         else:
-            topics: list[Topic[Any]] = [topic for topic in keys.TOPICS if "*" not in topic.key]
-            topics += map(keys.diagnostics, services)
+            heard = [topic for topic in topics if "*" not in topic.key]
+            heard += map(keys.diagnostics, services)
             for robot in dict.fromkeys(("", *robots)):
-                for topic in topics:
+                for topic in heard:
                     name = join_key(topic.key, robot)
                     if any(includes(key, name) for key in config.keys):
                         take = partial(self._take, name)
@@ -123,7 +126,8 @@ class Recorder:
 
     def _topic_of(self, key: str) -> Topic[Message] | None:
         """Return the topic of a key, which may be in the namespace of one of several robots."""
-        return topic_of(split_key(key, self._robots)[1])
+        name = split_key(key, self._robots)[1]
+        return self._topics.get(name) or topic_of(name)
 
     def _note(self, stamp: Stamp | None) -> None:
         """Note the newest tick, and write the record of a new run."""

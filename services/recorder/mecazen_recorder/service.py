@@ -13,6 +13,7 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.config import Scenario
 from mecazen.loading import to_toml
 from mecazen.messages import Clock
+from mecazen.programs import graph_of
 from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
@@ -36,7 +37,12 @@ class RecorderService(Observer):
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
         self.recorder = Recorder(
-            bus, config, scenario.services, lambda: to_toml(scenario), scenario.names
+            bus,
+            config,
+            scenario.services,
+            lambda: to_toml(scenario),
+            scenario.names,
+            graph_of(scenario).topics,
         )
         self.subscribe(keys.CLOCK, self.on_clock)
 
