@@ -17,7 +17,7 @@ import msgspec
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from mecazen.bus import LocalBus
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
 from mecazen.keys import Topic
 from mecazen.messages import Message
@@ -50,6 +50,18 @@ def mecazen(
         preexec_fn=before,
         env={**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
     )
+
+
+def endpoint_of(settings: Sequence[str]) -> str:
+    """Return where processes meet, as `private_router` has it."""
+    return settings[0].split('"')[1]
+
+
+def tools(bus: BusConfig) -> tuple[str, ...]:
+    """Return the options by which tools reach those who meet on a bus."""
+    assert bus.connect is not None
+    assert bus.namespace is not None
+    return ("--connect", bus.connect[0], "--namespace", bus.namespace)
 
 
 def load_robot(name: str = "nexus") -> Robot:

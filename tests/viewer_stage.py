@@ -25,9 +25,9 @@ from mecazen.messages import (
     planar_odometry,
 )
 from mecazen.robot import WHEEL_JOINTS
+from mecazen.runtime.host import make_service
 from mecazen.wire import Stamp
 from mecazen_viewer.components import Components
-from mecazen_viewer.service import ViewerService
 
 TICK_NS = 10_000_000
 SEED = 7
@@ -61,9 +61,8 @@ class Stage:
             RobotConfig(name=name, start=StartConfig(y_m=float(number)))
             for number, name in enumerate(robots)
         )
-        self.viewer = ViewerService(
-            "viewer", self.bus, Scenario(robot=load_robot(), robots=members)
-        )
+        scenario = Scenario(robot=load_robot(), robots=members)
+        self.viewer = make_service("viewer", self.bus, scenario)
 
     def play(self, run: int, ticks: int, begin: int = 0) -> None:
         """Publish ticks of a run, one after the other."""

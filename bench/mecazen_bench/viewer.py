@@ -46,6 +46,6 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
 
 def _wait_until_it_serves(supervisor: Supervisor) -> None:
     while (line := supervisor.poll(START_S)) is not None:
-        if "msg=serving" in line.text:
+        if line.is_address:
             return
     raise MecazenError("the viewer does not serve")

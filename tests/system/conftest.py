@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario
+from mecazen.config import Process, Scenario
 from mecazen.loading import load_scenario
 from mecazen_tools.processes import Supervisor, private_router
 
@@ -39,12 +39,17 @@ class Stack:
         return self.scenario.bus.connect[0]
 
     def start(self) -> None:
-        """Start every service, of each robot, and wait until all are ready."""
-        for part, robot in self.scenario.processes:
-            self.supervisor.start(part, robot)
+        """Start every process, and wait until all services, of each robot, are ready."""
+        for process in self.scenario.process_plan:
+            self.supervisor.start(process)
         ready = {f"{part}/ready" for part in self.scenario.services}
         here = [self.bus.namespaced(robot).presence for robot in self.scenario.names]
         self.wait(lambda: all(ready <= presence.names for presence in here))
+
+    def launch(self, *services: str, needed: bool = True) -> None:
+        """Start services of a single robot, each in a process of its own."""
+        for service in services:
+            self.supervisor.start(Process((service,)), needed=needed)
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Deliver samples until a condition holds; a process that ends is an error."""

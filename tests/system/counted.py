@@ -1,59 +1,66 @@
-"""The services of the loop, each of which writes down at its end how much it has published."""
+"""The nodes of the loop, each of which writes down at its end how much it has published."""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from mecazen.bus import Bus, Publisher
+from mecazen import keys
 from mecazen.config import Scenario
-from mecazen.keys import Topic
-from mecazen.service import Service
-from mecazen.wire import Stamp
-from mecazen_controller.service import ControllerService
-from mecazen_follower.service import FollowerService
-from mecazen_physics.service import PhysicsService
-from mecazen_target.service import TargetService
+from mecazen.node import Outputs, Tick
+from mecazen_controller.node import ControllerNode, OdometryNode
+from mecazen_follower.node import FollowerNode
+from mecazen_physics.node import PhysicsWorld
+from mecazen_target.node import TargetNode
 
 FOLDER = "MECAZEN_TEST_COUNTS"
 """The variable of the environment that says where to."""
 
 
-class _Counted(Publisher[Any]):
-    def __init__(self, publisher: Publisher[Any], key: str, counts: Counter[str]) -> None:
-        self._publisher, self._key, self._counts = publisher, key, counts
+class _Counting:
+    """Before a node or a world in the bases of a class."""
 
-    def put(self, message: Any, stamp: Stamp) -> None:
-        self._publisher.put(message, stamp)
-        self._counts[self._key] += 1
-
-
-class _Counting(Service):
-    def __init__(self, bus: Bus, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
         self.counts: Counter[str] = Counter()
-        publisher = bus.publisher
 
-        def counted(topic: Topic[Any]) -> Publisher[Any]:
-            return _Counted(publisher(topic), topic.key, self.counts)
+    def step(self, tick: Tick, inputs: Any) -> Any:
+        outputs = super().step(tick, inputs)
+        self.count(outputs)
+        return outputs
 
-        bus.publisher = counted  # type: ignore[method-assign]
-        super().__init__(bus, scenario)
+    def count(self, outputs: Outputs) -> None:
+        self.counts.update(topic.key for topic in outputs)
+
+    def diagnostics(self) -> Mapping[str, object]:
+        # asked for once in each report of the service
+        if self.ROW.part_of == self.ROW.name:
+            self.counts[f"diagnostics/{self.ROW.name}"] += 1
+        return super().diagnostics()
 
     def close(self) -> None:
         super().close()
-        (Path(os.environ[FOLDER]) / self.NAME).write_bytes(msgspec.json.encode(self.counts))
+        (Path(os.environ[FOLDER]) / self.ROW.name).write_bytes(msgspec.json.encode(self.counts))
 
 
-class Physics(_Counting, PhysicsService): ...
+class Physics(_Counting, PhysicsWorld):
+    def count(self, outputs: Mapping[str, Outputs]) -> None:
+        self.counts[keys.CLOCK.key] += 1  # its time owner publishes one with every step
+        for of_robot in outputs.values():
+            super().count(of_robot)
 
 
-class Controller(_Counting, ControllerService): ...
+class Odometry(_Counting, OdometryNode): ...
 
 
-class Target(_Counting, TargetService): ...
+class Controller(_Counting, ControllerNode): ...
 
 
-class Follower(_Counting, FollowerService): ...
+class Target(_Counting, TargetNode): ...
+
+
+class Follower(_Counting, FollowerNode): ...

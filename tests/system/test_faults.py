@@ -23,7 +23,7 @@ from faults import (
     strike,
     strikes,
 )
-from harness import mecazen
+from harness import mecazen, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.messages import Empty, JointState, ResetRequest
@@ -33,6 +33,8 @@ from mecazen_target.config import TargetConfig
 from mecazen_target.walker import Walker
 from mecazen_tools.processes import ProcessError
 
+WATCHFUL = ROOT / "configs" / "zenoh" / "watchful.json5"
+"""With a lease of 1 s instead of 10 s."""
 CIRCLE = ROOT / "configs" / "scenarios" / "circle.toml"
 AT_REST_M_S = 0.02
 """Rollers that settle still move the body by less."""
@@ -87,7 +89,7 @@ def test_without_a_service_the_robot_comes_to_rest_and_with_it_it_follows_again(
 ) -> None:
     running.signal(name, signal.SIGKILL)
     running.wait_for_rest()
-    running.stack.supervisor.start(name)
+    running.stack.launch(name)
     ready = f"{name}/ready"
     running.wait(lambda: ready in running.stack.bus.presence.names)
     running.wait_until_it_follows_again()
@@ -99,7 +101,7 @@ def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running:
     running.stack.bus.call(keys.SIM_PAUSE, Empty())
     running.signal("physics", signal.SIGKILL)
     running.wait(lambda: "physics" not in running.stack.bus.presence.names)
-    running.stack.supervisor.start("physics")
+    running.stack.launch("physics")
     running.wait(lambda: running.now().run != before.run)
     assert running.now().time_ns < 10**9
     assert running.now().seed == before.seed
@@ -116,7 +118,7 @@ def test_a_target_that_is_back_goes_on_where_the_person_would_be(running: Runnin
         keys.TARGET_ODOM,
         lambda odom, stamp: seen.append((stamp.time_ns, odom.pose.pose.to_planar())),
     )
-    running.stack.supervisor.start("target")
+    running.stack.launch("target")
     running.wait(lambda: len(seen) > 100)
     for time_ns, pose in seen:
         # the yaw goes through a quaternion, which costs its last bits
@@ -141,7 +143,7 @@ def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_
     assert not running.stack.bus.presence.returns  # nobody had gone
     running.signal("follower", signal.SIGKILL)
     running.wait(lambda: "follower" not in running.stack.bus.presence.names)
-    running.stack.supervisor.start("follower")
+    running.stack.launch("follower")
     running.wait(lambda: "follower/ready" in running.stack.bus.presence.names)
     running.wait_until_it_follows_again()
 
@@ -155,7 +157,7 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once() -> None:
             *strikes(up, 5, seed=3),
         ):
             assert struck.resumed_s <= RESUME_S, struck
-        status = mecazen("status", "--json", *tools(up))
+        status = mecazen("status", "--json", *tools(up.scenario.bus))
         services = msgspec.json.decode(status.stdout)["services"]
         assert {name: service["state"] for name, service in services.items()} == {
             **dict.fromkeys(SERVICES, "ready"),
@@ -165,13 +167,6 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once() -> None:
         assert returns["controller"] >= 1
         # who was killed last counts anew; a survivor has seen the others
         assert services["controller"]["restarts"] <= returns["controller"]
-
-
-def tools(up: Up) -> tuple[str, ...]:
-    bus = up.scenario.bus
-    assert bus.connect is not None
-    assert bus.namespace is not None
-    return ("--connect", bus.connect[0], "--namespace", bus.namespace)
 
 
 @contextmanager
@@ -202,8 +197,9 @@ def test_while_physics_is_frozen_time_stands_still_and_then_it_goes_on(running: 
 
 
 def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(
-    running: Running,
+    stack: Callable[..., object],
 ) -> None:
+    running = Running(stack, f"bus.zenoh_config={WATCHFUL}")
     tokens = {"controller", "controller/ready"}
     with frozen(running, "controller"):
         running.wait(lambda: not tokens & running.stack.bus.presence.names)
@@ -215,13 +211,13 @@ def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(
 SLOW = """
 import time
 
-from mecazen_follower.service import FollowerService
+from mecazen_follower.node import FollowerNode
 
 
-class Slow(FollowerService):
-    def follow(self, odom, frame, stamp):
+class Slow(FollowerNode):
+    def step(self, tick, inputs):
         time.sleep(0.05)  # five ticks long
-        return super().follow(odom, frame, stamp)
+        return super().step(tick, inputs)
 """
 
 

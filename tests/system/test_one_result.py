@@ -60,6 +60,28 @@ def test_odometry_at_a_rate_of_its_own_is_the_same_in_processes() -> None:
     assert many_processes("back", *settings) == one_process("back", *settings)
 
 
+SCENARIO_NAMES = sorted(path.stem for path in SCENARIOS.glob("*.toml"))
+SHORT = ("sim.duration_s=2.0",)
+GROUPINGS = {
+    "each alone": (),
+    "two pairs": (("physics", "controller"), ("target", "follower")),
+    "the world alone": (("controller", "follower"), ("target",)),
+    "all in one": (("physics", "controller", "target", "follower"),),
+}
+"""Of services to processes; a scenario may do without some of the services."""
+
+
+@pytest.mark.parametrize("grouping", GROUPINGS)
+@pytest.mark.parametrize("scenario", SCENARIO_NAMES)
+def test_every_scenario_gives_one_trajectory_however_services_share_processes(
+    scenario: str, grouping: str
+) -> None:
+    services = load_scenario(SCENARIOS / f"{scenario}.toml").services
+    groups = [[part for part in group if part in services] for group in GROUPINGS[grouping]]
+    settings = (*SHORT, f"processes={json.dumps(groups)}")
+    assert many_processes(scenario, *settings) == one_process(scenario, *SHORT)
+
+
 COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','collector']")
 """Of the scenario `teleop`."""
 
@@ -67,16 +89,14 @@ COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','co
 def test_a_run_of_services_that_others_started_is_collected_with_the_same_result(stack) -> None:
     settings = ("sim.duration_s=3.0",)
     running = stack(SCENARIOS / "teleop.toml", *settings, *COLLECTED)
-    for part in ("physics", "controller", "target"):
-        running.supervisor.start(part)
+    running.launch("physics", "controller", "target")
     result, _ = collect(running.scenario, "teleop")
     assert result.trajectory_sha256 == one_process("teleop", *settings)
 
 
 def test_who_collects_says_who_has_gone(stack) -> None:
     running = stack(SCENARIOS / "teleop.toml", *COLLECTED, "sim.duration_s=1e6")
-    for part in ("physics", "controller", "target"):
-        running.supervisor.start(part)
+    running.launch("physics", "controller", "target")
 
     def kill(ticks: int) -> None:
         running.supervisor.stop()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
-from harness import mecazen
+from harness import ROOT, mecazen, tools
 from mecazen import keys
 from mecazen.config import join_key
 from mecazen.geometry import Pose2D
@@ -16,8 +15,7 @@ from mecazen.messages import Empty, Odometry, ResetRequest
 from mecazen_tools.cli.status import _Listener
 from mecazen_tools.simulate import simulate, simulate_distributed
 
-SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
-CONVOY = SCENARIOS / "convoy.toml"
+CONVOY = ROOT / "configs" / "scenarios" / "convoy.toml"
 
 CLOSE = (
     "sim.duration_s=6.0",
@@ -123,9 +121,8 @@ def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack) -> None:
     odom = Watch(running, keys.ODOM)
     running.start()
     running.wait(lambda: len(odom.newest) == 2)
-    where = ("--connect", running.endpoint, "--namespace", running.scenario.bus.namespace)
     drive = '{"linear":{"x":0.3}}'
-    done = mecazen("pub", join_key("cmd_vel", "one"), drive, *where)
+    done = mecazen("pub", join_key("cmd_vel", "one"), drive, *tools(running.scenario.bus))
     assert done.returncode == 0, done.stderr
     running.wait(lambda: odom.pose("one").x > -0.95)
     assert odom.pose("two").x == pytest.approx(-1.0, abs=1e-3)

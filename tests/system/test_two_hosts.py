@@ -116,7 +116,12 @@ class Echo:
 
     def __init__(self, host: Host, key: str, options: list[str]) -> None:
         self.process = host.run(
-            "mecazen", "echo", key, *options, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            "mecazen_tools",
+            "echo",
+            key,
+            *options,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
         )
         self.messages: list[Any] = []
         self._changed = threading.Condition()

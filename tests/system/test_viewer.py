@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from mecazen import keys
 from mecazen.messages import ResetRequest
+from mecazen_tools.processes import private_router
 from mecazen_viewer.entities import of_robot
 from mecazen_viewer.headless import headless_viewer
 from mecazen_viewer.plots import LINES
@@ -29,7 +30,6 @@ from rerun.experimental import ViewerClient
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "configs" / "scenarios"
 FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
-SERVING = "msg=serving url="
 FRAMES = 200
 """Pictures taken one after the other until one shows what it should: only a hang needs so many."""
 
@@ -46,7 +46,7 @@ class Shown:
         self.time_s = 0.0
         self.running.bus.subscribe(keys.CLOCK, self._tell)
         self.running.start()
-        self.running.supervisor.start("viewer", needed=False)
+        self.running.launch("viewer", needed=False)
         self.url = ""
         self.running.wait_unwatched(self._has_url)
 
@@ -55,8 +55,8 @@ class Shown:
 
     def _has_url(self) -> bool:
         line = self.running.supervisor.poll(0.0)
-        if line is not None and SERVING in line.text:
-            self.url = line.text.partition(SERVING)[2]
+        if line is not None and line.is_address:
+            self.url = line.text
         return bool(self.url)
 
     @property
@@ -245,7 +245,9 @@ def read_until(process: subprocess.Popen[str], words: str) -> str:
 
 
 def test_up_prints_where_to_watch() -> None:
-    up = mecazen("up", "side", *(f"--set={setting}" for setting in (*FREE_PORTS, *meeting())))
+    up = mecazen(
+        "up", "side", *(f"--set={setting}" for setting in (*FREE_PORTS, *private_router()))
+    )
     url = read_until(up, "Watch it at").splitlines()[-1].split()[-1]
     with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
         assert page.status == 200
@@ -255,7 +257,7 @@ def test_up_prints_where_to_watch() -> None:
 
 
 def test_up_without_a_viewer_starts_none() -> None:
-    up = mecazen("up", "side", "--no-viewer", *(f"--set={setting}" for setting in meeting()))
+    up = mecazen("up", "side", "--no-viewer", *(f"--set={setting}" for setting in private_router()))
     text = read_until(up, "t = ")
     up.send_signal(signal.SIGINT)
     text += up.communicate(timeout=60)[0]
@@ -266,7 +268,7 @@ def test_up_without_a_viewer_starts_none() -> None:
 def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        settings = ("viewer.web_port=0", f"viewer.data_port={port}", *meeting())
+        settings = ("viewer.web_port=0", f"viewer.data_port={port}", *private_router())
         up = mecazen("up", "side", *(f"--set={setting}" for setting in settings))
         text = read_until(up, "viewer has ended")
         assert text.count("address already in use") == 1
@@ -274,12 +276,6 @@ def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes
         read_until(up, "t = 5")
         up.send_signal(signal.SIGINT)
         assert up.communicate(timeout=60)[1] == ""
-
-
-def meeting() -> tuple[str, ...]:
-    from mecazen_tools.processes import private_router
-
-    return private_router()
 
 
 def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
