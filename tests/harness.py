@@ -22,8 +22,9 @@ from mecazen.errors import BusError
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
+from mecazen.programs import Kind, classes
 from mecazen.robot import Robot
-from mecazen.runtime.host import make_service
+from mecazen.runtime.host import make_nodes
 from mecazen.wire import ENCODINGS, Stamp, decode, encode
 
 ROOT = Path(__file__).parents[1]
@@ -82,12 +83,19 @@ class Rig:
     """One service of a scenario on a bus within the process, fed by hand.
 
     `at` gives the stamps of its run; `take` what it has published since the last call.
+    With `kinds` its nodes are of these classes, by their names.
     """
 
-    def __init__(self, service: str, scenario: Scenario, *topics: Topic[Any]) -> None:
+    def __init__(
+        self,
+        service: str,
+        scenario: Scenario,
+        *topics: Topic[Any],
+        kinds: Mapping[str, Kind] | None = None,
+    ) -> None:
         self.scenario = scenario
         self.bus = LocalBus()
-        self.service = make_service(service, self.bus, scenario)
+        self.service = make_nodes(service, kinds or classes(service, scenario), self.bus, scenario)
         self.heard = Listener(self.bus, *topics)
         self._publishers: dict[Topic[Any], Any] = {}
 

@@ -80,6 +80,7 @@ class Inputs:
     def refuse(self, topic: Topic[Any], reason: str) -> None:
         """Say that a message can't be used: it is counted and reported, as if it never came."""
         self.refused.append((topic, reason))
+        self._samples = {other: m for other, m in self._samples.items() if other is not topic}
 
 
 class Computing(ABC):

@@ -42,10 +42,10 @@ class PoseHistory:
         """
         times = self._times_ns
         if not times or not times[0] <= time_ns <= times[-1]:
+            if times and time_ns == 0:
+                return self._poses[-1]
             known = f"{times[0] / 1e9:g} to {times[-1] / 1e9:g} s" if times else "no time"
-            raise ValueError(
-                f"captured at {time_ns / 1e9:g} s; the robot's pose is known of {known}"
-            )
+            raise ValueError(f"no pose is known of {time_ns / 1e9:g} s, only of {known}")
         # most are of the newest ticks: a deque is quick at its ends
         index = len(times) - 1
         while index > 0 and times[index - 1] >= time_ns:

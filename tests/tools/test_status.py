@@ -19,7 +19,7 @@ REPORTS = {
         "restarts/follower": "1",
     },
     "follower": {
-        "late_frames": "9",
+        "late/target/observation": "9",
         "missed_ticks": "4",
         "hz/odom": "100.0",
         "age_s/odom": "0.01",

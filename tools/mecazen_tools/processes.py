@@ -113,6 +113,10 @@ class Supervisor:
         """The process of each name that was started."""
         return {name: part.process.pid for name, part in self._parts.items()}
 
+    def works(self, name: str) -> bool:
+        """Return whether a process has told, as of the last `poll`, that it works."""
+        return self._parts[name].begin_s < math.inf
+
     def start(self, process: Process, *, needed: bool = True) -> None:
         """Start a process, or with the service `router` the router.
 
@@ -148,7 +152,7 @@ class Supervisor:
         """
         self.start(ROUTER)
         deadline = time.monotonic() + timeout_s
-        while not self._parts[ROUTER.name].has_run:
+        while not self.works(ROUTER.name):
             left_s = deadline - time.monotonic()
             if left_s <= 0.0:
                 raise ProcessError("the router does not start")
@@ -190,7 +194,7 @@ class Supervisor:
         for name, part in self._parts.items():
             if part.restart_s is not None and part.restart_s <= now:
                 part.process = self._spawn(name, part.arguments)
-                part.begin_s, part.restart_s, part.error = math.inf, None, ""
+                part.restart_s, part.error = None, ""
         return min(
             (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf
         )
@@ -198,19 +202,18 @@ class Supervisor:
     def _take_end(self, event: Ended) -> Line:
         part = self._parts[event.name]
         how = _how(event, part.error)
+        worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
         # an observer that says why it can't go on, as on a full disk, would say it again
         hopeless = not part.has_run or (not part.needed and part.error != "")
         if not self._restart or (event.code > 0 and hopeless):
             if part.needed:
                 raise ProcessError(f"{event.name}: {how}")
             return Line(event.name, f"{event.name} has ended: {how}; the others go on")
-        now = time.monotonic()
-        steady = now - part.begin_s >= STEADY_S
-        part.failures = 0 if steady else part.failures + 1
+        part.failures = 0 if worked_s >= STEADY_S else part.failures + 1
         pause_s = 0.0
         if part.failures > 1:
             pause_s = min(FIRST_PAUSE_S * 2 ** (part.failures - 2), MAX_PAUSE_S)
-        part.restart_s = now + pause_s
+        part.restart_s = time.monotonic() + pause_s
         when = f"in {pause_s:g} s" if pause_s else "at once"
         return Line(event.name, f"{event.name}: {how}; it is started again {when}")
 

@@ -27,7 +27,7 @@ class Join:
     come. Where the next tick comes first, the open one is closed with what there is.
 
     Args:
-        inputs: The node's inputs, as `resolve` has them.
+        inputs: The node's inputs, as `Graph.resolved` has them.
         periods_ns: Of inputs of rule "due": from one sample to the next [ns].
     """
 
@@ -62,38 +62,43 @@ class Join:
             if any(self._newest_ns.get(other) != stamp.time_ns for other in self._triggers):
                 return
             self._open = stamp
-            if self._is_complete(stamp):
+            if not self._missing(stamp):
                 yield self._close()
             return
         self._new[topic] = message
         if stamp is not None:
             self._newest_ns[topic] = max(stamp.time_ns, self._newest_ns.get(topic, -1))
-        yield from self._go_on(topic)
+        yield from self._go_on(topic, stamp)
 
-    def _go_on(self, topic: Topic[Any]) -> Iterator[Joined]:
+    def _go_on(self, topic: Topic[Any], stamp: Stamp | None) -> Iterator[Joined]:
+        last = self._last
         if self._open is not None:
-            if topic in self._due and self._is_complete(self._open):
+            if topic in self._due and not self._missing(self._open):
                 yield self._close()
-        elif topic in self._revising and topic in self._new and self._last is not None:
-            yield self._take(self._last, again=True)
+        elif (
+            last is not None
+            and topic in self._revising
+            # one that is ahead of its tick waits for it
+            and (stamp is None or stamp.time_ns <= last.time_ns)
+        ):
+            yield self._take(last, again=True)
 
-    def _is_complete(self, stamp: Stamp) -> bool:
-        """Return whether all has come that is due by a tick and was not by the last step."""
+    def _missing(self, stamp: Stamp) -> list[Topic[Any]]:
+        """Return the topics of samples that are due since the last step and have not come."""
         last_ns = stamp.time_ns - 1 if self._last is None else self._last.time_ns
+        missing = []
         for topic, period_ns in self._due.items():
             due_ns = stamp.time_ns - stamp.time_ns % period_ns
             if last_ns < due_ns and self._newest_ns.get(topic, -1) < due_ns:
-                return False
-        return True
+                missing.append(topic)
+        return missing
 
     def _close(self) -> Joined:
         """Return the step of the open tick."""
         stamp = self._open
         assert stamp is not None
-        if not self._is_complete(stamp):
-            for topic, period_ns in self._due.items():
-                if self._newest_ns.get(topic, -1) < stamp.time_ns - stamp.time_ns % period_ns:
-                    self.late[topic.key] += 1
+        for topic in self._missing(stamp):
+            self.late[topic.key] += 1
         self._open = None
         if self._last is not None:
             passed_ns = stamp.time_ns - self._last.time_ns

@@ -93,11 +93,10 @@ class Link:
 
     def note(self, inputs: Inputs) -> None:
         """Take note of which of these the world could use."""
-        refused = {topic for topic, _ in inputs.refused}
         for topic, reason in inputs.refused:
             self.bus.refuse(topic.key, reason)
         for topic in self._samples:
-            if topic not in refused:
+            if inputs.get(topic) is not None:
                 self._known_ns[topic] = self.stamp.time_ns
 
     def _take(

@@ -16,7 +16,8 @@ from mecazen.bus.base import StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario, join_key
 from mecazen.errors import BusError
-from mecazen.graph import SHARED, services
+from mecazen.graph import SHARED
+from mecazen.programs import graph_of
 from mecazen.runtime.clock import TimeOwner
 from mecazen.runtime.host import make_service, part_of
 from mecazen.runtime.observer import Observer
@@ -100,7 +101,7 @@ def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
     later do likewise. Faster than real time a process may never rest, and would lock out all
     others.
     """
-    table = services()
+    table = graph_of(scenario).services
     priority = max((row.priority for s in process.services for row in table.get(s, ())), default=0)
     if not priority or scenario.sim.mode == "lockstep" or scenario.sim.speed > 1.0:
         return

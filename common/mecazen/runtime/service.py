@@ -144,11 +144,10 @@ class _Stepped:
         self._last = stamp
         tick = Tick(now_ns // self._tick_ns, now_ns, period_ns / NS_PER_S)
         outputs = self.node.step(tick, inputs)
-        refused = {topic for topic, _ in inputs.refused}
         for topic, reason in inputs.refused:
             self._bus.refuse(topic.key, reason)
         for topic in self._aged:
-            if topic in samples and topic not in refused:
+            if inputs.get(topic) is not None:
                 known[topic] = now_ns
         for topic, message in outputs.items():
             publisher = self._publishers.get(topic)

@@ -67,7 +67,7 @@ class NearRollersBody(RobotBody):
                 f"{robot.wheels.max_speed_rad_s} smaller: a wheel must not pass a roller in a step"
             )
         self._base = self.skeleton.getBodyNode(0)
-        self._airborne = AirborneRollers(robot, physics.dt_s)
+        self.airborne = AirborneRollers(robot, physics.dt_s)
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
         """Indices that do as `np.roll` does, which takes ten times as long."""
         self._order = np.arange(_WHEELS * count).reshape(_WHEELS, count)
@@ -92,12 +92,12 @@ class NearRollersBody(RobotBody):
             if not -SLACK_RAD <= middle <= self._pitch + SLACK_RAD:
                 pitches = math.floor(middle / self._pitch)
                 self._turn_back(wheel, pitches)
-                places = self._airborne.places[:, wheel]
+                places = self.airborne.places[:, wheel]
                 places[:] = places[:, self._rolls[pitches % len(self._rolls)]]
                 moved = True
         if moved:
             self._write_bodies()
-        for hub, torque in zip(self._hubs, self._airborne.torques(steps), strict=True):
+        for hub, torque in zip(self._hubs, self.airborne.torques(steps), strict=True):
             hub.setExtTorque(torque, True)
         return steps
 
@@ -105,13 +105,13 @@ class NearRollersBody(RobotBody):
         """Advance the airborne rollers; see `RobotBody`."""
         position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
         self._position, self._velocity = position.tolist(), velocity.tolist()
-        self._airborne.advance(steps, self._rates())
-        self._airborne.body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
-        self._airborne.body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
+        self.airborne.advance(steps, self._rates())
+        self.airborne.body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
+        self.airborne.body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
 
     def read(self) -> Motion:
         """See `RobotBody`."""
-        angles, spins = self._airborne.state[:2, self._order.ravel()].tolist()
+        angles, spins = self.airborne.state[:2, self._order.ravel()].tolist()
         position = self._position[:_FIRST_ROLLER] + angles
         for wheel, pitches in enumerate(self._pitches):
             position[BASE_DOFS + wheel] += pitches * self._pitch
@@ -124,10 +124,10 @@ class NearRollersBody(RobotBody):
         self._pitches = [0] * _WHEELS
         for wheel, angle in enumerate(motion.position[BASE_DOFS:_FIRST_ROLLER]):
             self._turn_back(wheel, math.floor(angle / self._pitch))
-        self._airborne.state[0, self._order.ravel()] = motion.position[_FIRST_ROLLER:]
-        self._airborne.state[1, self._order.ravel()] = motion.velocity[_FIRST_ROLLER:]
+        self.airborne.state[0, self._order.ravel()] = motion.position[_FIRST_ROLLER:]
+        self.airborne.state[1, self._order.ravel()] = motion.velocity[_FIRST_ROLLER:]
         self._write_bodies()
-        self._airborne.set_rates(self._rates())
+        self.airborne.set_rates(self._rates())
 
     def _turn_back(self, wheel: int, pitches: int) -> None:
         """Take whole pitches off a wheel's angle; its rollers' places are others then."""
@@ -138,8 +138,8 @@ class NearRollersBody(RobotBody):
 
     def _write_bodies(self) -> None:
         """Write positions and velocities, the bodies' from the rollers in their places."""
-        self._position[_FIRST_ROLLER:] = self._airborne.body_angles.ravel().tolist()
-        self._velocity[_FIRST_ROLLER:] = self._airborne.body_spins.ravel().tolist()
+        self._position[_FIRST_ROLLER:] = self.airborne.body_angles.ravel().tolist()
+        self._velocity[_FIRST_ROLLER:] = self.airborne.body_spins.ravel().tolist()
         self.skeleton.setPositions(self._position)
         self.skeleton.setVelocities(self._velocity)
 

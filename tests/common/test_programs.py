@@ -1,0 +1,141 @@
+"""How classes are found: installed ones, and those of one's own in a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mecazen import programs
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.graph import TABLE, every
+from mecazen.keys import ODOM
+from mecazen.loading import load_scenario
+from mecazen.programs import find, graph_of, installed_nodes
+
+NODE = """
+from mecazen.graph import Row, every, latest
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, JOINT_STATES, ODOM, TARGET_CMD_VEL
+from mecazen.node import Node, World
+from mecazen.schema import Positive, Section
+
+
+class Settings(Section):
+    gain: Positive = 1.0
+
+
+class Mine(Node):
+    ROW = Row("mine", inputs=(latest(ODOM),), outputs=(TARGET_CMD_VEL,))
+    SECTION = Settings
+
+
+class Leader(Node):
+    ROW = Row("leader", inputs=(every(ODOM),), outputs=(CMD_VEL,))
+
+
+class Earth(World):
+    ROW = Row("earth", outputs=(JOINT_STATES, GROUND_TRUTH))
+
+
+class Nowhere(Node):
+    pass
+
+
+NOT_A_CLASS = 3
+"""
+
+WriteScenario = Callable[..., Path]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One's own programs, in the folder where the process is started."""
+    (tmp_path / "my.py").write_text(NODE)
+    (tmp_path / "wrong.py").write_text("class Toy(")
+    (tmp_path / "needs.py").write_text("import not_there")
+    (tmp_path / "folder.py").mkdir()
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("installed", "named"), [({}, "none"), ({"physics": 0, "controller": 0}, "controller, physics")]
+)
+def test_when_a_node_is_unknown_expect_those_installed(
+    monkeypatch: pytest.MonkeyPatch, installed: dict[str, int], named: str
+) -> None:
+    monkeypatch.setattr(programs, "installed_nodes", lambda: installed)
+    with pytest.raises(ConfigError) as caught:
+        find("physic", {})
+    expected = f"physic: no such node; installed: {named}; or file.py:Class of your own"
+    assert str(caught.value) == expected
+
+
+@pytest.mark.parametrize(
+    ("program", "expected"),
+    [
+        ("none.py:Toy", "none.py: can't be imported: .*No such file"),
+        ("wrong.py:Toy", r"wrong.py: can't be imported: .*\(wrong.py, line 1\)"),
+        ("needs.py:Toy", "needs.py: can't be imported: No module named 'not_there'"),
+        ("folder.py:Toy", "folder.py: can't be imported: "),
+        ("my.py:None", "my.py:None: not a subclass of mecazen.node.Node"),
+        ("my.py:NOT_A_CLASS", "my.py:NOT_A_CLASS: not a subclass of mecazen.node.Node"),
+        ("my.py:", "my.py:: not a subclass of mecazen.node.Node"),
+        ("my.py:Nowhere", "my.py:Nowhere: needs ROW, its row of the graph"),
+        ("not_there:Toy", "not_there: can't be imported: No module named 'not_there'"),
+        ("json:JSONDecoder", "json:JSONDecoder: not a subclass of mecazen.node.Node"),
+        (":Toy", "'': neither file.py nor a module's name"),
+        ("..toy:Toy", "..toy: neither file.py nor a module's name"),
+    ],
+)
+def test_when_a_class_of_ones_own_is_none_expect_one_line(program: str, expected: str) -> None:
+    for name, own in ((program, {}), ("follower", {"follower": program})):
+        with pytest.raises(ConfigError, match=f"^{expected}") as caught:
+            find(name, own)
+        assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_class_of_ones_own_is_found_beside_the_scenario_and_takes_a_nodes_place(
+    write_scenario: WriteScenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_scenario("[programs]\nfollower = '../my.py:Leader'\n")
+    monkeypatch.chdir(tmp_path / "robots")
+    scenario = load_scenario(path)
+    leader = find("follower", scenario.programs)
+    assert leader.__name__ == find(f"{tmp_path / 'my.py'}:Leader", {}).__name__ == "Leader"
+    # only where it runs its own row counts: elsewhere its file need not be
+    assert graph_of(scenario).row("follower") is TABLE["follower"]
+    assert graph_of(scenario, {"follower": leader}).row("follower").inputs == (every(ODOM),)
+
+
+def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section(
+    write_scenario: WriteScenario,
+) -> None:
+    programs_table = "[programs]\nmine = '../my.py:Mine'\n"
+    scenario = load_scenario(write_scenario(f"{programs_table}[mine]\ngain = 2.0\n"))
+    assert scenario.services == (*Scenario.__struct_defaults__[0], "mine")
+    assert scenario.parts[-1] == ("mine", "")
+    assert scenario.sections["mine"].gain == 2.0
+    assert graph_of(scenario).row("mine").part_of == "mine"
+    for wrong, expected in {
+        "gain = 0": "mine.gain: got 0; allowed: a number > 0",
+        "gian = 2.0": "mine.gian: unknown key; did you mean gain",
+    }.items():
+        path = write_scenario(f"{programs_table}[mine]\n{wrong}\n")
+        with pytest.raises(ConfigError, match=f"^{path}.*{expected}"):
+            load_scenario(path)
+
+
+def test_where_services_name_it_a_program_takes_part_once(write_scenario: WriteScenario) -> None:
+    path = write_scenario("services = ['mine', 'physics']\n[programs]\nmine = '../my.py:Mine'\n")
+    assert load_scenario(path).services == ("mine", "physics")
+
+
+def test_a_world_has_no_place_of_its_own(write_scenario: WriteScenario) -> None:
+    scenario = load_scenario(write_scenario("[programs]\nearth = '../my.py:Earth'\n"))
+    with pytest.raises(ConfigError, match=r"^earth: a world or an observer takes the place of one"):
+        graph_of(scenario)
+
+
+def test_installed_nodes_have_rows_of_the_table() -> None:
+    assert set(installed_nodes()) <= set(TABLE)
