@@ -1,0 +1,105 @@
+"""Simulated time over a world of a few lines, and what answers it."""
+
+from __future__ import annotations
+
+from harness import Answer, Listener, load_robot
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.graph import TABLE
+from mecazen.messages import JointState, Odometry, String, planar_odometry
+from mecazen.node import World
+from mecazen.runtime.host import make_nodes
+from mecazen.wire import RefusedError
+
+ALL = ("physics", "controller", "target", "follower")
+ALONE = ("physics",)
+STATES = (keys.CLOCK, keys.JOINT_STATES, keys.GROUND_TRUTH)
+
+
+class Carts(World):
+    """Each robot goes at the speed of the newest command that is not backwards."""
+
+    ROW = TABLE["physics"]
+
+    def reset(self, seed):
+        self.x, self.speed = dict.fromkeys(self.scenario.names, 0.0), {}
+
+    def step(self, tick, inputs):
+        for name, given in inputs.items():
+            command = given.get(keys.JOINT_COMMAND)
+            if command and command.velocity < (0.0,):
+                given.refuse(keys.JOINT_COMMAND, "backwards")
+            elif command:
+                self.speed[name] = command.velocity[0]
+            self.age_s = given.age_s(keys.JOINT_COMMAND)
+            self.x[name] += self.speed.get(name, 0.0) * tick.period_s
+        return {name: state(tick, Pose2D(x=x)) for name, x in self.x.items()}
+
+    def answer(self, call, request, robot):
+        if robot == "two":
+            raise RefusedError("shy")
+        return String(data=f"<robot {robot}>")
+
+    def files(self, robot):
+        return {"robot_description": {"cart.stl": robot.encode()}}
+
+    def diagnostics(self):
+        return {"age_s": self.age_s}
+
+
+def state(tick, pose):
+    truth = planar_odometry(tick.time, "world", "base_link", pose, Twist2D())
+    return {keys.JOINT_STATES: JointState(header=truth.header), keys.GROUND_TRUTH: truth}
+
+
+class Rig:
+    """The clock at the first tick of a run, and what answers it."""
+
+    def __init__(self, services=ALL, *names, kind=Carts, begin=True, **sim):
+        sim = SimConfig(**{"mode": "lockstep", "answer_timeout_s": 1e-3, **sim})
+        robots = tuple(
+            RobotConfig(name=name, start=StartConfig(y_m=2.0 * number))
+            for number, name in enumerate(names)
+        )
+        self.scenario = Scenario(load_robot(), services, seed=3, sim=sim, robots=robots)
+        self.bus = LocalBus()
+        self.clock = make_nodes("physics", {"physics": kind}, self.bus, self.scenario)
+        self.buses = {name: self.bus.namespaced(name) for name in self.scenario.names}
+        self.heard = {name: Listener(bus, *STATES) for name, bus in self.buses.items()}
+        self.health = Listener(self.bus, keys.diagnostics("physics"))
+        for bus in self.buses.values():
+            for service in services:
+                bus.declare_alive(service)
+        if begin:
+            self.clock.begin()
+
+    def answer(self, *parts, name="", speed=1.0, stamp=None):
+        """Answer the tick for the controller, the target or both."""
+        for part in parts or ("controller", "target"):
+            topic = keys.JOINT_COMMAND if part == "controller" else keys.TARGET_ODOM
+            message = JointState(velocity=(speed,)) if part == "controller" else Odometry()
+            self.buses[name].publisher(topic).put(message, stamp or self.clock.stamp)
+
+    def tick(self, *parts, **answer):
+        """Answer the tick, for whom it is said; return what is published of the next."""
+        for name in self.buses:
+            self.answer(*parts, name=name, **answer)
+        self.clock.step()
+        return self.take()
+
+    def take(self, name=None):
+        self.bus.spin()
+        return self.heard[next(iter(self.buses)) if name is None else name].take()
+
+    def ask(self, call, request):
+        """Ask for what is answered later."""
+        answer = Answer()
+        self.bus._servers[call.key](request, answer)
+        return answer
+
+
+def x_of(heard):
+    """Where a cart is by the last of what was heard."""
+    return heard[-1].message.pose.pose.position.x

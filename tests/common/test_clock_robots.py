@@ -1,0 +1,78 @@
+"""Simulated time of several robots: each is told of and answers in its own namespace."""
+
+import pytest
+from carts import Rig, x_of
+from harness import Listener
+from mecazen import keys
+from mecazen.config import seed_of
+from mecazen.errors import BusError, StepTimeoutError
+from mecazen.messages import Empty, ResetRequest
+
+TICK_NS = 10_000_000
+TWO = (("physics", "controller", "target"), "one", "two")
+
+
+def test_each_robot_is_told_of_in_its_namespace_with_a_seed_of_its_own():
+    rig = Rig(*TWO)
+    shared = Listener(rig.bus, keys.CLOCK)
+    for name in ("one", "two"):
+        for part, speed in (("controller", 1.0 if name == "one" else 0.5), ("target", 0.0)):
+            rig.answer(part, name=name, speed=speed)
+    rig.clock.step()
+    for name, x in (("one", 0.01), ("two", 0.005)):
+        heard = rig.take(name)[-3:]
+        assert {sample.stamp for sample in heard} == {
+            (TICK_NS, rig.clock.stamp.run, seed_of(3, name))
+        }
+        assert x_of(heard) == x
+    assert [sample.stamp for sample in shared.take()][-1] == rig.clock.stamp
+
+
+@pytest.mark.parametrize(
+    ("answers", "missing"),
+    [
+        ((), "one/controller, one/target, two/controller, two/target"),
+        (("one",), "two/controller, two/target"),
+    ],
+)
+def test_in_lockstep_all_robots_services_are_waited_for_and_named(answers, missing):
+    rig = Rig(*TWO)
+    for name in answers:
+        rig.answer(name=name)
+    with pytest.raises(StepTimeoutError, match=f"^{missing} did not answer tick 0"):
+        rig.clock.step()
+    rig.buses["two"].presence.update("controller", alive=False)
+    with pytest.raises(StepTimeoutError, match=r"^two/controller did not answer tick 0"):
+        rig.clock.step()
+
+
+def test_a_reset_puts_all_robots_back_with_seeds_from_the_new_one():
+    rig = Rig(*TWO)
+    rig.tick()
+    rig.ask(keys.SIM_RESET, ResetRequest(seed=8))
+    for name, heard in (("one", rig.tick()), ("two", rig.take("two"))):
+        last = heard[-1]
+        assert last.message.pose.pose.position.x == 0.0
+        assert (last.stamp.time_ns, last.stamp.seed) == (0, seed_of(8, name))
+
+
+def test_time_is_asked_for_in_no_ones_namespace_and_the_robot_in_each():
+    rig = Rig(*TWO)
+    assert rig.bus.call(keys.SIM_STATE, Empty()).seed == 3
+    assert rig.buses["one"].call(keys.ROBOT_DESCRIPTION, Empty()).data == "<robot one>"
+    with pytest.raises(BusError, match=r"^robot_description: shy"):
+        rig.buses["two"].call(keys.ROBOT_DESCRIPTION, Empty())
+    assert list(rig.buses["two"].fetch_files("robot_description/*").values()) == [b"two"]
+
+
+def test_its_health_tells_robots_apart():
+    rig = Rig(*TWO)
+    rig.buses["one"].put_bytes("joint_command", b"{")
+    for alive in (False, True):
+        rig.buses["two"].presence.update("target", alive=alive)
+    for _ in range(100):
+        rig.tick()
+    report = rig.health.take()[-1].message
+    said = {value.key: value.value for value in report.status[0].values}
+    assert said["hz/one/joint_command"] == said["hz/two/target/odom"] == "100.0"
+    assert said["refused/one/joint_command"] == said["restarts/two/target"] == "1"

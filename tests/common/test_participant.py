@@ -1,0 +1,170 @@
+"""What takes part in runs: which samples it hears, and its health once a simulated second."""
+
+import pytest
+from mecazen.bus import LocalBus
+from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
+from mecazen.messages import Clock, JointState, KeyValue, Twist, Vector3
+from mecazen.runtime.participant import Participant
+from mecazen.wire import Stamp
+
+TICK_NS = 10_000_000
+ALL_WELL = (0, "toy", "ok")
+
+
+class Toy(Participant):
+    """Writes down what it is told, and by which seed it began."""
+
+    def __init__(self, bus, scenario):
+        super().__init__("toy", bus, scenario)
+        self.events = []
+        self.subscribe(CLOCK, lambda *_: None)
+        self.subscribe(CMD_VEL, self.on_cmd_vel)
+        self.subscribe(JOINT_STATES, lambda _, stamp: self.events.append(("joints", stamp)))
+
+    def reset(self, seed):
+        self.events.append(("reset", seed))
+
+    def on_cmd_vel(self, twist, stamp):
+        self.events.append((twist.linear.x, stamp))
+
+    def diagnostics(self):
+        return {"events": len(self.events)}
+
+
+@pytest.fixture
+def bus():
+    return LocalBus()
+
+
+@pytest.fixture(autouse=True)
+def toy(bus, scenario):
+    return Toy(bus, scenario)
+
+
+@pytest.fixture
+def put(bus):
+    def put(topic, message, stamp):
+        bus.publisher(topic).put(message, stamp)
+        bus.spin()
+
+    return put
+
+
+@pytest.fixture
+def reports(bus):
+    """What is told of its health: each time [s], and the values."""
+    reports = []
+
+    def on_report(array, stamp):
+        assert array.header.stamp == stamp.time
+        reports.append((stamp.time.sec, {v.key: v.value for v in array.status[0].values}))
+
+    bus.subscribe(diagnostics("toy"), on_report)
+    return reports
+
+
+def forward(speed):
+    return Twist(linear=Vector3(x=speed))
+
+
+def at(tick, run=1, seed=9):
+    return Stamp(tick * TICK_NS, run, seed)
+
+
+def test_a_new_run_resets_with_its_seed_before_its_first_sample(toy, put):
+    put(JOINT_STATES, JointState(), at(0))
+    put(CMD_VEL, forward(0.2), at(1))
+    put(CLOCK, Clock(), at(0, run=2, seed=10))
+    put(CMD_VEL, forward(0.3), at(0, run=2, seed=10))
+    first, second = ("reset", 9), ("reset", 10)
+    assert toy.events == [
+        *(first, ("joints", at(0)), (0.2, at(1))),
+        *(second, (0.3, at(0, run=2, seed=10))),
+    ]
+
+
+def test_what_is_left_of_an_ended_run_is_dropped(toy, put):
+    for run in (1, 2, 3):
+        put(CLOCK, Clock(), at(0, run=run))
+    toy.events.clear()
+    for run in (0, 1, 2):
+        put(CMD_VEL, forward(0.1), at(100, run=run))
+        put(JOINT_STATES, JointState(), at(100, run=run)) if run else None
+    assert toy.events == []
+    assert toy.stamp == at(0, run=3)
+
+
+def test_a_key_that_anyone_may_publish_on_neither_begins_a_run_nor_advances_the_clock(toy, put):
+    put(CLOCK, Clock(), at(0))
+    toy.events.clear()
+    put(CMD_VEL, forward(0.1), at(3, run=2))
+    put(CMD_VEL, forward(0.2), at(3))
+    assert toy.events == [(0.2, at(3))]
+    assert toy.stamp == at(0)
+
+
+def test_an_outsiders_sample_has_no_stamp_and_is_of_any_run(toy, bus, put):
+    put(CLOCK, Clock(), at(7))
+    bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+    bus.spin()
+    assert toy.events[1:] == [(0.2, None)]
+    assert toy.stamp == at(7)
+
+
+def test_the_newest_tick_is_known_whatever_comes_late(toy, put):
+    put(CLOCK, Clock(), at(5))
+    put(JOINT_STATES, JointState(), at(4))
+    assert toy.stamp == at(5)
+    assert toy.events[-1] == ("joints", at(4))
+
+
+def test_when_all_is_well_expect_level_ok(bus, put):
+    heard = []
+    bus.subscribe(diagnostics("toy"), lambda array, _: heard.append(array.status[0]))
+    put(CLOCK, Clock(), at(0))
+    assert [(status.level, status.name, status.message) for status in heard] == [ALL_WELL]
+    assert heard[0].values == (KeyValue("events", "1"), KeyValue("refused_payloads", "0"))
+    for key in ("cmd_vel", "cmd_vel", "joint_states"):
+        bus.put_bytes(key, b"x")
+    put(CLOCK, Clock(), at(100))
+    assert (heard[1].level, heard[1].message) == (1, "refused payloads")
+    refused = {v.key: v.value for v in heard[1].values if v.key.startswith("refused")}
+    assert refused == {"refused_payloads": "3", "refused/cmd_vel": "2", "refused/joint_states": "1"}
+
+
+def test_rates_and_ages_of_inputs_are_told_once_each_second_in_simulated_time(bus, put, reports):
+    for tick in range(301):
+        put(CLOCK, Clock(), at(tick))
+        if 100 <= tick < 200 and tick % 4 == 0:
+            put(CMD_VEL, forward(0.1), at(tick))
+        if tick == 250:
+            bus.put_bytes("cmd_vel", b"{}")  # is as old as the tick in which it came
+    said = {key: [values.get(key) for _, values in reports] for key in reports[-1][1]}
+    assert [second for second, _ in reports] == [0, 1, 2, 3]
+    assert said["hz/clock"] == [None, "100.0", "100.0", "100.0"]
+    assert said["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
+    assert said["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
+    assert said["age_s/joint_states"] == [None, "never", "never", "never"]
+
+
+def test_a_new_run_begins_with_inputs_that_never_came(put, reports):
+    for run in (1, 2):
+        for tick in range(101):
+            put(CLOCK, Clock(), at(tick, run=run))
+            if run == 1:
+                put(CMD_VEL, forward(0.1), at(tick, run=run))
+    said = [[values.get(f"{what}/cmd_vel") for what in ("hz", "age_s")] for _, values in reports]
+    assert said == [[None, None], ["100.0", "0.01"], [None, None], ["0.0", "never"]]
+
+
+def test_who_has_gone_and_come_back_is_counted_and_told(bus, put, reports):
+    back = []
+    bus.presence.on_return.append(back.append)
+    for alive in (True, False, True, True, False, True):
+        bus.presence.update("controller", alive=alive)
+    for alive in (True, False, True):
+        bus.presence.update("tool", alive=alive)
+    put(CLOCK, Clock(), at(0))
+    assert back == ["controller", "controller", "tool"]
+    said = {key: value for key, value in reports[0][1].items() if "restarts" in key}
+    assert said == {"restarts/controller": "2"}  # who takes part, not every tool

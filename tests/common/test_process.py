@@ -1,0 +1,317 @@
+"""Services as a process: how they end, and what they say when they can't begin."""
+
+import json
+import os
+import re
+import secrets
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from mecazen.keys import SIM_STATE
+from mecazen.messages import Empty
+from mecazen.wire import Stamp
+
+GUARD_S = 60.0
+"""Only ends a test that would hang."""
+
+TOYS = """
+from mecazen.graph import Row, every, latest
+from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, TARGET_CMD_VEL
+from mecazen.messages import JointState, Odometry, Twist
+from mecazen.node import Node, World
+from mecazen.runtime.observer import Observer
+
+
+class Toy(Node):
+    ROW = Row("toy", "", (every(CLOCK), latest(CMD_VEL)), (TARGET_CMD_VEL,))
+
+    def reset(self, seed):
+        pass
+
+    def step(self, tick, inputs):
+        return {TARGET_CMD_VEL: Twist()}
+
+
+class Pal(Toy):
+    ROW = Row("pal", "", (every(CLOCK),))
+
+    def step(self, tick, inputs):
+        return {}
+
+
+class Prompt(Toy):
+    ROW = Row("prompt", "", Toy.ROW.inputs, priority=2)
+
+
+class Broken(Toy):
+    def reset(self, seed):
+        raise ZeroDivisionError("no seed is good enough")
+
+
+class Still(World):
+    ROW = Row("still", "", (every(TARGET_CMD_VEL),), (JOINT_STATES, GROUND_TRUTH))
+
+    def reset(self, seed):
+        pass
+
+    def step(self, tick, inputs):
+        return {name: {JOINT_STATES: JointState(), GROUND_TRUTH: Odometry()} for name in inputs}
+
+
+class Page(Observer):
+    def reset(self, seed):
+        pass
+
+    def run(self):
+        self.announce("http://127.0.0.1:1")
+        super().run()
+"""
+SCENARIO = """services = ['toy']
+[programs]
+toy = '../toys.py:Toy'
+"""
+TWO_ROBOTS = 'robots=[{name="one"},{name="two",start={y_m=2.0}}]'
+
+
+@pytest.fixture
+def settings(router):
+    """Overrides by which processes meet at this test's router in a namespace of its own."""
+    return (f'bus.connect=["{router}"]', f"bus.namespace=test{secrets.token_hex(6)}")
+
+
+@pytest.fixture
+def tester(settings, open_bus):
+    """A bus of that namespace."""
+    bus = open_bus(namespace=settings[1].partition("=")[2])
+    bus.declare_alive("tester")
+    return bus
+
+
+@pytest.fixture
+def start(write_scenario, tmp_path):
+    """Start `python -m mecazen.runtime`, and end it with the test."""
+    (tmp_path / "toys.py").write_text(TOYS)
+    scenario = write_scenario(SCENARIO)
+
+    @contextmanager
+    def start(name, settings, *options, before=(), pass_fds=()):
+        process = subprocess.Popen(
+            [
+                *before,
+                *(sys.executable, "-m", "mecazen.runtime", name, str(scenario)),
+                *(f"--set={setting}" for setting in settings),
+                *options,
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            pass_fds=pass_fds,
+        )
+        with process:
+            try:
+                yield process
+            finally:
+                process.kill()
+
+    return start
+
+
+def await_start(process):
+    for line in process.stderr:
+        if "msg=started" in line:
+            return line
+    pytest.fail("it ended before it had started")
+
+
+def one_line(process):
+    """Return the one line that a process which can't begin has to say, and its exit code."""
+    out, err = process.communicate(timeout=GUARD_S)
+    assert out == ""
+    assert len(err.splitlines()) == 1, err
+    return err.rstrip(), process.returncode
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_a_service_cleanly(start, settings, number):
+    with start("toy", settings) as process:
+        line = await_start(process)
+        assert line == "t=0.000 level=info service=toy msg=started mode=real_time\n"
+        process.send_signal(number)
+        out, err = process.communicate(timeout=GUARD_S)
+    assert (process.returncode, out) == (0, "")
+    assert err == "t=0.000 level=info service=toy msg=stopped\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_router_cleanly(start, free_port, number):
+    with start("router", [f'bus.connect=["tcp/127.0.0.1:{free_port}"]']) as process:
+        started = r"t=0\.000 level=info service=router msg=started endpoints=\S+\n"
+        assert re.fullmatch(started, await_start(process))
+        process.send_signal(number)
+        _, err = process.communicate(timeout=GUARD_S)
+    assert (process.returncode, err) == (0, "")
+
+
+@pytest.mark.parametrize("part", ["toy", "router"])
+def test_when_standard_input_closes_expect_an_orphan_to_end(start, settings, free_port, part):
+    if part == "router":
+        settings = (f'bus.connect=["tcp/127.0.0.1:{free_port}"]',)
+    with start(part, settings, "--until-orphaned") as process:
+        await_start(process)
+        process.communicate(timeout=GUARD_S)  # closes its standard input
+    assert process.returncode == 0
+
+
+@pytest.fixture
+def priority():
+    """Skip where a process may have no real-time priority."""
+    ask = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))"
+    if subprocess.run([sys.executable, "-c", ask], capture_output=True, check=False).returncode:
+        pytest.skip("needs root, or a limit of real-time priority (ulimit -r) of at least 2")
+
+
+@pytest.mark.parametrize(
+    ("kind", "setting", "expected"),
+    [
+        ("Prompt", "sim.mode=real_time", (os.SCHED_RR, 2)),
+        ("Prompt", "sim.speed=2.0", (os.SCHED_OTHER, 0)),
+        ("Prompt", "sim.mode=lockstep", (os.SCHED_OTHER, 0)),
+        ("Toy", "sim.mode=real_time", (os.SCHED_OTHER, 0)),
+    ],
+)
+@pytest.mark.usefixtures("priority")
+def test_in_real_time_all_threads_have_the_priority_of_the_row(
+    start, settings, kind, setting, expected
+):
+    with start("toy", [*settings, setting, f"programs.toy=../toys.py:{kind}"]) as process:
+        await_start(process)
+        threads = [int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir()]
+        found = {(os.sched_getscheduler(t), os.sched_getparam(t).sched_priority) for t in threads}
+    assert len(threads) > 1
+    assert found == {expected}
+
+
+@pytest.mark.usefixtures("priority")
+def test_where_priority_is_not_allowed_a_service_works_without(start, settings):
+    drop = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice"]
+    prompt = "programs.toy=../toys.py:Prompt"
+    with start("toy", [*settings, prompt], before=drop) as process:
+        await_start(process)
+        assert os.sched_getscheduler(process.pid) == os.SCHED_OTHER
+
+
+def test_a_service_logs_with_simulated_time(start, settings, tester, wait_until):
+    with start("toy", settings) as process:
+        await_start(process)
+        wait_until(tester, lambda: "toy" in tester.presence.names)
+        tester.put_bytes("clock", b"{}", "", Stamp(1_500_000_000, 1, 2).pack())
+        tester.put_bytes("cmd_vel", b"nonsense")
+        line = process.stderr.readline()
+    assert line.startswith("t=1.500 level=warning service=toy msg=refused key=cmd_vel count=1 ")
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "code", "expected"),
+    [
+        ("nobody", "seed=1", 2, r"nobody: no such node; installed: "),
+        ("toy", "sim.speed=fast", 2, r".*test\.toml with --set sim\.speed: got 'fast'; allowed: "),
+        ("toy", TWO_ROBOTS, 2, r"toy: of which robot\? --robot takes one or two$"),
+    ],
+)
+def test_when_it_can_not_begin_expect_one_line(start, name, setting, code, expected):
+    with start(name, [setting]) as process:
+        line, found = one_line(process)
+    assert re.match(f"error: {expected}", line)
+    assert found == code
+
+
+def test_when_the_routers_port_is_taken_expect_one_line(start, router):
+    with start("router", [f'bus.connect=["{router}"]']) as process:
+        line, code = one_line(process)
+    assert line.startswith(f"error: can't listen on {router}: the port is taken")
+    assert code == 1
+
+
+def test_a_failing_service_shows_where_it_failed(start, settings):
+    with start("toy", [*settings, "programs.toy=../toys.py:Broken"]) as process:
+        _, err = process.communicate(timeout=GUARD_S)
+    assert process.returncode == 1
+    assert err.endswith("ZeroDivisionError: no seed is good enough\n")
+
+
+def test_services_of_one_process_are_there_each_by_its_name(start, settings, tester, wait_until):
+    settings = [*settings, "programs.pal=../toys.py:Pal"]
+    with start("toy+pal", settings) as process:
+        assert "service=toy+pal msg=started" in await_start(process)
+        wait_until(tester, lambda: {"toy", "pal", "pal/ready"} <= tester.presence.names)
+        with start("pal", settings) as second:
+            line, code = one_line(second)
+    assert (line, code) == ("error: another pal is already running on this bus", 1)
+
+
+def test_in_one_process_with_the_clock_are_the_services_of_all_robots(
+    start, settings, tester, wait_until
+):
+    world = ["programs.physics=../toys.py:Still", 'services=["physics","toy"]', TWO_ROBOTS]
+    with start("physics+toy", [*settings, *world, "sim.mode=lockstep"]) as process:
+        await_start(process)
+        wait_until(tester, lambda: "physics" in tester.presence.names)
+        # each tick is answered by both
+        wait_until(tester, lambda: tester.call(SIM_STATE, Empty()).tick >= 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "reports", "code"),
+    [
+        ("toy", "seed=1", [("started", "")], 0),
+        ("viewer", "seed=1", [("started", ""), ("serving", "http://127.0.0.1:1")], 0),
+        ("toy", "sim.tick_s=7", [("failed", "sim.tick_s")], 2),
+    ],
+)
+def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
+    start, settings, name, setting, reports, code
+):
+    heard, told = os.pipe()
+    settings = [*settings, setting, "programs.viewer=../toys.py:Page"]
+    with (
+        start(name, settings, f"--report={told}", pass_fds=(told,)) as process,
+        os.fdopen(heard) as lines,
+    ):
+        os.close(told)
+        for kind, text in reports:
+            report = json.loads(lines.readline())
+            assert (report["kind"], text in report["text"]) == (kind, True)
+        if code == 0:
+            process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=GUARD_S)
+        assert lines.read() == ""
+    assert (process.returncode, err) == (code, "")
+
+
+def test_who_waits_for_others_is_ready_when_all_are_alive(start, settings, tester, wait_until):
+    with start("toy", [*settings, 'services=["toy","target"]']) as process:
+        await_start(process)
+        wait_until(tester, lambda: "toy" in tester.presence.names)
+        assert "toy/ready" not in tester.presence.names
+        tester.declare_alive("target")
+        wait_until(tester, lambda: "toy/ready" in tester.presence.names)
+
+
+@pytest.mark.parametrize(("mode", "waits"), [("real_time", False), ("lockstep", True)])
+def test_observers_are_waited_for_in_lockstep_alone(
+    start, settings, tester, wait_until, mode, waits
+):
+    services = ['services=["toy","recorder","viewer"]', f"sim.mode={mode}"]
+    with start("toy", [*settings, *services]) as process:
+        await_start(process)
+        wait_until(tester, lambda: "toy" in tester.presence.names)
+        if waits:
+            assert "toy/ready" not in tester.presence.names
+            tester.declare_alive("recorder")
+            tester.declare_alive("viewer")
+        wait_until(tester, lambda: "toy/ready" in tester.presence.names)

@@ -1,0 +1,197 @@
+"""The nodes of a service on a bus: what each step is told, and what becomes of what it gives."""
+
+from dataclasses import replace
+
+import msgspec
+import pytest
+from harness import Rig
+from mecazen.config import SimConfig
+from mecazen.errors import BusError, ConfigError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.graph import Row, due, every, latest
+from mecazen.keys import (
+    CMD_VEL,
+    FOLLOWER_STATE,
+    OBSERVATION,
+    ODOM,
+    SET_ODOMETRY,
+    TARGET_CMD_VEL,
+    diagnostics,
+)
+from mecazen.messages import (
+    FollowerState,
+    Observation,
+    Odometry,
+    OdometryRequest,
+    Time,
+    Twist,
+    planar_odometry,
+)
+from mecazen.node import Node
+from mecazen.wire import RefusedError, Stamp
+
+INPUTS = (every(ODOM), due(OBSERVATION), latest(TARGET_CMD_VEL))
+NO_WORDS = Twist.planar(Twist2D(x=-1.0))
+"""What the toy cannot use."""
+
+
+class Toy(Node):
+    """Writes down its steps, and gives the number of each as a speed."""
+
+    ROW = Row("toy", "", INPUTS, (CMD_VEL,), (SET_ODOMETRY,), resets_with=("controller",))
+
+    def __init__(self, scenario):
+        super().__init__(scenario)
+        self.events = []
+        self.closed = False
+
+    def reset(self, seed):
+        self.events.append(("reset", seed))
+
+    def step(self, tick, inputs):
+        if inputs.get(TARGET_CMD_VEL) == NO_WORDS:
+            inputs.refuse(TARGET_CMD_VEL, "not forward")
+        ages = inputs.age_s(OBSERVATION), inputs.age_s(TARGET_CMD_VEL)
+        assert inputs[ODOM].header.stamp == tick.time == Time.from_ns(tick.time_ns)
+        self.events.append((tick.number, tick.period_s, *ages))
+        return {CMD_VEL: Twist.planar(Twist2D(x=float(tick.number)))}
+
+    def answer(self, call, request):
+        if request.pose.position.x < 0.0:
+            raise RefusedError("behind the start")
+        return Odometry(child_frame_id=call.key)
+
+    def diagnostics(self):
+        return {"events": len(self.events)}
+
+    def close(self):
+        self.closed = True
+
+
+class Renamed(Toy):
+    """Hears its odometry on another key."""
+
+    @classmethod
+    def row(cls, scenario):
+        return replace(cls.ROW, remap={ODOM.key: f"odom{scenario.seed}"})
+
+
+class Talkative(Toy):
+    """Gives what is not in its row."""
+
+    def step(self, tick, inputs):
+        return {FOLLOWER_STATE: FollowerState(), **super().step(tick, inputs)}
+
+
+@pytest.fixture
+def rig(scenario):
+    """A toy in the follower's place, with a frame every fourth tick."""
+
+    def make(kind=Toy, mode="lockstep", **changes):
+        sim = SimConfig(mode=mode)
+        changed = msgspec.structs.replace(scenario, sim=sim, **changes)
+        return Rig("follower", changed, CMD_VEL, diagnostics("follower"), kinds={"follower": kind})
+
+    return make
+
+
+def put_odom(rig, tick, **stamp):
+    at = rig.at(tick, **stamp)
+    odom = planar_odometry(at.time, "odom", "base_link", Pose2D(), Twist2D())
+    return [sample for sample in rig.put(ODOM, odom, at) if sample.key == CMD_VEL.key]
+
+
+def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
+    rig = rig()
+    toy = rig.service.nodes[0].node
+    never = float("inf")
+    for tick in (4, 5, 7):
+        rig.put(OBSERVATION, Observation(), 4) if tick == 5 else None
+        rig.put(TARGET_CMD_VEL, Twist(), 7) if tick == 7 else None
+        (command,) = put_odom(rig, tick) or rig.put(OBSERVATION, Observation(), 4)
+        assert command.stamp == rig.at(tick)
+        assert command.message.linear.x == tick
+    assert toy.events == [
+        ("reset", 5),  # as the scenario has it
+        ("reset", 9),  # as the run has it
+        (4, 0.01, 0.0, never),
+        (5, 0.01, 0.0, never),
+        (7, 0.02, 0.02, 0.0),
+    ]
+
+
+def test_a_refused_sample_is_counted_and_as_if_it_never_came(rig):
+    rig = rig()
+    put_odom(rig, 5)
+    for tick, said in ((6, Twist()), (7, NO_WORDS)):
+        rig.put(TARGET_CMD_VEL, said, tick)
+        put_odom(rig, tick)
+    ages = [event[3] for event in rig.service.nodes[0].node.events[2:]]
+    assert ages == [float("inf"), 0.0, 0.01]
+    assert rig.bus.refused == {"target/cmd_vel": 1}
+
+
+@pytest.mark.parametrize(
+    ("mode", "ages_s"), [("lockstep", [float("inf")] * 2), ("real_time", [0.0, 0.01])]
+)
+def test_an_outsider_speaks_for_a_node_that_takes_part_in_real_time_only(rig, mode, ages_s):
+    rig = rig(mode=mode)
+    for tick in (4, 5):
+        assert put_odom(rig, tick) == [] or tick == 5  # the frame of tick 4 is awaited
+        rig.bus.put_bytes("target/observation", b"{}")
+        rig.bus.put_bytes("odom", b"{}")  # of no tick: no step
+        rig.take()
+    assert [event[2] for event in rig.service.nodes[0].node.events[2:]] == ages_s
+
+
+def test_a_node_begins_anew_with_each_run_and_with_a_service_that_it_depends_on(rig):
+    rig = rig()
+    toy = rig.service.nodes[0].node
+    put_odom(rig, 5)
+    put_odom(rig, 5, run=2, seed=10)
+    for name in ("target", "controller"):
+        for alive in (True, False, True):
+            rig.bus.presence.update(name, alive=alive)
+    put_odom(rig, 5, run=2, seed=10)
+    steps = [event[:2] for event in toy.events[1:]]
+    assert steps == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (5, 0.01)]
+
+
+def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
+    rig = rig()
+    heard = []
+    for tick in (0, 1, 2, 8, 9, 100):
+        stamp = rig.at(tick)
+        odom = planar_odometry(stamp.time, "", "", Pose2D(), Twist2D())
+        heard += rig.put(ODOM, odom, stamp)
+    (*_, last) = (s.message for s in heard if s.key == "diagnostics/follower")
+    said = {value.key: value.value for value in last.status[0].values}
+    # 0 and 8 were closed without a frame; at 100 the step of 9 is the last that was made
+    assert (said["late/target/observation"], said["missed_ticks"]) == ("2", "5")
+    assert said["events"] == "7"
+
+
+def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
+    bus = rig().bus
+    assert bus.call(SET_ODOMETRY, OdometryRequest()).child_frame_id == "set_odometry"
+    with pytest.raises(BusError, match=r"^set_odometry: behind the start$"):
+        bus.call_bytes(SET_ODOMETRY, b'{"pose":{"position":{"x":-1}}}')
+
+
+def test_a_row_may_hang_on_the_configuration(rig):
+    rig = rig(Renamed)
+    rig.bus.put_bytes("odom", b"{}", "", rig.at(5).pack())
+    rig.bus.put_bytes("odom5", b'{"header":{"stamp":{"nanosec":50000000}}}', "", rig.at(5).pack())
+    assert [sample.message.linear.x for sample in rig.take() if sample.key == "cmd_vel"] == [5.0]
+
+
+def test_what_is_not_in_its_row_is_no_nodes_to_give(rig):
+    with pytest.raises(ConfigError, match=r"^follower gives follower/state, which is not in its"):
+        put_odom(rig(Talkative), 5)
+
+
+def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
+    service = rig().service
+    service.close()
+    assert service.nodes[0].node.closed
+    assert service.stamp == Stamp(0, 0, 5)

@@ -1,0 +1,348 @@
+"""Physics as a world: what commands and people do to robots, and the state that comes of it."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import msgspec
+import pytest
+from harness import FORGED, FUZZ, NO_STAMP, Put, Rig, assert_sendable, load_robot, put_all, puts
+from hypothesis import given, settings
+from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
+from mecazen.errors import BusError, ConfigError, MecazenError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.keys import (
+    CALLS,
+    CLOCK,
+    GROUND_TRUTH,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    ROBOT_DESCRIPTION,
+    TARGET_ODOM,
+)
+from mecazen.messages import (
+    Empty,
+    JointState,
+    Odometry,
+    ResetRequest,
+    SpeedRequest,
+    StepRequest,
+    Time,
+    planar_odometry,
+)
+from mecazen.node import Inputs, Tick
+from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
+from mecazen.wire import encode
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.node import PhysicsWorld
+
+TICK_NS = 10_000_000
+FAST = PhysicsConfig(roller_spheres=3, dt_s=0.002)
+"""Coarse: what these tests are about does not depend on the rollers' exact shape."""
+WATCHFUL = PhysicsConfig(roller_spheres=3, dt_s=0.002, watchdog_s=0.1)
+FAR = Pose2D(x=50.0)
+START = StartConfig(x_m=1.0, y_m=2.0, yaw_deg=90.0)
+
+
+def scenario(config: PhysicsConfig = FAST, **changes: Any) -> Scenario:
+    sim = SimConfig(mode="lockstep", answer_timeout_s=1e-3)
+    sections = {"physics": config}
+    return Scenario(
+        **{"robot": load_robot(), "seed": 3, "sim": sim, "sections": sections} | changes
+    )
+
+
+def joints(velocity: Sequence[float] = (), effort: Sequence[float] = ()) -> JointState:
+    return JointState(name=WHEEL_JOINTS, velocity=tuple(velocity), effort=tuple(effort))
+
+
+def person(pose: Pose2D = FAR, twist: Twist2D = Twist2D()) -> Odometry:  # noqa: B008
+    return planar_odometry(Time(), "world", "person", pose, twist)
+
+
+class Driven:
+    """Robots that are told every tick what to do; commands and people go by the robots' names."""
+
+    def __init__(self, config: PhysicsConfig = FAST, **changes: Any) -> None:
+        self.world = PhysicsWorld(scenario(config, **changes))
+        self.begin()
+
+    def begin(self) -> None:
+        self.world.reset(3)
+        self.number = 0
+        self.heard: dict[str, dict[Any, int]] = {name: {} for name in self.world.scenario.names}
+        self.states = self.world.step(Tick(0, 0, 0.0), {name: Inputs({}) for name in self.heard})
+
+    def tick(self, name: str = "", **others: Any) -> Any:
+        """Step with a `command` and a `person`, where given; return what was refused."""
+        return self.tick_all({name: others})[name]
+
+    def tick_all(self, told: Mapping[str, Mapping[str, Any]]) -> dict[str, Inputs]:
+        topics = {"command": JOINT_COMMAND, "person": TARGET_ODOM}
+        inputs = {}
+        for name, heard in self.heard.items():
+            samples = {topics[what]: message for what, message in told.get(name, {}).items()}
+            heard.update(dict.fromkeys(samples, self.number))
+            ages_s = {topic: 0.01 * (self.number - at) for topic, at in heard.items()}
+            inputs[name] = Inputs(samples, ages_s)
+        self.number += 1
+        tick = Tick(self.number, self.number * TICK_NS, 0.01)
+        self.states = self.world.step(tick, inputs)
+        return inputs
+
+    def drive(self, ticks: int, velocity: Sequence[float] = (), effort: Sequence[float] = ()):
+        for _ in range(ticks):
+            self.tick(command=joints(velocity, effort))
+
+    def joints(self, name: str = "") -> JointState:
+        return self.states[name][JOINT_STATES]
+
+    @property
+    def wheels(self) -> tuple[float, ...]:
+        """The wheels' speeds [rad/s]."""
+        return self.joints().velocity[:4]
+
+    def pose(self, name: str = "") -> Pose2D:
+        return self.states[name][GROUND_TRUTH].pose.pose.to_planar()
+
+
+def test_the_state_has_the_wheels_then_every_roller_and_the_true_pose():
+    driven = Driven(start=START)
+    rollers = [roller_joint(wheel, index) for wheel in WHEELS for index in range(9)]
+    state = driven.joints()
+    assert state.name == (*WHEEL_JOINTS, *rollers)
+    assert len(state.position) == len(state.velocity) == len(state.effort) == 40
+    for _ in range(3):
+        driven.drive(1, [0.0] * 4)
+    truth = driven.states[""][GROUND_TRUTH]
+    assert truth.header == msgspec.structs.replace(truth.header, stamp=Time(nanosec=3 * TICK_NS))
+    assert (truth.header.frame_id, truth.child_frame_id) == ("world", "base_link")
+    # it sinks a little onto its rollers
+    assert driven.pose() == pytest.approx((1.0, 2.0, math.pi / 2), abs=1e-4)
+    driven.drive(20, [5.0] * 4)
+    assert driven.wheels == pytest.approx([5.0] * 4, rel=0.01)
+    assert any(abs(speed) > 0.1 for speed in driven.joints().velocity[4:])
+
+
+def test_wheel_speeds_and_efforts_are_taken_by_name_in_any_order():
+    driven = Driven()
+    names = tuple(reversed(WHEEL_JOINTS))
+    command = JointState(name=("arm", *names), velocity=(9.0, 4.0, 3.0, 2.0, 1.0))
+    for _ in range(10):
+        driven.tick(command=command)
+    assert driven.wheels == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=0.02)  # the servo's rest
+    driven.begin()
+    for _ in range(5):
+        driven.tick(command=JointState(name=names, effort=(0.4, 0.3, 0.2, 0.1)))
+    assert driven.joints().effort[:4] == (0.1, 0.2, 0.3, 0.4)
+    assert driven.pose().x > 0.0
+
+
+def test_commands_beyond_the_motor_are_taken_as_its_limit():
+    driven = Driven()
+    driven.drive(100, [1e308] * 4)
+    assert max(driven.wheels) <= 40.0 + 1e-6
+    driven.drive(1, effort=[-1e308] * 4)
+    assert driven.joints().effort[:4] == (-3.0,) * 4
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        JointState(),
+        JointState(velocity=(1.0, 2.0, 3.0, 4.0)),
+        JointState(name=WHEEL_JOINTS[:1], velocity=(1.0,)),
+        JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 3),
+        JointState(name=WHEEL_JOINTS, position=(1.0,) * 4),
+    ],
+)
+def test_a_command_that_lacks_a_wheel_is_refused_and_the_last_good_one_stays(command: JointState):
+    driven = Driven()
+    driven.drive(20, [2.0] * 4)
+    inputs = driven.tick(command=command)
+    assert [topic for topic, _ in inputs.refused] == [JOINT_COMMAND]
+    assert driven.wheels == pytest.approx([2.0] * 4, abs=0.05)
+
+
+def test_the_watchdog_brings_the_wheels_to_rest_and_the_next_command_moves_them():
+    driven = Driven(WATCHFUL)
+    driven.drive(30, [4.0] * 4)
+    speeds = []
+    for _ in range(130):
+        driven.tick(person=person())
+        speeds.append(driven.wheels[0])
+    assert speeds[:9] == pytest.approx([4.0] * 9, abs=0.1)
+    assert speeds[60] == pytest.approx(2.0, abs=0.2)  # half of the second that it takes
+    assert speeds[-10:] == pytest.approx([0.0] * 10, abs=0.02)
+    assert all(abs(after - before) < 0.15 for before, after in pairwise(speeds))
+    driven.drive(30, [4.0] * 4)
+    assert driven.wheels == pytest.approx([4.0] * 4, abs=0.1)
+
+
+def test_the_watchdog_slows_down_from_the_speed_that_an_effort_had_made():
+    driven = Driven(WATCHFUL)
+    driven.drive(1, effort=[0.3] * 4)
+    speeds = []
+    for _ in range(130):
+        driven.tick()
+        speeds.append(driven.wheels[0])
+    assert max(speeds) > 1.0
+    assert speeds.index(max(speeds)) <= 12
+    assert speeds[-1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_person_stops_the_robot_and_pushes_it():
+    driven = Driven(PhysicsConfig(roller_spheres=3))
+    for _ in range(150):  # 0.75 m, if nobody stood there
+        driven.tick(command=joints([10.0] * 4), person=person(Pose2D(x=0.8)))
+    assert driven.pose().x < 0.45  # 0.2 m of the person, 0.2 m of the robot
+    driven.begin()
+    for tick in range(100):
+        walking = person(Pose2D(0.6 - 0.01 * tick), Twist2D(x=-1.0))
+        driven.tick(command=joints(effort=[0.0] * 4), person=walking)
+    assert driven.pose().x < -0.5
+
+
+def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
+    driven = Driven(WATCHFUL)
+    # 1 m before the robot, on the way to it; in 3 s they would have been through it
+    driven.tick(person=person(Pose2D(x=1.0, yaw=math.pi), Twist2D(x=0.5)))
+    driven.drive(300, [0.0] * 4)
+    assert driven.pose().x == pytest.approx(0.0, abs=1e-3)
+
+
+def test_an_absurdly_fast_person_does_no_harm():
+    driven = Driven()
+    for _ in range(20):
+        driven.tick(person=person(Pose2D(), Twist2D(1.797e308, 1.797e308)))
+    for message in driven.states[""].values():
+        assert all(map(math.isfinite, message.velocity)) if message is driven.joints() else True
+    assert all(map(math.isfinite, driven.pose()))
+
+
+def test_robots_are_moved_each_by_its_own_commands_and_stopped_by_its_own_watchdog():
+    robots = (RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=2.0)))
+    driven = Driven(robots=robots)
+    assert driven.pose("two").y == 2.0
+    for tick in range(250):
+        told = {"one": {"command": joints([5.0] * 4)}, "two": {"command": joints([5.0] * 4)}}
+        driven.tick_all(told if tick < 30 else {"one": told["one"]})
+    one, two = (driven.states[name][GROUND_TRUTH].twist.twist.linear.x for name in ("one", "two"))
+    # nexus at 5 rad/s; 2.2 s after the last word: the watchdog and the time to slow down
+    assert one == pytest.approx(0.25, rel=0.05)
+    assert two == pytest.approx(0.0, abs=0.01)
+    assert driven.pose("one").x > driven.pose("two").x > 0.02
+    assert set(driven.world.diagnostics()) == {"one/x_m", "one/y_m", "two/x_m", "two/y_m"}
+
+
+def weave(driven: Driven) -> bytes:
+    """Drive about, touch the person, and return all states."""
+    said = []
+    for tick in range(60):
+        command = joints([4.0, 3.0, math.sin(0.3 * tick), 2.0])
+        walking = person(Pose2D(0.5 - 0.004 * tick, 0.05), Twist2D(x=-0.4))
+        driven.tick(command=command, person=walking)
+        said += [encode(message, "json") for message in driven.states[""].values()]
+    return b"".join(said)
+
+
+def test_a_reset_is_as_good_as_a_fresh_start_to_the_last_bit():
+    driven = Driven()
+    expected = weave(driven)
+    driven.drive(30, [10.0, -10.0, 5.0, 2.0])
+    driven.begin()
+    assert driven.pose() == Pose2D()
+    assert weave(driven) == expected == weave(Driven())
+
+
+def test_the_robot_description_is_a_urdf_and_its_meshes_are_served():
+    driven = Driven(start=START)
+    root = ET.fromstring(driven.world.answer(ROBOT_DESCRIPTION, Empty(), "").data)  # noqa: S314
+    assert (root.tag, root.get("name")) == ("robot", "nexus")
+    assert {j.get("name") for j in root.findall("joint")} >= set(driven.joints().name)
+    files = driven.world.files("")["robot_description"]
+    assert {mesh.get("filename") for mesh in root.iter("mesh")} == set(files)
+    for data in files.values():
+        (triangles,) = struct.unpack_from("<I", data, 80)
+        assert triangles > 5000
+        assert len(data) == 84 + 50 * triangles
+    assert driven.world.diagnostics() == {"x_m": 1.0, "y_m": 2.0}
+
+
+def test_a_diverged_state_is_one_clear_error():
+    wheels = msgspec.structs.replace(load_robot().wheels, max_torque_nm=1e9)
+    driven = Driven(robot=msgspec.structs.replace(load_robot(), wheels=wheels))
+    driven.drive(1, [0.0] * 4)
+    with pytest.raises(
+        MecazenError, match=r"^physics diverged .* last good state at 0.0"
+    ) as caught:
+        driven.drive(10, effort=[1e9] * 4)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_step_that_does_not_divide_the_tick_is_a_configuration_error():
+    with pytest.raises(ConfigError, match=r"^sim.tick_s: 0.01 s is not a whole number of ticks"):
+        PhysicsWorld(scenario(PhysicsConfig(dt_s=0.003)))
+
+
+GOOD = {
+    "joint_command": [joints([1.0, 2.0, 3.0, 4.0]), joints(effort=[0.1, 0.2, 0.3, 0.4])],
+    "target/odom": [
+        person(Pose2D(1.0, 2.0, 0.5), Twist2D(0.1)),
+        person(Pose2D(0.2, 0.0, 0.5), Twist2D(0.1)),
+    ],
+}
+REQUESTS = {
+    "sim/step": [StepRequest(ticks=2)],
+    "sim/speed": [SpeedRequest(speed=2.0)],
+    "sim/reset": [ResetRequest(seed=3)],
+    "sim/state": [Empty()],
+}
+
+
+@pytest.fixture(scope="module")
+def long_lived() -> Rig:
+    rig = Rig("physics", scenario(), CLOCK, JOINT_STATES, GROUND_TRUTH)
+    rig.service.begin()
+    rig.take()
+    return rig
+
+
+def assert_goes_on(rig: Rig) -> None:
+    tick = rig.service.tick
+    rig.put(JOINT_COMMAND, joints([0.0] * 4), rig.service.stamp)
+    rig.put(TARGET_ODOM, person(), rig.service.stamp)
+    rig.service.step()
+    heard = rig.take()
+    assert (rig.service.tick, len(heard)) == (tick + 1, 3)
+    for sample in heard:
+        assert_sendable(sample)
+
+
+@settings(FUZZ, max_examples=80)
+@given(wrong=puts(GOOD, FORGED | NO_STAMP))
+def test_whatever_comes_on_its_keys_time_goes_on_in_finite_numbers(
+    long_lived: Rig, wrong: list[Put]
+):
+    put_all(long_lived.bus, wrong)
+    assert_goes_on(long_lived)
+
+
+@settings(FUZZ, max_examples=60)
+@given(wrong=puts(REQUESTS, NO_STAMP))
+def test_whatever_is_asked_time_goes_on(long_lived: Rig, wrong: list[Put]):
+    calls = {call.key: call for call in CALLS}
+    for put in wrong:
+        try:
+            long_lived.bus.call_bytes(calls[put.key], put.payload)
+        except BusError as refusal:
+            assert "\n" not in str(refusal)  # noqa: PT017
+    if long_lived.service.asked_reset is not None:
+        long_lived.service.step()
+        long_lived.take()
+    assert_goes_on(long_lived)
