@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-from hypothesis import Phase, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
@@ -109,6 +110,7 @@ class Rig:
         self.bus = LocalBus()
         self.service = make_nodes(service, kinds or classes(service, scenario), self.bus, scenario)
         self.heard = Listener(self.bus, *topics)
+        self.health = Listener(self.bus, keys.diagnostics(service))
         self._publishers: dict[Topic[Any], Any] = {}
 
     def at(self, tick: int, run: int = 1, seed: int = 9) -> Stamp:
@@ -123,6 +125,14 @@ class Rig:
     def take(self) -> list[Sample]:
         self.bus.spin()
         return self.heard.take()
+
+    def put_wrong(self, wrong: Sequence[Put]) -> list[Sample]:
+        """Publish what an outsider does, and return what the service says: all of it sendable."""
+        put_all(self.bus, wrong)
+        heard = self.take()
+        for sample in heard + self.health.take():
+            assert_sendable(sample)
+        return heard
 
 
 class Steps:
@@ -286,3 +296,16 @@ def put_all(bus: LocalBus, wrong: Sequence[Put]) -> None:
     for put in wrong:
         bus.put_bytes(*put)
     bus.spin()
+
+
+def malformed(good: Mapping[str, Sequence[Message]]) -> Callable[[Any], Any]:
+    """Test with `wrong` payloads on the keys of `good`, none of them with a stamp."""
+    return lambda test: FUZZ(given(wrong=puts(good, NO_STAMP))(test))
+
+
+def forged(
+    good: Mapping[str, Sequence[Message]], max_examples: int = FUZZ.max_examples
+) -> Callable[[Any], Any]:
+    """Test with `wrong` payloads on the keys of `good`, with stamps of any tick and run."""
+    fuzz = settings(FUZZ, max_examples=max_examples)
+    return lambda test: fuzz(given(wrong=puts(good, FORGED))(test))

@@ -1,0 +1,230 @@
+"""The follower's node: what it makes of odometry and frames."""
+
+import math
+
+import pytest
+from harness import Steps, load_robot
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.config import Scenario, SensorConfig
+from mecazen.covariance import diagonal_covariance
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen_follower.config import AngularGains, FollowerConfig, LinearGains, PidControl
+from mecazen_follower.estimators import ESTIMATORS
+from mecazen_follower.node import FollowerNode
+
+NEXUS = load_robot()
+ORIGIN = Pose2D()
+AHEAD = Pose2D(1.5)
+PROPORTIONAL = PidControl(
+    x=LinearGains(kp=1.0, ki=0.0, limit=2.0),
+    y=LinearGains(kp=1.0, ki=0.0, limit=2.0),
+    yaw=AngularGains(kp=1.0, ki=0.0, limit=2.0),
+)
+ZEROS = (0.0,) * 36
+
+
+class Follower(Steps):
+    """Takes what it sees as it is, and drives at 1 m/s for each metre, unless told otherwise."""
+
+    def __init__(self, tick_s=None, latency_s=0.0, **settings):
+        config = FollowerConfig(**{"estimator": "none", "control": PROPORTIONAL, **settings})
+        sensor = SensorConfig(latency_s=latency_s)
+        scenario = Scenario(robot=NEXUS, sensor=sensor, sections={"follower": config})
+        super().__init__(FollowerNode, scenario, tick_s)
+
+    def tick(
+        self, tick, robot=ORIGIN, person=None, *, captured=None, seen_in="base_link", noise=ZEROS
+    ):
+        """Return command and state of a tick; its frame is empty where no person is given."""
+        now = m.Time.from_ns(tick * self.tick_ns)
+        samples = {keys.ODOM: m.planar_odometry(now, "odom", "base_link", robot, Twist2D())}
+        if person is not None or tick % 4 == 0:
+            time = m.Time.from_ns((tick if captured is None else captured) * self.tick_ns)
+            poses = () if person is None else (m.PoseWithCovariance(m.Pose.planar(person), noise),)
+            samples[keys.OBSERVATION] = m.Observation(m.Header(time, seen_in), poses)
+        outputs = self.step(tick, samples)
+        assert list(outputs) == [keys.FOLLOWER_STATE, keys.CMD_VEL]
+        state = outputs[keys.FOLLOWER_STATE]
+        assert state.header == m.Header(now, "odom")
+        return outputs[keys.CMD_VEL].to_planar(), state
+
+
+def estimate_of(state):
+    return state.estimate[0].pose.pose.to_planar()
+
+
+def test_it_stands_and_claims_nothing_before_it_has_seen_anybody():
+    follower = Follower()
+    assert follower.node.diagnostics() == {"nis": None}
+    for tick in range(5):
+        command, state = follower.tick(tick)
+        assert command == Twist2D()
+        assert (state.tracking, state.estimate, state.goal) == ("waiting", (), ())
+
+
+def test_what_is_seen_from_base_link_is_placed_in_odom_and_the_errors_are_told():
+    follower = Follower()
+    # The robot at (1, 2) looks along y; it sees the person 2 m ahead and 1 m to the left,
+    # turned by 90° to the left: in odom at (1 - 1, 2 + 2), looking back along x.
+    robot, person = Pose2D(1.0, 2.0, math.pi / 2), Pose2D(2.0, 1.0, math.pi / 2)
+    noise = diagonal_covariance((0.04, 0.01, 0.0, 0.0, 0.0, 0.09))
+    command, state = follower.tick(0, robot, person, noise=noise)
+    assert estimate_of(state) == pytest.approx((0.0, 4.0, math.pi))
+    # 1 m behind somebody at (0, 4) who looks along -x is (1, 4): 2 m ahead, and turn left
+    assert state.goal[0].to_planar() == pytest.approx((1.0, 4.0, math.pi))
+    assert command == pytest.approx((2.0, 0.0, math.pi / 2))
+    assert state.distance_error == pytest.approx(math.sqrt(5.0) - 1.0)
+    # seen from the person, the robot is 1 m behind and 2 m to the left
+    assert state.bearing_error == pytest.approx(math.atan2(2.0, -1.0) - math.pi)
+    assert state.heading_error == pytest.approx(-math.pi / 2)
+    estimate = state.estimate[0]
+    assert estimate.child_frame_id == "person"
+    assert estimate.pose.covariance[::7] == pytest.approx((0.01, 0.04, 0.0, 0.0, 0.0, 0.09))
+    told = {"nis": None, "tracking": "following", "distance_error_m": 1.236}
+    assert follower.node.diagnostics() == told
+    for frame_id in ("world", "odom"):  # both are taken to be odom
+        _, state = Follower().tick(0, robot, person, seen_in=frame_id)
+        assert estimate_of(state) == pytest.approx(person)
+
+
+@pytest.mark.parametrize(
+    ("place", "goal"),
+    [
+        ({"view": "back"}, (-1.0, 0.0, 0.0)),
+        ({"view": "front"}, (1.0, 0.0, math.pi)),
+        ({"view": "side_left"}, (0.0, 1.0, -math.pi / 2)),
+        ({"view": "side_right"}, (0.0, -1.0, math.pi / 2)),
+        ({"bearing_deg": 135.0, "heading_deg": -45.0}, (-(0.5**0.5), 0.5**0.5, -math.pi / 4)),
+    ],
+)
+def test_every_place_beside_the_person_is_one_to_rest_at(place, goal):
+    goal = Pose2D(*goal)
+    command, state = Follower(**place).tick(0, goal, goal.between(ORIGIN))
+    assert state.goal[0].to_planar() == pytest.approx(goal)
+    assert command == pytest.approx((0.0, 0.0, 0.0))
+    errors = (state.distance_error, state.bearing_error, state.heading_error)
+    assert errors == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_waiting_following_coasting_lost_and_following_again():
+    follower = Follower(coast_after_s=0.1, lost_after_s=0.5)
+    seen = [AHEAD if 8 <= tick <= 20 or tick >= 100 else None for tick in range(121)]
+    told = [
+        follower.tick(tick, person=seen[tick] if tick % 4 == 0 else None) for tick in range(121)
+    ]
+    tracking = [state.tracking for _, state in told]
+    assert tracking[:8] == ["waiting"] * 8
+    assert tracking[8:31] == ["following"] * 23  # last seen at tick 20, and for 0.1 s more
+    assert tracking[31:71] == ["coasting"] * 40
+    assert tracking[71:100] == ["lost"] * 29
+    assert tracking[100:] == ["following"] * 21
+    for tick, (command, state) in enumerate(told):
+        driven = state.tracking in ("following", "coasting")
+        assert command == pytest.approx((0.5 if driven else 0.0, 0.0, 0.0)), tick
+    assert told[50][1].last_seen_s == pytest.approx(0.3)
+    assert told[120][1].last_seen_s == 0.0
+
+
+def test_who_comes_back_elsewhere_is_followed_there_at_once():
+    follower = Follower(estimator="imm", lost_after_s=0.5)
+    for tick in range(60):
+        follower.tick(tick, person=Pose2D(1.0) if tick in (0, 4) else None)
+    _, state = follower.tick(60, person=Pose2D(3.0, 2.0, 1.0))
+    assert state.tracking == "following"
+    assert estimate_of(state) == pytest.approx((3.0, 2.0, 1.0))
+
+
+@pytest.mark.parametrize("tick_s", [0.01, 0.0123])
+def test_at_any_period_a_person_who_is_not_seen_is_predicted_to_walk_on(tick_s):
+    follower = Follower(tick_s, estimator="kf_cv")
+    for tick in range(400):
+        person = Pose2D(1.0 + 0.2 * tick * tick_s)
+        seen = person if tick < 300 and tick % 4 == 0 else None
+        _, state = follower.tick(tick, person=seen)
+    assert state.tracking == "coasting"
+    assert state.last_seen_s == pytest.approx(103 * tick_s)
+    # what is left of the filter's start
+    assert estimate_of(state) == pytest.approx(person, abs=5e-3)
+    assert state.estimate[0].twist.twist.linear.x == pytest.approx(0.2, abs=5e-3)
+    assert follower.node.diagnostics()["nis"] < 1.0
+
+
+@pytest.mark.parametrize("latency", [3, 600])  # 6 s: longer than odometry is kept otherwise
+def test_a_person_is_placed_by_where_the_robot_was_at_the_capture(latency):
+    follower = Follower(latency_s=0.01 * latency)
+    for tick in range(latency + 1):
+        follower.tick(tick, Pose2D(0.01 * tick))
+    _, state = follower.tick(latency + 1, Pose2D(0.0), Pose2D(2.0), captured=1)
+    assert estimate_of(state) == pytest.approx((2.01, 0.0, 0.0))
+
+
+def test_a_frame_from_before_the_first_odometry_is_refused():
+    follower = Follower()
+    follower.tick(20)
+    _, state = follower.tick(21, ORIGIN, AHEAD, captured=19)
+    assert (state.tracking, follower.refused) == ("waiting", ["target/observation"])
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [diagonal_covariance((-1.0, 1.0, 0.0, 0.0, 0.0, 1.0)), (0.0, 1.0, *(0.0,) * 34)],
+    ids=["negative", "asymmetric"],
+)
+@pytest.mark.parametrize("estimator", sorted(ESTIMATORS))
+def test_a_covariance_that_is_none_is_refused_and_the_estimate_stays(noise, estimator):
+    follower = Follower(estimator=estimator)
+    follower.tick(0, person=AHEAD)
+    command, state = follower.tick(4, person=Pose2D(7.0), noise=noise)
+    assert follower.refused == ["target/observation"]
+    assert estimate_of(state) == pytest.approx(AHEAD, abs=1e-6)
+    assert command.x == pytest.approx(0.5, abs=1e-6)
+    follower.tick(8, person=AHEAD)
+    assert follower.refused == ["target/observation"]
+
+
+@pytest.mark.parametrize("jump", [Pose2D(5.0, 5.0, 0.0), Pose2D(0.0, 0.0, math.pi / 2)])
+def test_when_the_odometry_is_set_anew_the_person_is_sought_anew(jump):
+    follower = Follower(estimator="kf_cv")
+    for tick in range(0, 41, 4):
+        follower.tick(tick, person=AHEAD)
+    command, state = follower.tick(41, jump)
+    assert (command, state.estimate) == (Twist2D(), ())
+    _, state = follower.tick(44, jump, AHEAD)
+    assert estimate_of(state) == pytest.approx(jump.compose(AHEAD))
+    assert state.estimate[0].twist.twist.to_planar() == pytest.approx((0.0, 0.0, 0.0))
+    _, state = follower.tick(84, Pose2D(jump.x + 0.4, jump.y, jump.yaw))
+    assert state.estimate  # what it drives in missed ticks is no jump
+
+
+def test_who_joins_late_or_comes_back_after_long_makes_up_for_nothing():
+    follower = Follower(control=PidControl(x=LinearGains(kp=1.0, ki=1.0, limit=2.0)))
+    for tick in (1000, 2000):
+        command, _ = follower.tick(tick, person=AHEAD)
+        assert command == pytest.approx((0.5 + 0.5 * 0.01, 0.0, 0.0))  # not 10 s of integral
+    command, _ = follower.tick(2001)
+    assert command.x == pytest.approx(0.5 + 0.5 * 0.02)
+    command, _ = follower.tick(2003)  # one was missed
+    assert command.x == pytest.approx(0.5 + 0.5 * 0.04)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_after_a_gap_in_which_the_person_would_be_lost_they_are_looked_for_anew(estimator):
+    follower = Follower(estimator=estimator)
+    _, before = follower.tick(0, person=AHEAD)
+    # the latest time there is: no estimator may go there step by step
+    _, after = follower.tick(2**31 * 100 - 3)
+    assert (before.tracking, after.tracking) == ("following", "waiting")
+
+
+def test_a_new_run_forgets_the_person():
+    follower = Follower()
+    first = follower.tick(0, person=AHEAD)
+    follower.reset(1)
+    assert follower.tick(1)[1].estimate == ()
+    follower.reset(1)
+    assert follower.tick(0, person=AHEAD) == first
+
+
+def test_the_truth_is_never_read():
+    assert [i.topic for i in FollowerNode.ROW.inputs] == [keys.ODOM, keys.OBSERVATION]
