@@ -1,6 +1,6 @@
 # Every target prepares what it needs. PYTHON is any Python 3.11 or later with venv.
 PYTHON ?= python3.11
-SERVICES := physics controller target follower viewer recorder
+SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 HOURS ?= 2
 WORKSPACE := common tools $(SERVICES:%=services/%) experiments bench
@@ -27,7 +27,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-tools test-experiments test-bench test-system test-chaos test-compose soak
+.PHONY: help install graph gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-tools test-experiments test-bench test-system test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -38,6 +38,7 @@ help:
 	@echo "make soak         hours of simulated time: memory, ticks, schedule (HOURS=0.5)"
 	@echo "make bench        speed and accuracy, in 5 minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
+	@echo "make graph    what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png, from a run in the viewer"
 	@echo "make install      only prepare .venv"
 
@@ -67,6 +68,9 @@ drawing:
 	@dpkg -s $(DRAWING) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
 		apt-get install -y -qq --no-install-recommends $(DRAWING) >/dev/null; } || \
 		echo "without $(DRAWING) the tests of pictures are skipped"
+
+graph: .venv/ready
+	@.venv/bin/python -m mecazen_tools.generated
 
 picture: .venv/ready drawing
 	@.venv/bin/python docs/make_picture.py

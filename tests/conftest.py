@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from mecazen.bus.zenoh_bus import open_session
+from mecazen.bus.session import open_session
 from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario

@@ -21,6 +21,7 @@ from mecazen.config import Scenario
 from mecazen.errors import BusError
 from mecazen.keys import Topic
 from mecazen.messages import Message
+from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import Kind, classes
 from mecazen.robot import Robot
 from mecazen.runtime.host import make_nodes
@@ -110,6 +111,40 @@ class Rig:
     def take(self) -> list[Sample]:
         self.bus.spin()
         return self.heard.take()
+
+
+class Steps:
+    """A node by itself, stepped by hand: no bus, nothing faked.
+
+    Args:
+        kind: Its class.
+        scenario: Its configuration, and the seed that it begins with.
+        tick_s: From one tick to the next [s]; left out: the scenario's control period.
+    """
+
+    def __init__(self, kind: type[Node], scenario: Scenario, tick_s: float | None = None) -> None:
+        self.node = kind(scenario)
+        self.tick_ns = round((tick_s or scenario.sim.tick_s) * 1e9)
+        self.refused: list[str] = []
+        """Keys of the samples that the node could not use."""
+        self.reset(scenario.seed)
+
+    def reset(self, seed: int) -> None:
+        self._last: int | None = None
+        self._came: dict[Topic[Any], int] = {}
+        self.node.reset(seed)
+
+    def step(self, tick: int, samples: Mapping[Topic[Any], Message]) -> dict[Topic[Any], Any]:
+        """Return the outputs of a tick; of the last one again, its step is done again."""
+        ages_s = {topic: (tick - came) * self.tick_ns / 1e9 for topic, came in self._came.items()}
+        inputs = Inputs(samples, ages_s)
+        period_ns = self.tick_ns * (1 if self._last is None else tick - self._last)
+        outputs = self.node.step(Tick(tick, tick * self.tick_ns, period_ns / 1e9), inputs)
+        refused = [topic for topic, _ in inputs.refused]
+        self.refused += [topic.key for topic in refused]
+        self._came |= {topic: tick for topic in samples if topic not in refused}
+        self._last = tick
+        return dict(outputs)
 
 
 class Answer:

@@ -10,6 +10,7 @@ from harness import load_robot
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, StartConfig
+from mecazen.covariance import diagonal_covariance
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
@@ -21,7 +22,6 @@ from mecazen.messages import (
     Pose,
     PoseWithCovariance,
     Twist,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.robot import WHEEL_JOINTS

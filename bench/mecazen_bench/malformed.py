@@ -130,7 +130,7 @@ class Malformed:
         try:
             if made.key in CALLS:
                 return bool(made.payload.strip()) and _refuses(self._kinds[made.key], made.payload)
-            decode_sample(self._kinds[made.key], *made[1:])
+            decode_sample(cast(Topic[Message], keys.topic_of(made.key)), *made[1:])
         except RefusedError:
             return True
         return False

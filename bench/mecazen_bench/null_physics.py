@@ -11,13 +11,14 @@ from typing import cast
 
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS, WHEELS, Robot, roller_joint
-from mecazen_physics.arena import Arena
+from mecazen_physics.motors import WheelCommand
 from mecazen_physics.service import PhysicsService
-from mecazen_physics.world import WheelCommand, WorldState
+from mecazen_physics.state import RobotState
+from mecazen_physics.world import World
 
 
-class NullWorld:
-    """A robot that moves by the ideal equations, in the place of a `World`.
+class NullRobot:
+    """A robot that moves by the ideal equations, in the place of a `DartRobot`.
 
     Its rollers stand still, but at numbers with all their digits: messages are as long as
     real ones.
@@ -51,15 +52,15 @@ class NullWorld:
         ]
         self._state = self._make_state(self._state.time + elapsed, twist, angles, command)
 
-    def state(self) -> WorldState:
+    def state(self) -> RobotState:
         """Return the present state."""
         return self._state
 
     def _make_state(
         self, time: float, twist: Twist2D, angles: Sequence[float], speeds: Sequence[float]
-    ) -> WorldState:
+    ) -> RobotState:
         x, y, yaw = self._pose
-        return WorldState(
+        return RobotState(
             time=time,
             position=(x, y, 0.0),
             orientation=(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)),
@@ -71,16 +72,16 @@ class NullWorld:
         )
 
 
-class NullArena:
-    """Robots that meet nobody, in the place of an `Arena`."""
+class NullWorld:
+    """Robots that touch nothing, in the place of a `World`."""
 
-    def __init__(self, worlds: Sequence[NullWorld]) -> None:
-        self.worlds = worlds
+    def __init__(self, robots: Sequence[NullRobot]) -> None:
+        self.robots = robots
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Move each as commanded."""
-        for world, command in zip(self.worlds, commands, strict=True):
-            world.advance(command.values, steps)
+        for robot, command in zip(self.robots, commands, strict=True):
+            robot.advance(command.values, steps)
 
     def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
         """Take no notice: there is nobody to touch."""
@@ -89,9 +90,9 @@ class NullArena:
 class NullPhysics(PhysicsService):
     """The physics service with nothing to simulate."""
 
-    def make_arena(self) -> Arena:
-        """Return the null arena: it has all of an arena that the service uses here."""
+    def make_world(self) -> World:
+        """Return the null world: it has all of a world that the service uses here."""
         parts = [self.scenario.of(name) for name in self.scenario.names]
         dt_s = self.config.dt_s
-        worlds = [NullWorld(part.robot, dt_s, part.start.pose) for part in parts]
-        return cast(Arena, NullArena(worlds))
+        robots = [NullRobot(part.robot, dt_s, part.start.pose) for part in parts]
+        return cast(World, NullWorld(robots))

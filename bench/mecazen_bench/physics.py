@@ -13,6 +13,7 @@ from typing import Any
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.motors import WheelCommand
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.world import World
 
@@ -50,24 +51,24 @@ class DartEngine:
         self.robot = robot
         self.dt_s = dt_s
         self.spent_s = 0.0
-        self._world = World(robot, PhysicsConfig(dt_s=dt_s, **OURS[rollers]), Pose2D())
+        self._world = World([(robot, Pose2D())], PhysicsConfig(dt_s=dt_s, **OURS[rollers]))
 
     def advance(self, speeds: Sequence[float], steps: int) -> Sample:
         """Simulate some steps; see `Engine`."""
         begin = time.thread_time()
-        self._world.advance(speeds, steps)
+        self._world.advance([WheelCommand(speeds)], steps)
         self.spent_s += time.thread_time() - begin
         return self._sample()
 
     def coast(self, steps: int) -> Sample:
         """Simulate some steps without torque; see `Engine`."""
         begin = time.thread_time()
-        self._world.advance_effort([0.0] * len(WHEELS), steps)
+        self._world.advance([WheelCommand([0.0] * len(WHEELS), is_effort=True)], steps)
         self.spent_s += time.thread_time() - begin
         return self._sample()
 
     def _sample(self) -> Sample:
-        state = self._world.state()
+        state = self._world.robots[0].state()
         x, y, z, w = state.orientation
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         return Sample(*state.position, yaw, state.joint_position[: len(WHEELS)])

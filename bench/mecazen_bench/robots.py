@@ -8,9 +8,9 @@ import time
 from collections.abc import Sequence
 
 from mecazen.geometry import Pose2D
-from mecazen_physics.arena import Arena
 from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.world import WheelCommand
+from mecazen_physics.motors import WheelCommand
+from mecazen_physics.world import World
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.scenarios import robot
@@ -39,7 +39,7 @@ class Crew:
         nexus = robot("nexus")
         self.count = len(starts)
         self.spent_s: list[float] = []
-        self._arena = Arena([(nexus, start) for start in starts], PhysicsConfig())
+        self._world = World([(nexus, start) for start in starts], PhysicsConfig())
         self._back_and_forth = back_and_forth
         self._blocks = 0
         self._drive(WARM_UP_TICKS, MOTIONS[0])
@@ -60,7 +60,7 @@ class Crew:
     def _drive(self, ticks: int, motion: Sequence[float]) -> None:
         commands = [WheelCommand(motion)] * self.count
         for _ in range(ticks):
-            self._arena.advance(commands, STEPS)
+            self._world.advance(commands, STEPS)
 
 
 def run(blocks: int = BLOCKS) -> list[Group]:

@@ -21,6 +21,7 @@ from mecazen.graph import OBSERVERS, SHARED
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
+from mecazen.world import WorldConfig
 
 SectionT = TypeVar("SectionT", bound=Section)
 
@@ -190,6 +191,7 @@ class Scenario(Section):
     `follower = "my_follower.py:MyFollower"`."""
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
+    world: WorldConfig = WorldConfig()
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     bus: BusConfig = BusConfig()

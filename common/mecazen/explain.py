@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import msgspec
 import msgspec.inspect as mi
 
-from mecazen.config import RESERVED
+from mecazen.config import RESERVED, Scenario
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
 
@@ -42,7 +42,7 @@ def explain(
     missing = re.match(r"Object missing required field `(.*)`$", problem)
     if unknown and not own_words:
         names = sorted([*_fields(node), *(extra if not trail else ())])
-        close = difflib.get_close_matches(unknown[1], names, n=1)
+        close = difflib.get_close_matches(unknown[1], names, n=1) or _elsewhere(unknown[1])
         problem = "unknown key; " + (f"did you mean {close[0]}? " if close else "")
         problem += f"allowed: {', '.join(names)}"
         trail = [*trail, unknown[1]]
@@ -58,6 +58,12 @@ def explain(
     source = name_source(key, problem, of_table=of_table)
     parts = (source, "" if source.endswith(f" with --set {key}") else key, problem)
     return one_line(": ".join(part for part in parts if part))
+
+
+def _elsewhere(key: str) -> list[str]:
+    """Return where the scenario's own sections have a key of this name."""
+    sections = _fields(mi.type_info(Scenario)).items()
+    return [f"{name}.{key}" for name, node in sections if key in _fields(node)]
 
 
 def one_line(text: str) -> str:

@@ -115,14 +115,20 @@ class Row:
         return replace(self, inputs=tuple(i for i in self.inputs if i.topic is not topic))
 
 
-OPERATOR_CALLS = (keys.SIM_PAUSE, keys.SIM_RESUME, keys.SIM_STEP, keys.SIM_RESET, keys.SIM_SPEED)
-
 GRAPH: tuple[Row, ...] = (
     Row(
         "clock",
         "simulated time: advances the world when a tick is answered or due",
         outputs=(keys.CLOCK,),
-        calls=(keys.SIM_STATE, keys.SIM_SCENARIO, *OPERATOR_CALLS),
+        calls=(
+            keys.SIM_STATE,
+            keys.SIM_SCENARIO,
+            keys.SIM_PAUSE,
+            keys.SIM_RESUME,
+            keys.SIM_STEP,
+            keys.SIM_RESET,
+            keys.SIM_SPEED,
+        ),
         service="physics",
         shared=True,
         owns_time=True,

@@ -34,6 +34,10 @@ class Call(Generic[RequestT, AnswerT]):
     request: type[RequestT]
     answer: type[AnswerT]
     meaning: str
+    changes: bool = False
+    """Whether it changes something: then it is for the operator alone."""
+    files: bool = False
+    """Whether files are served below its key."""
 
 
 CLOCK = Topic("clock", m.Clock, "simulated time")
@@ -67,16 +71,22 @@ TOPICS: tuple[Topic[m.Message], ...] = (
 )  # type: ignore[assignment]  # a tuple of topics of different messages
 
 ROBOT_DESCRIPTION = Call(
-    "robot_description", m.Empty, m.String, "the robot as URDF; its meshes below the key"
+    "robot_description", m.Empty, m.String, "the robot as URDF; meshes below", files=True
 )
 SIM_STATE = Call("sim/state", m.Empty, m.SimState, "what simulated time does")
 SIM_SCENARIO = Call("sim/scenario", m.Empty, m.String, "the whole configuration, as TOML")
-SIM_PAUSE = Call("sim/pause", m.Empty, m.SimState, "hold simulated time")
-SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "let it go on")
-SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "N ticks while paused")
-SIM_RESET = Call("sim/reset", m.ResetRequest, m.SimState, "back to the start, in place")
-SIM_SPEED = Call("sim/speed", m.SpeedRequest, m.SimState, "times real time")
-SET_ODOMETRY = Call("set_odometry", m.OdometryRequest, m.Odometry, "where odometry believes it is")
+SIM_PAUSE = Call("sim/pause", m.Empty, m.SimState, "hold simulated time", changes=True)
+SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "let it go on", changes=True)
+SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "N ticks while paused", changes=True)
+SIM_RESET = Call("sim/reset", m.ResetRequest, m.SimState, "back to the start", changes=True)
+SIM_SPEED = Call("sim/speed", m.SpeedRequest, m.SimState, "times real time", changes=True)
+SET_ODOMETRY = Call(
+    "set_odometry",
+    m.OdometryRequest,
+    m.Odometry,
+    "where odometry believes it is",
+    changes=True,
+)
 
 CALLS: tuple[Call[m.Message, m.Message], ...] = (
     ROBOT_DESCRIPTION,

@@ -313,11 +313,6 @@ def planar_odometry(
     )
 
 
-def diagonal_covariance(diagonal: tuple[float, ...]) -> tuple[float, ...]:
-    """Return a row-major 6x6 covariance with the given six variances."""
-    return tuple(diagonal[row] if row == column else 0.0 for row in range(6) for column in range(6))
-
-
 def world_twist(odometry: Odometry) -> Twist2D:
     """Return the planar velocity of an Odometry, turned from its child frame to its frame."""
     twist = odometry.twist.twist.to_planar()

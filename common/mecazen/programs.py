@@ -56,14 +56,21 @@ def _import(place: str) -> ModuleType:
             if not all(part.isidentifier() for part in place.split(".")):
                 raise ConfigError(f"{place or repr(place)}: neither file.py nor a module's name")
             return importlib.import_module(place)
+        if place in _loaded:
+            return _loaded[place]
         spec = importlib.util.spec_from_file_location(Path(place).stem, place)
         if spec is None or spec.loader is None:
             raise ConfigError(f"{place}: can't be imported")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
+        _loaded[place] = module
     except (ImportError, OSError, SyntaxError) as error:
         raise ConfigError(f"{place}: can't be imported: {error}") from None
     return module
+
+
+_loaded: dict[str, ModuleType] = {}
+"""Files of one's own, by their paths: nodes of one file share its topics and messages."""
 
 
 def _checked(found: object, program: str) -> Kind:

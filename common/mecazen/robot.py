@@ -102,10 +102,22 @@ class Robot(Section):
 
     @property
     def footprint(self) -> tuple[float, float]:
-        """Half the length and half the width of the robot seen from above [m]."""
-        length = max(self.half_wheelbase + self.wheels.radius_m, self.base.length_m / 2)
-        width = max(self.half_track + self.wheels.hub_width_m / 2, self.base.width_m / 2)
-        return length, width
+        """Half the length and half the width [m] of a rectangle that holds the robot from above.
+
+        A wheel reaches as far as its radius R along x. Along its axle, every point of a roller
+        is on a sphere about the roller's axis, of at most the roller's largest radius r, that
+        touches the wheel's circle at a wheel angle |φ| <= π/N, of N rollers. With the angle γ
+        between the axes, d = R - r between them, the sphere's centre is d·tan φ/tan γ from the
+        wheel's middle (Gfrerer, Geometry and kinematics of the Mecanum wheel, 2008).
+
+        R is taken along the axle where it is more, as a margin for what may come to touch.
+        """
+        radius, thickest = self.wheels.radius_m, self.rollers.max_radius_m
+        end = math.tan(math.pi / self.rollers.count) / math.tan(self.roller_angle)
+        roller = (radius - thickest) * end + thickest
+        length = max(self.half_wheelbase + radius, self.base.length_m / 2)
+        width = self.half_track + max(roller, radius, self.wheels.hub_width_m / 2)
+        return length, max(width, self.base.width_m / 2)
 
     @property
     def roller_angle(self) -> float:

@@ -23,8 +23,8 @@ from mecazen_follower.estimators.turn_rate import (
     Y,
     jacobian,
     move,
-    near,
     process_noise,
+    unwrap_yaw,
 )
 
 from mecazen_experiments.poses import Poses, wrap
@@ -66,7 +66,7 @@ def smooth(
         x = move(x, dt)
         predicted.append((x, P, F))
         K = P[:, :SEEN] @ np.linalg.inv(P[:SEEN, :SEEN] + sight.covariance)
-        x = x + K @ (near(float(x[YAW]), sight.pose) - x[:SEEN])
+        x = x + K @ (unwrap_yaw(float(x[YAW]), sight.pose) - x[:SEEN])
         P = P - K @ P[:SEEN]
         P = (P + P.T) / 2.0
         filtered.append((x, P))

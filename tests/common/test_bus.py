@@ -62,16 +62,58 @@ def test_with_every_all_samples_arrive_in_order_also_across_keys(pair):
     assert samples == expected
 
 
-def test_each_subscriber_of_a_key_gets_its_samples(pair):
-    first, second = [], []
-    for samples in (first, second):
-        pair.near.subscribe(
-            keys.CMD_VEL, lambda message, _, to=samples: to.append(message), every=True
+@pytest.mark.parametrize("name", ["", "one"])
+@pytest.mark.parametrize("way", ["near", "far"])
+def test_all_subscribers_of_a_key_hear_a_put_once_in_the_order_of_subscribing(pair, way, name):
+    heard = []
+    for place in ("first", "second"):
+        pair.near.namespaced(name).subscribe(
+            keys.CMD_VEL, lambda message, _, place=place: heard.append((place, message))
         )
     pair.link()
-    pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
+    getattr(pair, way).namespaced(name).publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
     pair.settle()
-    assert first == second == [forward(0.2)]
+    assert heard == [("first", forward(0.2)), ("second", forward(0.2))]
+
+
+def test_all_that_is_put_within_the_process_arrives_in_order_as_the_objects_themselves(pair):
+    heard = []
+    clocks, commands = pair.near.publisher(keys.CLOCK), pair.near.publisher(keys.CMD_VEL)
+    for topic in (keys.CMD_VEL, keys.CLOCK):
+        pair.near.subscribe(topic, lambda *sample: heard.append(sample))
+    put = []
+    for tick in range(50):
+        put += [(Clock(Time(tick)), Stamp(tick, 1, 0)), (forward(tick), Stamp(tick, 1, 0))]
+        clocks.put(*put[-2])
+        commands.put(*put[-1])
+    pair.near.drain()
+    assert [(id(message), id(stamp)) for message, stamp in heard] == [
+        (id(message), id(stamp)) for message, stamp in put
+    ]
+
+
+def test_what_is_put_is_heard_once_within_the_process_and_once_outside(pair):
+    near, far = [], []
+    pair.near.subscribe(keys.CMD_VEL, lambda message, _: near.append(message), every=True)
+    if not pair.is_local:
+        pair.far.subscribe(keys.CMD_VEL, lambda message, _: far.append(message), every=True)
+    pair.link()
+    pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
+    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    pair.settle()
+    pair.far.drain()
+    assert near == [forward(0.2), forward(0.3)]
+    assert far == ([] if pair.is_local else near)
+
+
+def test_what_the_process_serves_itself_is_answered_on_the_same_thread(pair):
+    pair.near.serve(
+        keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks))
+    )
+    pair.near.serve_files("robot_description", {"a.stl": b"mesh"})
+    assert pair.near.call(keys.SIM_STEP, StepRequest(ticks=5)) == SimState(tick=5)
+    files = {"robot_description/a.stl": b"mesh"}
+    assert pair.near.fetch_files("robot_description/**") == files
 
 
 def test_samples_of_other_keys_do_not_arrive(pair, received):

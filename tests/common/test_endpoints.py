@@ -4,7 +4,7 @@ import logging
 
 import pytest
 from mecazen.bus.endpoints import is_open
-from mecazen.bus.zenoh_bus import session_config
+from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 
@@ -83,8 +83,11 @@ def test_beyond_loopback_without_tls_needs_a_word_and_then_there_is_a_warning(
     assert caplog.text.count(line) == 1
 
 
-def test_a_client_listens_nowhere_and_may_look_at_any_router():
-    session_config(BusConfig(connect=("tcp/192.168.1.7:7447",)), "client")
+def test_a_client_listens_nowhere_and_may_look_at_any_router(caplog):
+    config = session_config(BusConfig(connect=("tcp/192.168.1.7:7447",)), "client")
+    assert config.get_json("listen/endpoints") == "[]"
+    assert config.get_json("connect/endpoints") == '["tcp/192.168.1.7:7447"]'
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])

@@ -10,8 +10,9 @@ from contextlib import closing
 import pytest
 import zenoh
 from mecazen import keys
-from mecazen.bus import StoppedError
-from mecazen.bus.zenoh_bus import ZenohBus, includes, open_session, session_config
+from mecazen.bus import StoppedError, base
+from mecazen.bus.session import includes, open_session, session_config
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
@@ -28,31 +29,62 @@ def error_of(run):
     return str(caught.value)
 
 
+@pytest.fixture
+def flood(zenoh_pair, wait_until):
+    """Run a function that puts samples on the pair's near bus; all wait then at its far one."""
+    zenoh_pair.far.declare_alive("asker")
+    wait_until(zenoh_pair.near, lambda: "asker" in zenoh_pair.near.presence.names)
+
+    def run(put):
+        # the answer comes after the samples on the same link: all have arrived when it is there
+        call = Call(f"test/{secrets.token_hex(3)}", Empty, SimState, "a test", "")
+        zenoh_pair.near.serve(call, lambda _, reply: (put(), reply.answer(SimState())))
+        zenoh_pair.link()
+        with zenoh_pair.serving():
+            zenoh_pair.far.call(call, Empty())
+
+    return run
+
+
 def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_kept(
-    zenoh_pair, wait_until
+    zenoh_pair, flood
 ):
-    # the answer comes after the samples on the same link: all have arrived when it is there
     near, far = zenoh_pair.far, zenoh_pair.near
     latest, every = [], []
     near.subscribe(keys.CLOCK, lambda clock, _: latest.append(clock.clock.sec))
     near.subscribe(keys.CLOCK, lambda clock, _: every.append(clock.clock.sec), every=True)
     clocks = far.publisher(keys.CLOCK)
-
-    def publish_and_answer(request, reply):
-        for tick in range(1, request.ticks + 1):
-            clocks.put(Clock(Time(tick)), STAMP)
-        reply.answer(SimState())
-
-    far.serve(keys.SIM_STEP, publish_and_answer)
-    near.declare_alive("asker")
-    wait_until(far, lambda: "asker" in far.presence.names)
-    zenoh_pair.link()
-    with zenoh_pair.serving():
-        near.call(keys.SIM_STEP, StepRequest(ticks=100))
-    while near.spin_once(0.0):
-        pass
+    flood(lambda: [clocks.put(Clock(Time(tick)), STAMP) for tick in range(1, 101)])
+    near.drain()
     assert latest == [100]
     assert every == list(range(1, 101))
+
+
+def test_a_sample_is_decoded_once_for_all_subscribers_of_its_key(zenoh_pair, monkeypatch):
+    decoded, heard = [], []
+
+    def decode_sample(topic, *sample):
+        decoded.append(topic.key)
+        return base.decode_sample(topic, *sample)
+
+    monkeypatch.setattr("mecazen.bus.zenoh_bus.decode_sample", decode_sample)
+    for _ in range(3):
+        zenoh_pair.near.subscribe(keys.CLOCK, lambda clock, _: heard.append(clock))
+    zenoh_pair.link()
+    zenoh_pair.far.publisher(keys.CLOCK).put(Clock(Time(1)), STAMP)
+    zenoh_pair.settle()
+    assert decoded == ["clock", "test/end"]
+    assert len(heard) == 3
+
+
+def test_a_subscription_of_bytes_hears_what_the_own_process_puts(open_bus):
+    bus, heard = open_bus(), []
+    bus.subscribe(keys.CMD_VEL, lambda *_: None)
+    bus.subscribe_bytes("*", lambda key, *_: heard.append(key))
+    bus.publisher(keys.CMD_VEL).put(Twist(), STAMP)
+    bus.put_bytes("cmd_vel", b"{}")
+    bus.drain()
+    assert heard == ["cmd_vel", "cmd_vel"]
 
 
 def test_samples_that_gather_come_all_and_in_order(router, open_bus, wait_until):
@@ -71,28 +103,19 @@ def test_samples_that_gather_come_all_and_in_order(router, open_bus, wait_until)
     assert heard == numbers
 
 
-def test_the_newest_good_sample_is_taken_although_malformed_ones_came_after_it(
-    zenoh_pair, wait_until
-):
-    # as above: all samples have arrived when the answer is there
+def test_the_newest_good_sample_is_taken_although_malformed_ones_came_after_it(zenoh_pair, flood):
     near, far = zenoh_pair.far, zenoh_pair.near
     speeds = []
     near.subscribe(keys.CMD_VEL, lambda twist, _: speeds.append(twist.linear.x))
 
-    def publish_and_answer(request, reply):
+    def put():
         far.put_bytes("cmd_vel", b'{"linear":{"x":1.0}}')
         far.put_bytes("cmd_vel", b'{"linear":{"x":2.0}}')
         for wrong in (b"{", b"", b'{"linear":3}') * 20:
             far.put_bytes("cmd_vel", wrong)
         far.put_bytes("cmd_vel", bytes(MAX_SAMPLE_BYTES + 1))
-        reply.answer(SimState())
 
-    far.serve(keys.SIM_STEP, publish_and_answer)
-    near.declare_alive("asker")
-    wait_until(far, lambda: "asker" in far.presence.names)
-    zenoh_pair.link()
-    with zenoh_pair.serving():
-        near.call(keys.SIM_STEP, StepRequest())
+    flood(put)
     near.drain()
     assert speeds == [2.0]
     assert near.refused == {"cmd_vel": 61}
@@ -131,26 +154,13 @@ def test_of_a_flood_of_queries_those_beyond_a_hundred_are_told_so(open_bus, rout
     assert server.refused == {"sim/state": 50}
 
 
-def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, wait_until):
-    # as above: all samples have arrived when the answer is there
+def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, flood):
     near, far = zenoh_pair.far, zenoh_pair.near
     kept = []
     near.subscribe_bytes("clock", lambda *sample: kept.append(sample), 5_000)
-
-    def publish_and_answer(request, reply):
-        for _ in range(request.ticks):
-            far.put_bytes("clock", bytes(600))
-        reply.answer(SimState())
-
-    far.serve(keys.SIM_STEP, publish_and_answer)
-    near.declare_alive("asker")
-    wait_until(far, lambda: "asker" in far.presence.names)
-    zenoh_pair.link()
     for total in (100, 200):
-        with zenoh_pair.serving():
-            near.call(keys.SIM_STEP, StepRequest(ticks=100))
-        while near.spin_once(0.0):
-            pass
+        flood(lambda: [far.put_bytes("clock", bytes(600)) for _ in range(100)])
+        near.drain()
         # four of 600 bytes and what each needs besides have place among 5,000
         assert len(kept) == 4 * total / 100
         assert near.refused["clock"] == total - len(kept)

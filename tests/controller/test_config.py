@@ -46,15 +46,6 @@ def test_effective_configuration_loads_to_the_same():
     assert msgspec.convert(msgspec.to_builtins(config), ControllerConfig) == config
 
 
-def test_update_rate_is_every_tick_or_a_divisor_of_the_tick_rate():
-    assert load().ticks_per_update(0.01) == 1
-    assert load(update_rate_hz=100.0).ticks_per_update(0.01) == 1
-    assert load(update_rate_hz=12.5).ticks_per_update(0.01) == 8
-    for rate in (30.0, 200.0):
-        with pytest.raises(ValueError, match="must divide the tick rate of 100 Hz"):
-            load(update_rate_hz=rate).ticks_per_update(0.01)
-
-
 @pytest.mark.parametrize(
     ("table", "message"),
     [

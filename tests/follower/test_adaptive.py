@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, wrap
 from mecazen_follower.estimators import ESTIMATORS, make_params
-from mecazen_follower.estimators.adaptive import LEAST, MOST, NoiseScale
+from mecazen_follower.estimators.adaptive import MAX_FACTOR, MIN_FACTOR, NoiseScale
 from mecazen_follower.estimators.turn_rate import SEEN, move
 
 DT = 0.04
-TOLD = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
-PREDICTION = TOLD / 5.0
+REPORTED = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
+PREDICTION = REPORTED / 5.0
 
 
 def learn(factors, memory, frames):
     """Return who learnt from innovations of a sensor with these factors on its variances."""
     rng = np.random.default_rng(4)
     scale = NoiseScale(memory)
-    real = np.diag(PREDICTION) + np.diag(TOLD) * np.array([factors[0], *factors])
+    real = np.diag(PREDICTION) + np.diag(REPORTED) * np.array([factors[0], *factors])
     for innovation in rng.normal(size=(frames, 3)) * np.sqrt(real):
-        scale.learn(innovation, PREDICTION, TOLD, DT)
+        scale.learn(innovation, PREDICTION, REPORTED, DT)
     return scale
 
 
 @pytest.mark.parametrize("factors", [(9.0, 9.0), (0.25, 0.25), (9.0, 0.25)])
-def test_learns_how_much_worse_or_better_than_told_the_sensor_is(factors):
+def test_learns_how_much_worse_or_better_than_reported_the_sensor_is(factors):
     memory = 100.0
     position, yaw = learn(factors, memory, 20_000).factors  # 8 memories: e^-8 is left
     # An exponential mean of squares with variance s: its own deviation is s sqrt(2 w / 2),
@@ -36,7 +36,7 @@ def test_learns_how_much_worse_or_better_than_told_the_sensor_is(factors):
 
 
 def test_the_covariance_is_scaled_with_its_correlations():
-    noise = TOLD.copy()
+    noise = REPORTED.copy()
     noise[0, 1] = noise[1, 0] = 0.001
     noise[0, 2] = noise[2, 0] = 0.002
     scale = NoiseScale(1.0)
@@ -50,30 +50,30 @@ def test_the_covariance_is_scaled_with_its_correlations():
 
 def test_one_frame_is_forgotten_exponentially():
     scale = NoiseScale(2.0)
-    scale.learn(np.zeros(3), np.zeros((3, 3)), TOLD, 1.0)
-    # nothing where the told noise was expected: 1 goes to 0 by e^(-1/2)
+    scale.learn(np.zeros(3), np.zeros((3, 3)), REPORTED, 1.0)
+    # nothing where the reported noise was expected: 1 goes to 0 by e^(-1/2)
     assert scale.factors == pytest.approx((math.exp(-0.5), math.exp(-0.5)))
 
 
-def test_with_a_memory_of_0_the_noise_is_as_told_as_with_one_that_never_learns():
+def test_with_a_memory_of_0_the_noise_is_as_reported_as_with_one_that_never_learns():
     estimators = [
         ESTIMATORS["imm"](make_params("imm", {"noise_memory_s": memory})) for memory in (0.0, 1e9)
     ]
     for tick in range(50):
         for estimator in estimators:
             estimator.predict(DT)
-            estimator.update(Pose2D((-1.0) ** tick, 0.0, 0.0), TOLD)
-    told, never = (estimator.estimate for estimator in estimators)
+            estimator.update(Pose2D((-1.0) ** tick, 0.0, 0.0), REPORTED)
+    reported, never = (estimator.estimate for estimator in estimators)
     # of 1e9 s are 2 s passed: factors are 1 but for 2e-9 of excesses below 1000
-    assert told.pose == pytest.approx(never.pose, abs=1e-5)
-    assert np.array(told.covariance) == pytest.approx(np.array(never.covariance), rel=1e-5)
+    assert reported.pose == pytest.approx(never.pose, abs=1e-5)
+    assert np.array(reported.covariance) == pytest.approx(np.array(never.covariance), rel=1e-5)
 
 
-@pytest.mark.parametrize(("innovation", "bound"), [(0.0, LEAST), (1e6, MOST)])
+@pytest.mark.parametrize(("innovation", "bound"), [(0.0, MIN_FACTOR), (1e6, MAX_FACTOR)])
 def test_factors_stay_within_bounds(innovation, bound):
     scale = NoiseScale(0.1)
     for _ in range(100):
-        scale.learn(np.full(3, innovation), PREDICTION, TOLD, DT)
+        scale.learn(np.full(3, innovation), PREDICTION, REPORTED, DT)
     assert scale.factors == (bound, bound)
 
 
@@ -95,7 +95,7 @@ IMM = {
 
 
 def error_and_nees(memory):
-    """Return mean position error [m] and NEES with a sensor 3 times worse than told."""
+    """Return mean position error [m] and NEES with a sensor 3 times worse than reported."""
     rng = np.random.default_rng(5)
     estimator = ESTIMATORS["imm"](make_params("imm", {**IMM, "noise_memory_s": memory}))
     state = np.array([0.0, 0.0, 0.0, 0.8, 0.0])
@@ -103,9 +103,9 @@ def error_and_nees(memory):
     for frame in range(1500):  # a minute, in turns of 10 s straight and 10 s of a circle
         state[4] = 0.5 if frame % 500 < 250 else 0.0
         state = move(state, DT)
-        x, y, yaw = (state[:SEEN] + 3.0 * rng.normal(size=3) * np.sqrt(np.diag(TOLD))).tolist()
+        x, y, yaw = (state[:SEEN] + 3.0 * rng.normal(size=3) * np.sqrt(np.diag(REPORTED))).tolist()
         estimator.predict(DT)
-        estimator.update(Pose2D(x, y, wrap(yaw)), TOLD)
+        estimator.update(Pose2D(x, y, wrap(yaw)), REPORTED)
         if frame < 250:
             continue
         pose, _, covariance = estimator.estimate

@@ -1,6 +1,7 @@
 """Each estimator against numbers by hand, at the wrap, and against its own statistics."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_follower.estimators import ESTIMATORS, Estimate, make_params
-from mecazen_follower.estimators.ctrv import STEADY
+from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK
 from mecazen_follower.estimators.turn_rate import move, process_noise
 from scipy.stats import chi2
 
@@ -62,16 +63,6 @@ def test_first_observation_is_the_estimate(estimator):
     assert np.asarray(estimator.estimate.covariance) == pytest.approx(NOISE)
 
 
-def test_reset_forgets_everything(estimator):
-    walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
-    estimator.reset()
-    assert estimator.estimate is None
-    estimator.predict(DT)
-    estimator.update(Pose2D(5.0, 5.0, 1.0), NOISE)
-    assert estimator.estimate.pose == pytest.approx((5.0, 5.0, 1.0))
-    assert estimator.estimate.velocity == Twist2D()
-
-
 def test_estimate_is_made_of_plain_floats(estimator):
     walk(estimator, 0.5, Twist2D(1.0, 0.0, 0.1))
     pose, velocity, covariance = estimator.estimate
@@ -107,31 +98,33 @@ def test_an_unknown_covariance_is_taken_from_the_parameters(unknown):
     assert variances == pytest.approx([0.04, 0.04, math.radians(10.0) ** 2])
 
 
+FAR = Pose2D(9.0, 9.0, 0.0)
+
+
 @pytest.mark.parametrize(
-    "covariance",
+    ("pose", "covariance", "message"),
     [
-        np.eye(2),
-        np.full((3, 3), math.nan),
-        np.diag([math.inf, 1.0, 1.0]),
-        -np.eye(3),
-        [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        *((Pose2D(bad), NOISE, "out of range") for bad in (math.nan, math.inf, 1e300)),
+        *(
+            (FAR, covariance, "covariance")
+            for covariance in (
+                np.eye(2),
+                np.full((3, 3), math.nan),
+                np.diag([math.inf, 1.0, 1.0]),
+                -np.eye(3),
+                [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+                [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            )
+        ),
     ],
 )
-def test_what_is_no_covariance_is_refused_and_changes_nothing(estimator, covariance):
+def test_an_invalid_observation_is_refused_and_changes_nothing(
+    estimator, pose, covariance, message
+):
     walk(estimator, 0.2, Twist2D(1.0, 0.0, 0.0))
     before = estimator.estimate
-    with pytest.raises(ValueError, match="covariance"):
-        estimator.update(Pose2D(9.0, 9.0, 0.0), covariance)
-    assert estimator.estimate == before
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e300])
-def test_an_observation_out_of_range_is_refused_and_changes_nothing(estimator, bad):
-    walk(estimator, 0.2, Twist2D(1.0, 0.0, 0.0))
-    before = estimator.estimate
-    with pytest.raises(ValueError, match="out of range"):
-        estimator.update(Pose2D(bad, 0.0, 0.0), NOISE)
+    with pytest.raises(ValueError, match=message):
+        estimator.update(pose, covariance)
     assert estimator.estimate == before
 
 
@@ -197,6 +190,7 @@ def test_after_a_reset_all_is_as_at_first_to_the_last_bit(estimator):
     walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
     first = estimator.estimate
     estimator.reset()
+    assert (estimator.estimate, estimator.nis) == (None, None)
     walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
     assert estimator.estimate == first
 
@@ -328,7 +322,7 @@ def test_constant_velocity_prediction_does_not_depend_on_the_step(parts):
     assert np.allclose(whole.estimate.covariance, divided.estimate.covariance, atol=1e-9)
 
 
-def simulate_matched(seconds, rng, std=0.4, yaw_std=0.3):
+def simulate_constant_velocity(seconds, rng, std=0.4, yaw_std=0.3):
     """Yield truth, estimate and NIS after each update; the truth moves as the filter thinks."""
     estimator = make("kf_cv", acceleration_std_m_s2=std, yaw_acceleration_std_rad_s2=yaw_std)
     step = np.array([[1.0, DT], [0.0, 1.0]])
@@ -342,23 +336,6 @@ def simulate_matched(seconds, rng, std=0.4, yaw_std=0.3):
             yield state[:, 0], estimator.estimate, estimator.nis
         estimator.predict(DT)
         state = state @ step.T + scale * (rng.normal(size=(3, 2)) @ root.T)
-
-
-def test_nees_of_the_matched_model_is_chi_square():
-    # 100 independent runs, 3 degrees of freedom each; two-sided 99.9 %.
-    runs, rng, total = 100, np.random.default_rng(7), 0.0
-    for _ in range(runs):
-        *_, (truth, estimate, _) = simulate_matched(2.0, rng)
-        error = truth - np.array(estimate.pose)
-        error[2] = wrap(error[2])
-        total += error @ np.linalg.solve(np.array(estimate.covariance), error)
-    assert chi2.ppf(0.0005, 3 * runs) < total < chi2.ppf(0.9995, 3 * runs)
-
-
-def test_nis_of_the_matched_model_is_chi_square():
-    # Innovations of a right filter are white, so one run will do; two-sided 99.9 %.
-    _, *nis = [nis for _, _, nis in simulate_matched(40.0, np.random.default_rng(8))]
-    assert chi2.ppf(0.0005, 3 * len(nis)) < sum(nis) < chi2.ppf(0.9995, 3 * len(nis))
 
 
 def test_nis_of_a_wrong_model_is_not():
@@ -425,7 +402,7 @@ def test_many_short_predictions_are_one_long_one(name):
 def simulate_turning(name, seconds, rng):
     """Yield truth, estimate and NIS after each frame; the truth moves as the filter thinks."""
     estimator = make(name, **MATCHED)
-    walks = np.array([MATCHED["sway_m_sqrt_m"], STEADY, 0.0, 0.3, 0.3])
+    walks = np.array([MATCHED["sway_m_sqrt_m"], MIN_POSITION_WALK, 0.0, 0.3, 0.3])
     state = rng.normal(size=5) * [5.0, 5.0, 2.0, 0.5, 0.3]
     for _ in range(round(seconds / FRAME_S)):
         frame(estimator, state[:3] + rng.normal(size=3) * np.sqrt(np.diag(NOISE)))
@@ -434,22 +411,34 @@ def simulate_turning(name, seconds, rng):
         state = move(state, FRAME_S) + root @ rng.normal(size=5)
 
 
-@CTRV
-def test_nees_of_the_matched_turning_model_is_chi_square(name):
+MATCHED_MODELS = pytest.mark.parametrize(
+    "simulate",
+    [
+        pytest.param(simulate_constant_velocity, id="kf_cv"),
+        *(
+            pytest.param(partial(simulate_turning, name), id=name)
+            for name in ("ekf_ctrv", "ukf_ctrv")
+        ),
+    ],
+)
+
+
+@MATCHED_MODELS
+def test_nees_of_the_matched_model_is_chi_square(simulate):
     # 100 independent runs, 3 degrees of freedom each; two-sided 99.9 %.
     runs, rng, total = 100, np.random.default_rng(7), 0.0
     for _ in range(runs):
-        *_, (truth, estimate, _) = simulate_turning(name, 2.0, rng)
+        *_, (truth, estimate, _) = simulate(2.0, rng)
         error = truth - np.array(estimate.pose)
         error[2] = wrap(error[2])
         total += error @ np.linalg.solve(np.array(estimate.covariance), error)
     assert chi2.ppf(0.0005, 3 * runs) < total < chi2.ppf(0.9995, 3 * runs)
 
 
-@CTRV
-def test_nis_of_the_matched_turning_model_is_chi_square(name):
+@MATCHED_MODELS
+def test_nis_of_the_matched_model_is_chi_square(simulate):
     # Innovations of a right filter are white, so one run will do; two-sided 99.9 %.
-    _, *nis = [nis for _, _, nis in simulate_turning(name, 40.0, np.random.default_rng(8))]
+    _, *nis = [nis for _, _, nis in simulate(40.0, np.random.default_rng(8))]
     assert chi2.ppf(0.0005, 3 * len(nis)) < sum(nis) < chi2.ppf(0.9995, 3 * len(nis))
 
 
@@ -476,21 +465,7 @@ HEADING = {
         "acceleration_std_m_s2": 0.001,
         "yaw_acceleration_std_rad_s2": 0.001,
     },
-    "imm": {
-        "sway_m_sqrt_m": 0.03,
-        "standing_yaw_std_rad": 0.2,
-        "standing_s": 2.0,
-        "straight_acceleration_std_m_s2": 0.02,
-        "straight_yaw_std_rad": 0.01,
-        "straight_s": 10.0,
-        "turning_acceleration_std_m_s2": 0.02,
-        "turning_yaw_acceleration_std_rad_s2": 0.02,
-        "turning_s": 10.0,
-        "manoeuvre_step_m_sqrt_s": 0.05,
-        "manoeuvre_acceleration_std_m_s2": 2.0,
-        "manoeuvre_yaw_acceleration_std_rad_s2": 3.0,
-        "manoeuvre_s": 0.5,
-    },
+    "imm": {},
     "kf_cv": {"acceleration_std_m_s2": 0.02, "yaw_acceleration_std_rad_s2": 0.02},
 }
 

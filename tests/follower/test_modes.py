@@ -10,11 +10,11 @@ from mecazen_follower.estimators.turn_rate import (
     SEEN,
     SIZE,
     YAW,
-    carry,
     jacobian,
     matrix,
     move,
     process_noise,
+    propagate,
     triangle,
 )
 
@@ -22,10 +22,10 @@ DT = 0.04
 NOISE = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
 START = np.array([1.0, -2.0, 0.4, 0.0, 0.0])
 COVARIANCE = np.diag([*np.diag(NOISE), 1.0, 0.25])
-STANDING = Mode((0.03, 0.001, 0.2, 0.02, 0.02), moves=False, turns=False, lasts=2.0)
-STRAIGHT = Mode((0.03, 0.001, 0.01, 0.02, 0.02), turns=False, lasts=10.0)
-TURNING = Mode((0.03, 0.001, 0.0, 0.02, 0.02), lasts=10.0)
-MANOEUVRE = Mode((0.03, 0.05, 0.0, 2.0, 3.0), lasts=0.5)
+STANDING = Mode((0.03, 0.001, 0.2, 0.02, 0.02), moves=False, turns=False, mean_sojourn=2.0)
+STRAIGHT = Mode((0.03, 0.001, 0.01, 0.02, 0.02), turns=False, mean_sojourn=10.0)
+TURNING = Mode((0.03, 0.001, 0.0, 0.02, 0.02), mean_sojourn=10.0)
+MANOEUVRE = Mode((0.03, 0.05, 0.0, 2.0, 3.0), mean_sojourn=0.5)
 MODES = STANDING, STRAIGHT, TURNING, MANOEUVRE
 STAND, STROLL, TURN = (0.0, 0.0), (0.8, 0.0), (0.8, 0.7)
 LOOKING_AROUND = 0.2
@@ -68,8 +68,8 @@ def observations(*phases, seed=1):
 def transitions(modes):
     """Return the probabilities to go from one mode to another within a frame."""
     n = len(modes)
-    M = np.array([[DT / mode.lasts / (n - 1)] * n for mode in modes])
-    np.fill_diagonal(M, [1.0 - DT / mode.lasts for mode in modes])
+    M = np.array([[DT / mode.mean_sojourn / (n - 1)] * n for mode in modes])
+    np.fill_diagonal(M, [1.0 - DT / mode.mean_sojourn for mode in modes])
     return M
 
 
@@ -179,7 +179,7 @@ def test_a_correction_is_a_covariance_and_what_josephs_form_gives():
         )
         P = triangle(P)
         for _ in range(20):  # from well known to lost
-            state, P = carry(state, P, tuple(10.0 ** rng.uniform(-3, 0.5, 5)), 0.1)
+            state, P = propagate(state, P, tuple(10.0 ** rng.uniform(-3, 0.5, 5)), 0.1)
         root = rng.normal(size=(SEEN, SEEN)) * 10.0 ** rng.uniform(-5, 0)
         R = root @ root.T + 1e-12 * np.eye(SEEN)
         corrected = matrix(correct(state, P, state[:SEEN], R.tolist()).after.covariance)
@@ -195,7 +195,7 @@ def test_a_correction_is_a_covariance_and_what_josephs_form_gives():
 
 
 def test_over_a_step_longer_than_modes_last_probabilities_stay_such():
-    brief = [mode._replace(lasts=0.01) for mode in MODES]
+    brief = [mode._replace(mean_sojourn=0.01) for mode in MODES]
     bank = ModeBank(tuple(brief), START, COVARIANCE)
     for seen in observations((4.0, *STROLL)):
         bank.predict(DT)

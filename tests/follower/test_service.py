@@ -24,6 +24,7 @@ from hypothesis import given, settings
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import Scenario, SensorConfig, SimConfig
+from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
     FollowerState,
@@ -33,7 +34,6 @@ from mecazen.messages import (
     PoseWithCovariance,
     Time,
     Twist,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.wire import Stamp

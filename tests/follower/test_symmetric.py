@@ -23,7 +23,7 @@ def test_inverse_determinant_and_square_are_those_of_lapack(matrix, vector):
     assert np.array(found.inverse()) == pytest.approx(np.linalg.inv(matrix), **close)
     assert found.determinant == pytest.approx(np.linalg.det(matrix), **close)
     squared = vector @ np.linalg.solve(matrix, vector)
-    assert found.squared(vector.tolist()) == pytest.approx(squared, **close)
+    assert found.quadratic(vector.tolist()) == pytest.approx(squared, **close)
 
 
 @given(matrices)

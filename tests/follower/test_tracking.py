@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from mecazen_follower.tracking import Tracker, TrackingState
 
 
-def states(tracker, sightings):
-    return [str(tracker.update(time, seen)) for time, seen in sightings]
+def states(tracker, frames):
+    return [str(tracker.update(time, seen)) for time, seen in frames]
 
 
 def test_nobody_seen_yet_is_waiting_however_long():
@@ -14,7 +14,7 @@ def test_nobody_seen_yet_is_waiting_however_long():
 
 
 def test_seen_then_coasting_then_lost_then_seen_again():
-    sightings = [
+    frames = [
         (1.0, True),
         (1.0625, False),  # between two frames
         (1.25, False),
@@ -23,7 +23,7 @@ def test_seen_then_coasting_then_lost_then_seen_again():
         (60.0, False),
         (60.5, True),
     ]
-    assert states(Tracker(0.125, 2.0), sightings) == [
+    assert states(Tracker(0.125, 2.0), frames) == [
         "following",
         "following",
         "coasting",
@@ -41,13 +41,6 @@ def test_the_limits_themselves_are_still_within():
         "following",
         "coasting",
     ]
-
-
-def test_reset_waits_again():
-    tracker = Tracker(0.1, 2.0)
-    tracker.update(5.0, True)
-    tracker.reset()
-    assert tracker.update(0.0, False) is TrackingState.WAITING
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 3.0), st.booleans()), max_size=50))

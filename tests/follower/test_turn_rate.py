@@ -13,13 +13,13 @@ from mecazen_follower.estimators.turn_rate import (
     YAW,
     V,
     W,
-    carry,
     jacobian,
     matrix,
     move,
-    near,
     process_noise,
+    propagate,
     triangle,
+    unwrap_yaw,
 )
 
 coordinates = st.floats(-10.0, 10.0)
@@ -92,9 +92,9 @@ squares = st.lists(st.floats(-2.0, 2.0), min_size=SIZE**2, max_size=SIZE**2).map
 
 
 @given(walks, states, squares, times)
-def test_carry_moves_the_state_and_its_covariance_as_the_matrices_do(walk, state, root, dt):
+def test_propagate_moves_the_state_and_its_covariance_as_the_matrices_do(walk, state, root, dt):
     P, F = root @ root.T, jacobian(state, dt)
-    carried, covariance = carry(tuple(state), triangle(P), tuple(walk), dt)
+    carried, covariance = propagate(tuple(state), triangle(P), tuple(walk), dt)
     assert carried == pytest.approx(move(state, dt).tolist(), abs=1e-12)
     # each entry is a sum of 16 products below 20 (entries of P) times 9 (those of F, squared)
     expected = F @ P @ F.T + process_noise(walk, state, dt)
@@ -126,7 +126,7 @@ def test_two_halves_are_the_whole_to_first_order(state):
     assert gap(0.01) / gap(0.005) == pytest.approx(4.0, rel=0.04)
 
 
-def test_sway_goes_by_the_way_walked():
+def test_sway_goes_by_the_distance_walked():
     walk = np.array([0.03, 0.0, 0.0, 0.0, 0.0])
     forth, back, still = (
         process_noise(walk, np.array([0.0, 0.0, 1.0, v, 0.0]), 0.5) for v in (2.0, -2.0, 0.0)
@@ -146,5 +146,5 @@ def test_move_leaves_its_argument_alone():
 
 
 def test_an_observation_comes_with_the_turn_that_is_nearest():
-    seen = near(5.0 * math.tau + 3.0, Pose2D(1.0, 2.0, -3.0))
+    seen = unwrap_yaw(5.0 * math.tau + 3.0, Pose2D(1.0, 2.0, -3.0))
     assert seen == pytest.approx([1.0, 2.0, 6.0 * math.tau - 3.0])

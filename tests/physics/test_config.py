@@ -4,11 +4,14 @@ from typing import Any
 
 import msgspec
 import pytest
-from mecazen_physics.config import Box, Cylinder, PhysicsConfig
+from mecazen.schema import Section
+from mecazen.world import Box, Cylinder, WorldConfig
+from mecazen_physics.config import PhysicsConfig
 
 
 def test_defaults_need_nothing() -> None:
     assert msgspec.convert({}, PhysicsConfig) == PhysicsConfig()
+    assert msgspec.convert({}, WorldConfig) == WorldConfig()
 
 
 def test_obstacles_are_told_apart_by_their_kind() -> None:
@@ -16,7 +19,7 @@ def test_obstacles_are_told_apart_by_their_kind() -> None:
         {"kind": "box", "size_m": [1.0, 2.0, 0.5], "position_m": [3.0, 0.0], "yaw_deg": 30.0},
         {"kind": "cylinder", "size_m": [0.2, 1.0], "position_m": [0.0, 2.0]},
     ]
-    config = msgspec.convert({"obstacles": raw}, PhysicsConfig)
+    config = msgspec.convert({"obstacles": raw}, WorldConfig)
     assert config.obstacles == (
         Box(size_m=(1.0, 2.0, 0.5), position_m=(3.0, 0.0), yaw_deg=30.0),
         Cylinder(size_m=(0.2, 1.0), position_m=(0.0, 2.0)),
@@ -24,24 +27,30 @@ def test_obstacles_are_told_apart_by_their_kind() -> None:
 
 
 @pytest.mark.parametrize(
-    ("raw", "message"),
+    ("kind", "raw", "message"),
     [
-        ({"dt_s": 0.0}, "dt_s"),
-        ({"dt_s": 0.1}, "dt_s"),
-        ({"dt_s": "fast"}, "dt_s"),
-        ({"roller_spheres": 10}, "must be odd"),
-        ({"drive": "position"}, "drive"),
-        ({"rollers": "some"}, "rollers"),
-        ({"ground_friction": -1.0}, "ground_friction"),
-        ({"slope_deg": 60.0}, "slope_deg"),
-        ({"watchdog_s": 1e-4}, "watchdog_s"),
-        ({"detector": "fcl"}, "detector"),
-        ({"pid": {"p": 1.0}}, "pid"),
-        ({"person": {"radius_m": 0.0}}, "radius_m"),
-        ({"obstacles": [{"kind": "sphere"}]}, "kind"),
-        ({"obstacles": [{"kind": "box", "size_m": [1.0], "position_m": [0.0, 0.0]}]}, "size_m"),
+        (PhysicsConfig, {"dt_s": 0.0}, "dt_s"),
+        (PhysicsConfig, {"dt_s": 0.1}, "dt_s"),
+        (PhysicsConfig, {"dt_s": "fast"}, "dt_s"),
+        (PhysicsConfig, {"roller_spheres": 10}, "must be odd"),
+        (PhysicsConfig, {"drive": "position"}, "drive"),
+        (PhysicsConfig, {"rollers": "some"}, "rollers"),
+        (WorldConfig, {"ground_friction": -1.0}, "ground_friction"),
+        (WorldConfig, {"slope_deg": 60.0}, "slope_deg"),
+        (PhysicsConfig, {"watchdog_s": 1e-4}, "watchdog_s"),
+        (PhysicsConfig, {"detector": "fcl"}, "detector"),
+        (PhysicsConfig, {"pid": {"p": 1.0}}, "pid"),
+        (WorldConfig, {"person": {"radius_m": 0.0}}, "radius_m"),
+        (WorldConfig, {"obstacles": [{"kind": "sphere"}]}, "kind"),
+        (
+            WorldConfig,
+            {"obstacles": [{"kind": "box", "size_m": [1.0], "position_m": [0.0, 0.0]}]},
+            "size_m",
+        ),
     ],
 )
-def test_a_wrong_value_is_refused_by_name(raw: dict[str, Any], message: str) -> None:
+def test_a_wrong_value_is_refused_by_name(
+    kind: type[Section], raw: dict[str, Any], message: str
+) -> None:
     with pytest.raises(msgspec.ValidationError, match=message):
-        msgspec.convert(raw, PhysicsConfig)
+        msgspec.convert(raw, kind)

@@ -6,11 +6,9 @@ from xml.etree import ElementTree as ET
 import dartpy as dart
 import numpy as np
 import pytest
-from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.urdf import build_urdf, meshes
-from mecazen_physics.world import World
+from physics_rig import Rig
 
 
 @pytest.fixture
@@ -20,7 +18,7 @@ def tree(robot: Robot) -> ET.Element:
 
 def test_moving_joints_are_those_of_the_world_in_its_order(tree: ET.Element, robot: Robot) -> None:
     moving = [joint.get("name") for joint in tree.iter("joint") if joint.get("type") != "fixed"]
-    assert tuple(moving) == World(robot, PhysicsConfig(), Pose2D()).joint_names
+    assert tuple(moving) == Rig(robot).joint_names
     fixed = [joint.get("name") for joint in tree.iter("joint") if joint.get("type") == "fixed"]
     assert fixed == ["camera_joint", "lidar_joint"]
 
@@ -51,11 +49,9 @@ def test_an_independent_reader_finds_the_bodies_of_the_world(robot: Robot, tmp_p
     file = tmp_path / "robot.urdf"
     file.write_text(build_urdf(robot))
     read = dart.utils.DartLoader().parseSkeleton(str(file))
-    world = World(robot, PhysicsConfig(rollers="all"), Pose2D())
-    ours = world._plant.scene.robot
-    angles = dict(
-        zip(world.joint_names, np.linspace(-3.0, 3.0, len(world.joint_names)), strict=True)
-    )
+    rig = Rig(robot, rollers="all")
+    ours = rig.body.skeleton
+    angles = dict(zip(rig.joint_names, np.linspace(-3.0, 3.0, len(rig.joint_names)), strict=True))
     for skeleton in (read, ours):
         for name, angle in angles.items():
             skeleton.getJoint(name).setPosition(0, angle)

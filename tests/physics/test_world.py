@@ -6,8 +6,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import Literal
 
 import dartpy as dart
@@ -16,14 +15,13 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS, Robot
+from mecazen.world import Box, Cylinder, Person
 from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.rollers import Roller, lateral_gain, yaw_gain
-from mecazen_physics.world import World, WorldState
+from physics_rig import Rig
 
-STEPS = 10  # of 1 ms in a control period
 FORWARD, LEFT, TURN = Twist2D(x=0.3), Twist2D(y=0.3), Twist2D(yaw=0.6)
 
 
@@ -35,19 +33,6 @@ def wheel_speeds(robot: Robot, twist: Twist2D) -> list[float]:
         speed / robot.wheels.radius_m
         for speed in (x - y - turn, x + y + turn, x + y - turn, x - y + turn)
     ]
-
-
-def drive(world: World, command: Sequence[float], seconds: float) -> list[WorldState]:
-    """The states at every tick; the first half second brings the wheels up to `command`."""
-    states = []
-    for tick in range(round(seconds * 100)):
-        world.advance([min(1.0, tick / 50) * speed for speed in command], STEPS)
-        states.append(world.state())
-    return states
-
-
-def yaw_of(state: WorldState) -> float:
-    return 2.0 * math.atan2(state.orientation[2], state.orientation[3])
 
 
 def masses(robot: Robot) -> tuple[float, float]:
@@ -66,39 +51,37 @@ def masses(robot: Robot) -> tuple[float, float]:
     "start", [Pose2D(), Pose2D(1.5, -2.0, 2.5), Pose2D(-3.0, 0.1, -math.pi / 2)]
 )
 def test_a_new_world_is_at_rest_at_exactly_the_start_pose(robot: Robot, start: Pose2D) -> None:
-    state = World(robot, PhysicsConfig(), start).state()
+    state = Rig(robot, start).state()
     assert state.position == (start.x, start.y, 0.0)
-    assert yaw_of(state) == pytest.approx(start.yaw, abs=1e-15)
+    assert state.yaw == pytest.approx(start.yaw, abs=1e-15)
     assert state.orientation[:2] == (0.0, 0.0)
     assert set(state.linear + state.angular) == {0.0}
     assert {*state.joint_position, *state.joint_velocity, *state.joint_effort} == {0.0}
 
 
 def test_a_robot_without_command_stays_where_it_stands(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(), Pose2D())
-    heights = [state.position[2] for state in drive(world, [0.0] * 4, 1.0)]
+    rig = Rig(robot)
+    heights = [state.position[2] for state in rig.drive([0.0] * 4, 1.0)]
     # It starts in contact, so nothing falls: 1 µm is the depth of resting contacts.
     assert max(map(abs, heights)) < 1e-6
-    assert math.hypot(*world.state().position[:2]) < 1e-6
+    assert math.hypot(*rig.state().position[:2]) < 1e-6
 
 
 def test_joints_are_four_wheels_then_the_rollers_of_each(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
+    rig = Rig(robot, ground_friction=0.0)
     count = robot.rollers.count
-    assert world.joint_names[:4] == WHEEL_JOINTS
-    assert len(world.joint_names) == 4 + 4 * count
-    assert world.joint_names[4] == "front_left_roller_00_joint"
-    assert world.joint_names[-1] == f"rear_right_roller_{count - 1:02d}_joint"
-    world.advance([1.0, 2.0, 3.0, 4.0], 10)
-    assert world.state().joint_velocity[:4] == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=1e-6)
-    assert len(world.state().joint_effort) == len(world.joint_names)
+    assert rig.joint_names[:4] == WHEEL_JOINTS
+    assert len(rig.joint_names) == 4 + 4 * count
+    assert rig.joint_names[4] == "front_left_roller_00_joint"
+    assert rig.joint_names[-1] == f"rear_right_roller_{count - 1:02d}_joint"
+    rig.advance([1.0, 2.0, 3.0, 4.0], 10)
+    assert rig.state().joint_velocity[:4] == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=1e-6)
+    assert len(rig.state().joint_effort) == len(rig.joint_names)
 
 
 @pytest.mark.parametrize("rollers", ["near", "all"])
 def test_forward_motion_is_ideal_and_smooth(robot: Robot, rollers: Literal["near", "all"]) -> None:
-    states = drive(
-        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, FORWARD), 3.0
-    )[100:]
+    states = Rig(robot, rollers=rollers).drive(wheel_speeds(robot, FORWARD), 3.0)[100:]
     speed = (states[-1].position[0] - states[0].position[0]) / (states[-1].time - states[0].time)
     # 1 % is the requirement; nothing but the rollers' chords makes it differ at all.
     assert speed == pytest.approx(FORWARD.x, rel=0.01)
@@ -112,9 +95,7 @@ def test_forward_motion_is_ideal_and_smooth(robot: Robot, rollers: Literal["near
 def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(
     robot: Robot, rollers: Literal["near", "all"]
 ) -> None:
-    states = drive(
-        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, LEFT), 3.0
-    )[100:]
+    states = Rig(robot, rollers=rollers).drive(wheel_speeds(robot, LEFT), 3.0)[100:]
     gain = (states[-1].position[1] - states[0].position[1]) / 1.99 / LEFT.y
     assert gain == pytest.approx(1.0, abs=0.035)
     # No slip but at the hand-over between rollers, whose axes differ: 1 % is required.
@@ -126,20 +107,20 @@ def test_lateral_motion_has_the_gain_that_the_rollers_geometry_predicts(
     "twist", [Twist2D(0.3, 0.3), Twist2D(0.3, -0.3, 0.2), Twist2D(0.5, 0.0, 0.8)]
 )
 def test_a_robot_stands_still_when_its_wheels_do(robot: Robot, twist: Twist2D) -> None:
-    world = World(robot, PhysicsConfig(), Pose2D())
-    drive(world, wheel_speeds(robot, twist), 1.26)
+    rig = Rig(robot)
+    rig.drive(wheel_speeds(robot, twist), 1.26)
     for _ in range(100):
-        world.advance([0.0] * 4, STEPS)
+        rig.advance([0.0] * 4)
     # A wheel held at rest does not move along its roller's axis, and the axes cross: were two
     # parallel ones to carry everything, it would glide on at some 0.1 m/s.
-    assert math.hypot(*world.state().linear) < 1e-6
-    assert math.hypot(*world.state().angular) < 1e-5
+    assert math.hypot(*rig.state().linear) < 1e-6
+    assert math.hypot(*rig.state().angular) < 1e-5
 
 
 def test_each_wheel_carries_a_quarter_of_the_weight(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(), Pose2D())
-    drive(world, [0.0] * 4, 0.5)
-    contacts = world._plant.scene.stage.world.getLastCollisionResult().getContacts()
+    rig = Rig(robot)
+    rig.drive([0.0] * 4, 0.5)
+    contacts = rig.body.world.simulation.getLastCollisionResult().getContacts()
     loads = [float(contact.force[2]) for contact in contacts]
     weight = masses(robot)[0] * GRAVITY
     assert sum(loads) == pytest.approx(weight, rel=0.01)
@@ -151,22 +132,20 @@ def test_each_wheel_carries_a_quarter_of_the_weight(robot: Robot) -> None:
 def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(
     robot: Robot, rollers: Literal["near", "all"]
 ) -> None:
-    states = drive(
-        World(robot, PhysicsConfig(rollers=rollers), Pose2D()), wheel_speeds(robot, TURN), 3.0
-    )[100:]
-    gain = (yaw_of(states[-1]) - yaw_of(states[0])) / 1.99 / TURN.yaw
+    states = Rig(robot, rollers=rollers).drive(wheel_speeds(robot, TURN), 3.0)[100:]
+    gain = (states[-1].yaw - states[0].yaw) / 1.99 / TURN.yaw
     assert gain == pytest.approx(yaw_gain(robot), rel=0.01)
     assert math.hypot(*states[-1].position[:2]) < 5e-3  # the rollers' contacts wander
 
 
 def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
-    world = World(nexus, PhysicsConfig(), Pose2D(yaw=2.0))
-    before, after = drive(world, wheel_speeds(nexus, Twist2D(0.3, 0.0, 0.4)), 1.0)[-2:]
+    rig = Rig(nexus, Pose2D(yaw=2.0))
+    before, after = rig.drive(wheel_speeds(nexus, Twist2D(0.3, 0.0, 0.4)), 1.0)[-2:]
     # Ripple of the contacts: some mm/s.
     assert after.linear == pytest.approx((0.3, 0.0, 0.0), abs=0.01)
     assert after.angular == pytest.approx((0.0, 0.0, 0.4), abs=0.08)
     # The same as DART's, and as the finite difference over 10 ms.
-    body = world._plant.scene.robot.getBodyNode(0)
+    body = rig.body.skeleton.getBodyNode(0)
     np.testing.assert_allclose(
         (*after.angular, *after.linear), body.getSpatialVelocity(), atol=1e-9
     )
@@ -181,23 +160,23 @@ def test_velocity_is_in_the_axes_of_base_link(nexus: Robot) -> None:
 def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(
     robot: Robot, rollers: Literal["near", "all"]
 ) -> None:
-    world = World(robot, PhysicsConfig(rollers=rollers), Pose2D())
+    rig = Rig(robot, rollers=rollers)
     torque = 0.05
-    world.advance_effort([torque] * 4, 1000)
+    rig.advance_effort([torque] * 4, 1000)
     mass, turning = masses(robot)
     expected = 4 * torque / robot.wheels.radius_m / (mass + turning)
     # 2 %: each hand-over sets a roller turning, and chords of the barrel cost a little.
-    assert world.state().linear[0] == pytest.approx(expected, rel=0.02)
-    assert world.state().joint_effort[:4] == [torque] * 4
+    assert rig.state().linear[0] == pytest.approx(expected, rel=0.02)
+    assert rig.state().joint_effort[:4] == [torque] * 4
 
 
 def test_a_coasting_robot_only_loses_energy_and_little(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(), Pose2D())
-    drive(world, wheel_speeds(robot, FORWARD), 1.0)
+    rig = Rig(robot)
+    rig.drive(wheel_speeds(robot, FORWARD), 1.0)
     energies = []
     for _ in range(100):
-        world.advance_effort([0.0] * 4, STEPS)
-        energies.append(world._plant.scene.robot.computeKineticEnergy())
+        rig.advance_effort([0.0] * 4)
+        energies.append(rig.body.skeleton.computeKineticEnergy())
     # Ripple of 0.02 mm stores m·g·20 µm = 3 mJ of some 0.7 J for a while.
     assert (np.diff(energies) < 0.005 * energies[0]).all()
     # Chords and hand-overs take 0.3 N from a robot of 130 N, less than rubber on a floor.
@@ -208,9 +187,8 @@ def test_a_coasting_robot_only_loses_energy_and_little(robot: Robot) -> None:
 def test_standing_wheels_hold_the_robot_on_a_slope_with_the_torque_of_its_weight(
     robot: Robot, drive_by: str
 ) -> None:
-    config = msgspec.convert({"slope_deg": 10.0, "drive": drive_by}, PhysicsConfig)
-    world = World(robot, config, Pose2D())
-    state = drive(world, [0.0] * 4, 3.0)[-1]
+    rig = Rig(robot, slope_deg=10.0, drive=drive_by)
+    state = rig.drive([0.0] * 4, 3.0)[-1]
     weight = masses(robot)[0] * GRAVITY * math.sin(math.radians(10.0))
     # 3 %: the PID's integral part is still settling, and the robot creeps as it does.
     assert sum(state.joint_effort[:4]) == pytest.approx(weight * robot.wheels.radius_m, rel=0.03)
@@ -219,30 +197,29 @@ def test_standing_wheels_hold_the_robot_on_a_slope_with_the_torque_of_its_weight
 
 def test_free_wheels_let_the_robot_roll_down_the_slope(robot: Robot) -> None:
     heading = math.radians(90.0)
-    config = PhysicsConfig(slope_deg=5.0, slope_heading_deg=90.0)
-    world = World(robot, config, Pose2D(yaw=heading))
-    world.advance_effort([0.0] * 4, 500)
+    rig = Rig(robot, Pose2D(yaw=heading), slope_deg=5.0, slope_heading_deg=90.0)
+    rig.advance_effort([0.0] * 4, 500)
     mass, turning = masses(robot)
     expected = -0.5 * GRAVITY * math.sin(math.radians(5.0)) * mass / (mass + turning)
     # 2 %: as for the acceleration by torque.
-    assert world.state().linear[0] == pytest.approx(expected, rel=0.02)
-    assert world.state().position[1] < 0.0
+    assert rig.state().linear[0] == pytest.approx(expected, rel=0.02)
+    assert rig.state().position[1] < 0.0
 
 
 def test_friction_limits_what_holds_on_a_slope(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(slope_deg=30.0, ground_friction=0.2), Pose2D())
-    world.advance([0.0] * 4, 500)
+    rig = Rig(robot, slope_deg=30.0, ground_friction=0.2)
+    rig.advance([0.0] * 4, 500)
     slope = math.radians(30.0)
     expected = -0.5 * GRAVITY * (math.sin(slope) - 0.2 * math.cos(slope))
     # Coulomb, exact in DART; 1e-4: it yaws a little, as one diagonal carries more.
-    assert world.state().linear[0] == pytest.approx(expected, rel=1e-4)
+    assert rig.state().linear[0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus: Robot) -> None:
     def power(friction: float) -> float:
         rollers = msgspec.structs.replace(nexus.rollers, bearing_friction_nms=friction)
         robot = msgspec.structs.replace(nexus, rollers=rollers)
-        states = drive(World(robot, PhysicsConfig(), Pose2D()), wheel_speeds(robot, LEFT), 3.0)
+        states = Rig(robot).drive(wheel_speeds(robot, LEFT), 3.0)
         return float(
             np.mean([np.dot(s.joint_effort[:4], s.joint_velocity[:4]) for s in states[100:]])
         )
@@ -261,11 +238,11 @@ def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus:
 
 
 def test_the_motors_limits_hold(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
+    rig = Rig(robot, ground_friction=0.0)
     limit = robot.wheels.max_torque_nm
     for _ in range(50):
-        world.advance([1e3, -1e3, 1e3, -1e3], STEPS)
-        state = world.state()
+        rig.advance([1e3, -1e3, 1e3, -1e3])
+        state = rig.state()
         assert max(map(abs, state.joint_effort[:4])) <= limit * (1 + 1e-9)  # solver's rounding
         assert max(map(abs, state.joint_velocity[:4])) <= robot.wheels.max_speed_rad_s * (1 + 1e-6)
 
@@ -277,33 +254,33 @@ def test_motors_too_weak_for_a_slope_let_the_robot_roll_down_with_all_their_torq
     limit = 0.15 * weight * robot.wheels.radius_m  # 0.25 would hold it
     wheels = msgspec.structs.replace(robot.wheels, max_torque_nm=limit)
     weak = msgspec.structs.replace(robot, wheels=wheels)
-    world = World(weak, PhysicsConfig(slope_deg=10.0), Pose2D())
+    rig = Rig(weak, slope_deg=10.0)
     torques = []
     for _ in range(50):
-        world.advance([0.0] * 4, STEPS)
-        torques.append(world.state().joint_effort[:4])
+        rig.advance([0.0] * 4)
+        torques.append(rig.state().joint_effort[:4])
     # at once, and to the solver's rounding
     assert np.array(torques) == pytest.approx(limit, rel=1e-9)
     expected = -0.5 * 0.4 * weight / sum(masses(robot))
     # 2 %: as for the acceleration by torque.
-    assert world.state().linear[0] == pytest.approx(expected, rel=0.02)
+    assert rig.state().linear[0] == pytest.approx(expected, rel=0.02)
 
 
 def test_commanded_torque_is_limited_and_stops_at_the_motors_speed(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(ground_friction=0.0), Pose2D())
-    world.advance_effort([100.0, -100.0, 0.0, 0.0], 1)
+    rig = Rig(robot, ground_friction=0.0)
+    rig.advance_effort([100.0, -100.0, 0.0, 0.0], 1)
     limit, fastest = robot.wheels.max_torque_nm, robot.wheels.max_speed_rad_s
-    assert world.state().joint_effort[:4] == [limit, -limit, 0.0, 0.0]
-    world.advance_effort([100.0, -100.0, 0.0, 0.0], 200)
-    speeds = world.state().joint_velocity
+    assert rig.state().joint_effort[:4] == [limit, -limit, 0.0, 0.0]
+    rig.advance_effort([100.0, -100.0, 0.0, 0.0], 200)
+    speeds = rig.state().joint_velocity
     step = limit / model.links(robot)[0].moments[1] * 1e-3  # at most one step's gain beyond
     assert fastest <= speeds[0] <= fastest + step
     assert -fastest - step <= speeds[1] <= -fastest
 
 
 def test_the_pid_drive_reaches_the_commanded_speed(robot: Robot) -> None:
-    world = World(robot, PhysicsConfig(drive="effort"), Pose2D())
-    states = drive(world, wheel_speeds(robot, FORWARD), 2.0)[150:]
+    rig = Rig(robot, drive="effort")
+    states = rig.drive(wheel_speeds(robot, FORWARD), 2.0)[150:]
     # 0.5 %: the hand-over between rollers disturbs the wheels by some 0.2 %.
     assert np.mean([s.joint_velocity[:4] for s in states]) * robot.wheels.radius_m == pytest.approx(
         FORWARD.x, rel=0.005
@@ -312,40 +289,38 @@ def test_the_pid_drive_reaches_the_commanded_speed(robot: Robot) -> None:
 
 
 def test_wheels_spin_on_the_spot_without_friction(nexus: Robot) -> None:
-    world = World(nexus, PhysicsConfig(ground_friction=0.0), Pose2D())
-    drive(world, wheel_speeds(nexus, FORWARD), 0.5)
+    rig = Rig(nexus, ground_friction=0.0)
+    rig.drive(wheel_speeds(nexus, FORWARD), 0.5)
     # Nothing moves the centre of mass; 1e-5 m: below it the origin moves as the base leans.
-    assert math.hypot(*world.state().position[:2]) < 1e-5
-    assert world.state().joint_velocity[0] == pytest.approx(FORWARD.x / 0.05 * 0.98, rel=0.01)
+    assert math.hypot(*rig.state().position[:2]) < 1e-5
+    assert rig.state().joint_velocity[0] == pytest.approx(FORWARD.x / 0.05 * 0.98, rel=0.01)
 
 
 def test_a_standing_person_stops_the_robot(nexus: Robot) -> None:
-    world = World(nexus, PhysicsConfig(), Pose2D())
-    world.place_person(Pose2D(0.8, 0.0, 1.0), Twist2D())
-    drive(world, wheel_speeds(nexus, Twist2D(x=0.2)), 3.0)
+    rig = Rig(nexus)
+    rig.place_person(Pose2D(0.8, 0.0, 1.0), Twist2D())
+    rig.drive(wheel_speeds(nexus, Twist2D(x=0.2)), 3.0)
     # Contact at 0.8 - 0.2 m; the base's front is 0.19 m ahead of its middle. 10 mm: it
     # yaws round the person, as its wheels do not all pull the same.
-    assert world.state().position[0] == pytest.approx(0.41, abs=0.01)
+    assert rig.state().position[0] == pytest.approx(0.41, abs=0.01)
 
 
 def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus: Robot) -> None:
-    world = World(nexus, PhysicsConfig(person=Person(radius_m=0.15)), Pose2D())
+    rig = Rig(nexus, person=Person(radius_m=0.15))
     for index in range(150):
-        world.place_person(Pose2D(-0.6 + 0.005 * index, 0.0, 0.0), Twist2D(x=0.5))
-        world.advance([0.0] * 4, STEPS)
-    assert world.state().linear[0] > 0.1
-    assert world.state().position[0] > 0.1
-    person, _ = world._plant.scene.stage._known[0]
-    assert tuple(person.getPositions()) == pytest.approx(
-        (0.15, 0.0), abs=1e-9
-    )  # their own speed, integrated
+        rig.place_person(Pose2D(-0.6 + 0.005 * index, 0.0, 0.0), Twist2D(x=0.5))
+        rig.advance([0.0] * 4)
+    assert rig.state().linear[0] > 0.1
+    assert rig.state().position[0] > 0.1
+    # their own speed, integrated
+    assert rig.body.world.people[0].getPositions() == pytest.approx((0.15, 0.0), abs=1e-9)
 
 
 def test_the_persons_velocity_is_in_their_own_frame(nexus: Robot) -> None:
-    world = World(nexus, PhysicsConfig(), Pose2D())
-    world.place_person(Pose2D(3.0, 0.0, math.pi / 2), Twist2D(x=1.0))
-    world.advance([0.0] * 4, 100)
-    assert world._plant.person()[:2] == pytest.approx((3.0, 0.1), abs=1e-9)
+    rig = Rig(nexus)
+    rig.place_person(Pose2D(0.43, 0.0, math.pi / 2), Twist2D(x=1.0))  # close, but not touching
+    rig.advance([0.0] * 4, 100)
+    assert rig.body.world.people[0].getPositions() == pytest.approx((0.43, 0.1), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -357,8 +332,8 @@ def test_the_persons_velocity_is_in_their_own_frame(nexus: Robot) -> None:
     ],
 )
 def test_an_obstacle_stops_the_robot(nexus: Robot, obstacle: Box | Cylinder) -> None:
-    world = World(nexus, PhysicsConfig(obstacles=(obstacle,)), Pose2D())
-    states = drive(world, wheel_speeds(nexus, Twist2D(x=0.2)), 2.0)
+    rig = Rig(nexus, obstacles=(obstacle,))
+    states = rig.drive(wheel_speeds(nexus, Twist2D(x=0.2)), 2.0)
     reach = 0.19 if isinstance(obstacle, Cylinder) else 0.2  # the base's front, the wheels'
     # 15 mm: wheels that climb and skid along the obstacle's face.
     assert states[-1].position[0] == pytest.approx(0.5 - reach, abs=0.015)
@@ -367,14 +342,14 @@ def test_an_obstacle_stops_the_robot(nexus: Robot, obstacle: Box | Cylinder) -> 
 def test_an_obstacle_to_drive_onto_is_refused(nexus: Robot) -> None:
     step = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
     with pytest.raises(UnsupportedError, match=r"0\.01 m high"):
-        World(nexus, PhysicsConfig(obstacles=(step,)), Pose2D())
+        Rig(nexus, obstacles=(step,))
 
 
 def test_bearing_friction_beyond_the_steps_resolution_is_refused(nexus: Robot) -> None:
     rollers = msgspec.structs.replace(nexus.rollers, bearing_friction_nms=1e-3)
     robot = msgspec.structs.replace(nexus, rollers=rollers)
     with pytest.raises(UnsupportedError, match=r"below .* or physics\.dt_s"):
-        World(robot, PhysicsConfig(), Pose2D())
+        Rig(robot)
 
 
 @pytest.mark.parametrize("detector", ["DART", "FCL", "ODE"])
@@ -383,7 +358,7 @@ def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
 ) -> None:
     monkeypatch.setattr(dart.simulation, "BULLET", getattr(dart.simulation, detector))
     with pytest.raises(UnsupportedError, match="does not simulate the rollers' shape"):
-        World(nexus, PhysicsConfig(), Pose2D())
+        Rig(nexus)
 
 
 @pytest.mark.parametrize(
@@ -399,15 +374,15 @@ def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
 def test_a_diverged_state_is_an_error_with_the_last_good_one(
     nexus: Robot, spoil: Callable[[object], None], reason: str
 ) -> None:
-    world = World(nexus, PhysicsConfig(), Pose2D(1.0, 2.0, 0.0))
-    world.advance([0.0] * 4, 10)
-    spoil(world._plant.scene.robot)
+    rig = Rig(nexus, Pose2D(1.0, 2.0, 0.0))
+    rig.advance([0.0] * 4, 10)
+    spoil(rig.body.skeleton)
     with pytest.raises(DivergedError, match=reason) as caught:
-        world.advance([0.0] * 4, 10)
+        rig.advance([0.0] * 4, 10)
     good = re.search(r"last good state at 0\.010 s: position \(([^,]*),", str(caught.value))
     assert good
     assert float(good[1]) == pytest.approx(1.0)
-    assert world.state().time == pytest.approx(0.01)
+    assert rig.state().time == pytest.approx(0.01)
 
 
 def trajectory(robot: Robot) -> str:
@@ -416,38 +391,36 @@ def trajectory(robot: Robot) -> str:
         Cylinder(size_m=(0.1, 0.5), position_m=(0.5, 0.1)),
         Box(size_m=(0.1, 2.0, 0.5), position_m=(-0.6, 0.0), yaw_deg=20.0),
     )
-    config = PhysicsConfig(obstacles=obstacles, drive="velocity")
-    world = World(robot, config, Pose2D(0.1, -0.2, 0.3))
+    rig = Rig(robot, Pose2D(0.1, -0.2, 0.3), obstacles=obstacles)
     digest = hashlib.sha256()
     for index in range(120):
-        world.place_person(Pose2D(0.9 - 0.005 * index, 0.1, math.pi), Twist2D(x=0.5))
+        rig.place_person(Pose2D(0.9 - 0.005 * index, 0.1, math.pi), Twist2D(x=0.5))
         twist = Twist2D(0.4 * math.cos(0.1 * index), 0.3 * math.sin(0.1 * index), 0.5)
         if index % 30 < 25:
-            world.advance(wheel_speeds(robot, twist), STEPS)
+            rig.advance(wheel_speeds(robot, twist))
         else:
-            world.advance_effort([0.3, -0.2, 0.1, 0.4], STEPS)
-        digest.update(repr(world.state()).encode())
+            rig.advance_effort([0.3, -0.2, 0.1, 0.4])
+        digest.update(repr(rig.state()).encode())
     return digest.hexdigest()
 
 
 def test_a_world_built_again_repeats_every_bit(nexus: Robot) -> None:
     first = trajectory(nexus)
-    other = World(nexus, PhysicsConfig(), Pose2D())
+    other = Rig(nexus)
     other.advance([3.0] * 4, 100)
     assert trajectory(nexus) == first
 
 
 def test_every_process_computes_the_same_bits(nexus: Robot) -> None:
     code = (
-        "import importlib.util as u, sys; "
-        "load = lambda n, p: (s := u.spec_from_file_location(n, p), m := u.module_from_spec(s), "
-        "s.loader.exec_module(m))[1]; "
-        "c, t = (load(n, f'{sys.argv[1]}/{n}.py') for n in ('conftest', 'test_world')); "
-        "print(t.trajectory(c.load_robot('nexus')))"
+        "import importlib.util as u, sys; from harness import load_robot; "
+        "spec = u.spec_from_file_location('test_world', sys.argv[1]); "
+        "tests = u.module_from_spec(spec); spec.loader.exec_module(tests); "
+        "print(tests.trajectory(load_robot('nexus')))"
     )
     processes = [
         subprocess.Popen(
-            [sys.executable, "-c", code, str(Path(__file__).parent)],
+            [sys.executable, "-c", code, __file__],
             env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join(sys.path)},
             stdout=subprocess.PIPE,
             text=True,

@@ -1,4 +1,4 @@
-"""Recordings made in the test itself, a router of one's own, and the commands as processes."""
+"""Recordings made in the test itself, and the commands as processes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from harness import mecazen
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen_recorder.writer import RecordingWriter
@@ -89,16 +90,6 @@ class Net:
         for process in self.processes:
             process.kill()
             process.communicate()
-
-
-def mecazen(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "mecazen_tools", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-        check=False,
-    )
 
 
 def stop(process: subprocess.Popen[str]) -> tuple[int, str, str]:

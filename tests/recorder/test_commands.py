@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from harness import mecazen
 from mecazen import keys
 from mecazen.description import RobotDescription, ask_description, serve_description
 from mecazen.messages import Odometry, String, Twist
@@ -16,7 +17,7 @@ from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.sink import RecordingError
 from mecazen_recorder.writer import RecordingWriter
-from recorder.conftest import Net, mecazen, stop
+from recorder.conftest import Net, stop
 from recorder.ticks import odometry, stamp_of, tick
 
 PER_TICK = len(tick(0))

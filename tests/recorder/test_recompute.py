@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,13 +16,12 @@ from mecazen.config import RobotConfig, Scenario, StartConfig
 from mecazen.errors import MecazenError
 from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
-from mecazen.runtime import find_service
+from mecazen.runtime.host import make_service
 from mecazen.wire import Stamp
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.recorder import Recorder
-from mecazen_recorder.service import RecorderService
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import TICK_NS, odometry, stamp_of, topic_named
 
@@ -29,20 +29,27 @@ TICKS = 40
 FRAME_TICKS = 4
 
 PROGRAM = """
-from mecazen.follower import Follower
 from mecazen.geometry import Twist2D
+from mecazen.graph import Row, due, every
+from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
+from mecazen.messages import Twist
+from mecazen.node import Node, World
 
-class Mine(Follower):
+class Mine(Node):
+    ROW = Row("follower", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
     def reset(self, seed):
         self.sum = 0.0
-    def follow(self, odom, frame, stamp):
-        self.sum += odom.pose.pose.position.x / 3
-        if frame is not None:
-            self.sum += len(frame.poses)
-        return {answer}
+    def step(self, tick, inputs):
+        self.sum += inputs[ODOM].pose.pose.position.x / 3
+        if inputs.get(OBSERVATION) is not None:
+            self.sum += len(inputs[OBSERVATION].poses)
+        return {{CMD_VEL: Twist.planar({answer})}}
 
-class Watcher(Mine):
-    OWNS_TIME = True
+class Other(Mine):
+    ROW = Row("other", inputs=Mine.ROW.inputs, outputs=(CMD_VEL,))
+
+class Advances(World):
+    ROW = Mine.ROW
 """
 
 
@@ -70,10 +77,12 @@ def recorded(tmp_path: Path) -> Callable[..., Path]:
         robots: tuple[RobotConfig, ...] = (),
     ) -> Path:
         path = tmp_path / "run.mcap"
-        scenario = Scenario(robot=load_robot(), seed=3, robots=robots)
+        scenario = Scenario(
+            robot=load_robot(), seed=3, robots=robots, programs={"follower": program}
+        )
         bus = LocalBus()
         for robot in scenario.names:
-            find_service(program, scenario)(bus.namespaced(robot), scenario.of(robot))
+            make_service("follower", bus, scenario, robot)
         config = msgspec.convert({"file": str(path), "encoding": encoding}, RecorderConfig)
         recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
         for run in range(7, 7 + runs):
@@ -173,9 +182,9 @@ def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_pat
 @pytest.mark.parametrize(
     ("answer", "field"),
     [
-        ("Twist2D(x=self.sum, y=0.5 * (stamp.time_ns == 12 * 10**7))", "linear.y"),
-        ("Twist2D(x=self.sum + 1e-15 * (stamp.time_ns >= 12 * 10**7))", "linear.x"),
-        ("Twist2D(x=self.sum, yaw=-0.0 if stamp.time_ns == 12 * 10**7 else 0.0)", "angular.z"),
+        ("Twist2D(x=self.sum, y=0.5 * (tick.time_ns == 12 * 10**7))", "linear.y"),
+        ("Twist2D(x=self.sum + 1e-15 * (tick.time_ns >= 12 * 10**7))", "linear.x"),
+        ("Twist2D(x=self.sum, yaw=-0.0 if tick.time_ns == 12 * 10**7 else 0.0)", "angular.z"),
     ],
 )
 def test_the_first_difference_is_named_to_the_last_bit(
@@ -223,7 +232,7 @@ def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(
 
 @pytest.mark.parametrize(
     ("first", "kind", "words"),
-    [(1, "Mine", "without the beginning of a run"), (0, "Watcher", "mecazen simulate")],
+    [(1, "Mine", "without the beginning of a run"), (0, "Advances", "mecazen simulate")],
 )
 def test_what_cant_be_computed_anew_is_one_line(
     program: Callable[..., str], recorded: Callable[..., Path], first: int, kind: str, words: str
@@ -240,7 +249,9 @@ def test_a_service_of_which_nothing_was_recorded_is_one_line(
     copy = rewritten(recorded(mine), lambda _, key: key != "cmd_vel")
     with pytest.raises(MecazenError, match=r"holds nothing that .*Mine publishes"):
         recompute(Recording(copy), mine)
-    with pytest.raises(MecazenError, match="computes nothing"):
+    with pytest.raises(MecazenError, match=r"holds nothing that .*Other publishes"):
+        recompute(Recording(copy), program(kind="Other"))
+    with pytest.raises(MecazenError, match="is no node with recorded inputs"):
         recompute(Recording(copy), "recorder")
 
 
@@ -249,11 +260,14 @@ def test_the_recorder_beside_a_follower_writes_what_both_say(
 ) -> None:
     config = RecorderConfig(file=str(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
     scenario = Scenario(
-        robot=load_robot(), services=("follower", "recorder"), sections={"recorder": config}
+        robot=load_robot(),
+        services=("follower", "recorder"),
+        programs={"follower": program()},
+        sections={"recorder": config},
     )
     bus = LocalBus()
-    find_service(program(), scenario)(bus, scenario)
-    recorder = RecorderService(bus, scenario)
+    make_service("follower", bus, scenario)
+    recorder = make_service("recorder", bus, scenario)
     odom, clock = bus.publisher(keys.ODOM), bus.publisher(keys.CLOCK)
     for number in (0, 100, 200):
         clock.put(keys.CLOCK.type(), stamp_of(number))
@@ -261,9 +275,7 @@ def test_the_recorder_beside_a_follower_writes_what_both_say(
         bus.spin()
     recorder.close()
     recording = Recording(tmp_path / "run.mcap")
-    by_key: dict[str, int] = {}
-    for sample in recording.samples():
-        by_key[sample.key] = by_key.get(sample.key, 0) + 1
+    by_key = Counter(sample.key for sample in recording.samples())
     assert by_key == {"odom": 3, "diagnostics/follower": 3, "diagnostics/recorder": 3}
     assert recording.scenarios == {7: to_toml(scenario)}
     # its last diagnostics are themselves the ninth sample, and were written after the count

@@ -7,7 +7,7 @@ from pathlib import Path
 import psutil
 import zenoh
 from mecazen import keys
-from mecazen.bus.zenoh_bus import open_session
+from mecazen.bus.session import open_session
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES

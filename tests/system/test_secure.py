@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import pytest
 import zenoh
 from mecazen import keys
-from mecazen.bus.zenoh_bus import open_session, session_config
+from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario

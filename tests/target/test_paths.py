@@ -1,6 +1,7 @@
 """Paths at constant speed: where they lead, and that their twist is their derivative."""
 
 import math
+from collections.abc import Callable
 
 import msgspec
 import pytest
@@ -18,8 +19,10 @@ from mecazen_target.config import (
     UTrack,
     Waypoints,
 )
-from mecazen_target.gait import with_gait
+from mecazen_target.motion import Motion
 from mecazen_target.paths import make_path
+
+Differences = Callable[..., tuple[Motion, Twist2D, float]]
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
 PATHS = {
@@ -32,14 +35,6 @@ PATHS = {
     "waypoints": Waypoints(points_m=POINTS, speed_m_s=0.8, yaw_deg=10.0),
     "standing": Standing(x_m=2.0, yaw_deg=90.0),
 }
-
-
-def difference(before: Pose2D, pose: Pose2D, after: Pose2D, dt: float) -> Twist2D:
-    """Return the body twist at `pose` by the central difference over 2·dt."""
-    dx, dy = (after.x - before.x) / (2 * dt), (after.y - before.y) / (2 * dt)
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    yaw_rate = wrap(after.yaw - before.yaw) / (2 * dt)
-    return Twist2D(c * dx + s * dy, -s * dx + c * dy, yaw_rate)
 
 
 @pytest.mark.parametrize(
@@ -143,21 +138,18 @@ def test_waypoints_that_no_smooth_curve_joins_are_refused(
 
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
 @pytest.mark.parametrize("name", PATHS)
-def test_twist_is_the_derivative_of_the_pose(name: str, gait: Gait | None) -> None:
+def test_twist_is_the_derivative_of_the_pose(
+    name: str, gait: Gait | None, differences: Differences
+) -> None:
     path, dt = make_path(PATHS[name]), 1e-4
     jumps = {25.0, 25.0 + 10.0 * math.pi}  # of the U-track's yaw rate
     for k in range(300):
         t = 0.0517 + 0.273 * k  # nowhere within dt of a jump
         assert all(abs(t - jump) > dt for jump in jumps)
-        before, now, after = (
-            motion if gait is None else with_gait(motion, gait)
-            for motion in (path.at(t - dt), path.at(t), path.at(t + dt))
-        )
-        measured = difference(before.pose, now.pose, after.pose, dt)
+        now, measured, speed = differences(path, gait, t, dt)
         # The arc length of waypoints is right to 1e-5 of a piece; truncation, dt² times a
         # third derivative below 200, and rounding, 1e-15·10/dt, are less.
         assert now.twist == pytest.approx(measured, abs=2e-5)
-        speed = (after.distance - before.distance) / (2 * dt)
         assert speed == pytest.approx(math.hypot(*path.at(t).twist[:2]), abs=1e-9)
 
 

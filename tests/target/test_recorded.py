@@ -3,6 +3,7 @@
 import io
 import math
 import re
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from itertools import pairwise
 from pathlib import Path
@@ -12,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.geometry import Twist2D, wrap
 from mecazen_target.config import Gait, Recorded
-from mecazen_target.gait import with_gait
+from mecazen_target.motion import Motion
 from mecazen_target.paths import make_path
 from mecazen_target.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
+
+Differences = Callable[..., tuple[Motion, Twist2D, float]]
 
 REPOSITORY = Path(__file__).parents[2]
 WALKS = REPOSITORY / "configs" / "walks"
@@ -173,23 +176,13 @@ def test_recorded_person_moves_as_people_do(file: Path) -> None:
 
 @pytest.mark.parametrize("file", pedestrians())
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
-def test_recorded_twist_is_the_derivative_of_the_pose(file: Path, gait: Gait | None) -> None:
+def test_recorded_twist_is_the_derivative_of_the_pose(
+    file: Path, gait: Gait | None, differences: Differences
+) -> None:
     path, dt = make_path(Recorded(file=file, x_m=1.0, yaw_deg=40.0, start_after_s=2.0)), 1e-5
     for k in range(300):
-        t = 2.0 + (k + 0.5) / 300 * (path.duration - 2.0)
-        before, now, after = (
-            motion if gait is None else with_gait(motion, gait)
-            for motion in (path.at(t - dt), path.at(t), path.at(t + dt))
-        )
-        c, s = math.cos(now.pose.yaw), math.sin(now.pose.yaw)
-        dx, dy = (
-            (after.pose.x - before.pose.x) / (2 * dt),
-            (after.pose.y - before.pose.y) / (2 * dt),
-        )
-        measured = (
-            c * dx + s * dy,
-            -s * dx + c * dy,
-            wrap(after.pose.yaw - before.pose.yaw) / (2 * dt),
+        now, measured, _ = differences(
+            path, gait, 2.0 + (k + 0.5) / 300 * (path.duration - 2.0), dt
         )
         # Acceleration jumps at samples, yaw acceleration (up to 1000 rad/s²) at knots: at
         # worst one of them lies within dt.

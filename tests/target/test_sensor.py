@@ -33,11 +33,16 @@ def test_frames_come_at_their_rate_from_tick_0() -> None:
     assert due == [0, 4, 8, 12]
 
 
-@pytest.mark.parametrize("settings", [{"rate_hz": 30.0}, {"rate_hz": 200.0}, {"latency_s": 0.015}])
-def test_rate_and_latency_must_be_whole_ticks(settings: dict[str, float]) -> None:
-    with pytest.raises(
-        ConfigError, match=f"sensor.{next(iter(settings))}: .* whole number of ticks"
-    ):
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rate_hz": 30.0}, "sensor.rate_hz = 30 must divide the tick rate"),
+        ({"rate_hz": 200.0}, "sensor.rate_hz = 200 must divide the tick rate"),
+        ({"latency_s": 0.015}, "sensor.latency_s: .* whole number of ticks"),
+    ],
+)
+def test_rate_and_latency_must_be_whole_ticks(settings: dict[str, float], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         sensor(**settings)
 
 

@@ -8,7 +8,7 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
-from mecazen.bus.zenoh_bus import session_config
+from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.graph import SERVICES

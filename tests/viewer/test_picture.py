@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 from harness import load_robot
 from mecazen.config import Scenario
+from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import (
     DiagnosticArray,
@@ -24,11 +25,11 @@ from mecazen.messages import (
     PoseWithCovariance,
     Time,
     Twist,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.robot import WHEEL_JOINTS
 from mecazen_viewer import entities as e
+from mecazen_viewer.components import Components
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.health import Health
 from mecazen_viewer.layout import application, blueprint
@@ -47,6 +48,11 @@ def picture() -> Picture:
 
 def odometry(pose: Pose2D, twist: Twist2D | None = None) -> Odometry:
     return planar_odometry(Time(), "world", "base_link", pose, twist or Twist2D())
+
+
+def scalars(entities: Mapping[str, Components], path: str) -> np.ndarray:
+    """The newest values of a plot."""
+    return values(entities, path, "Scalars:scalars")
 
 
 def place(entities: Iterable[Entity], path: str) -> Pose2D:
@@ -119,14 +125,14 @@ def test_errors_are_true_and_as_the_follower_has_them() -> None:
     list(shown.on_odom(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     entities = dict(shown.on_follower_state(following(Pose2D(0.1), Pose2D(-0.9)), 0))
     # the goal is 1 m behind the estimate, the robot 1.2 m behind the true person
-    *_, reference, estimated, true = values(entities, e.DISTANCE, "Scalars:scalars")
+    *_, reference, estimated, true = scalars(entities, e.DISTANCE)
     assert (reference, estimated, true) == pytest.approx((0.0, 0.25, 0.2))
-    *_, reference, estimated, true = values(entities, e.ANGLE, "Scalars:scalars")
+    *_, reference, estimated, true = scalars(entities, e.ANGLE)
     assert (reference, estimated, true) == pytest.approx(
         (0.0, math.degrees(0.5), math.degrees(0.1))
     )
     # the estimate is 0.1 m off by a standard deviation of 0.1 m
-    assert values(entities, e.NEES, "Scalars:scalars")[-1] == pytest.approx(1.0)
+    assert scalars(entities, e.NEES)[-1] == pytest.approx(1.0)
     assert place(entities, e.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
 
 
@@ -135,10 +141,10 @@ def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown() -> None:
     list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     entities = dict(shown.on_target_odom(odometry(Pose2D()), 0))
     # the robot is to be 1 m behind the person, and is 1.2 m behind
-    *_, estimated, true = values(entities, e.DISTANCE, "Scalars:scalars")
+    *_, estimated, true = scalars(entities, e.DISTANCE)
     assert math.isnan(estimated)
     assert true == pytest.approx(0.2)
-    assert values(entities, e.ANGLE, "Scalars:scalars")[-1] == pytest.approx(math.degrees(0.1))
+    assert scalars(entities, e.ANGLE)[-1] == pytest.approx(math.degrees(0.1))
     list(shown.on_follower_state(following(Pose2D(0.1), Pose2D(-0.9)), 100 * MS))
     assert e.DISTANCE not in dict(shown.on_target_odom(odometry(Pose2D()), 200 * MS))
 
@@ -157,7 +163,7 @@ def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() ->
     estimate = drifted.compose(robot.between(person))
     entities = dict(shown.on_follower_state(following(estimate, drifted), 0))
     # rounding alone
-    assert values(entities, e.NEES, "Scalars:scalars")[-1] == pytest.approx(0.0, abs=1e-12)
+    assert scalars(entities, e.NEES)[-1] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_lines_have_ten_points_a_second() -> None:
@@ -182,7 +188,7 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
     lines = LINES | TIME_LINES
     assert set(plotted) == set(lines)
     for path in plotted:
-        assert len(values(plotted, path, "Scalars:scalars")) == len(lines[path])
+        assert len(scalars(plotted, path)) == len(lines[path])
 
 
 def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArray:

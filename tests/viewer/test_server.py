@@ -9,8 +9,10 @@ import subprocess
 import sys
 import urllib.request
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -48,23 +50,33 @@ def wait(viewer: ViewerClient, recordings: int) -> ViewerState:
     raise AssertionError(f"never {recordings} recordings: {state}")
 
 
-def play(stage: Stage, server: Server, run: int, ticks: int = 50) -> None:
-    stage.viewer.send = server.take
-    stage.play(run, ticks)
-    stage.viewer.recording.flush(timeout_sec=10.0)
+@contextmanager
+def playing(*robots: str, ticks: int = 50) -> Iterator[tuple[Server, Callable[[int], None]]]:
+    """A server that shows run 1, and what plays another run."""
+    stage = Stage(robots=robots)
+    with serving(ANYWHERE, blueprint(robots or ("",))) as server:
+
+        def play(run: int) -> None:
+            stage.viewer.send = server.take
+            stage.play(run, ticks)
+            stage.viewer.recording.flush(timeout_sec=10.0)
+
+        play(1)
+        yield server, play
+        stage.viewer.end()
+
+
+def paths_of(viewer: ViewerClient, recording: Any) -> set[str]:
+    schema = viewer.get_recording_schema(recording.store_id, paths_only=True)
+    return {entity.entity_path for entity in schema.entities}
 
 
 def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClient) -> None:
-    stage = Stage()
-    with serving(ANYWHERE, LAYOUT) as server:
-        play(stage, server, run=1)
+    with playing() as (server, _):
         attach.open(server.uri)
-        state = wait(attach, 1)
-        (recording,) = state.recordings
+        (recording,) = wait(attach, 1).recordings
         (timeline,) = recording.timelines
         assert (timeline.name, timeline.start, timeline.end) == ("sim_time", 0, 490_000_000)
-        schema = attach.get_recording_schema(recording.store_id, paths_only=True)
-        paths = {entity.entity_path for entity in schema.entities}
         assert {
             "/world/ground",
             "/world/robot/base_link",
@@ -77,50 +89,38 @@ def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClien
             "/world/trails/robot",
             "/plots/distance",
             "/log/follower",
-        } <= paths
-        stage.viewer.end()
+        } <= paths_of(attach, recording)
 
 
 def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach: ViewerClient) -> None:
-    stage = Stage()
-    with serving(ANYWHERE, LAYOUT) as server:
-        play(stage, server, run=1)
+    with playing() as (server, play):
         attach.open(server.uri)
         assert wait(attach, 1).active_recording == "Recording:mecazen:00000001"
-        play(stage, server, run=2)
+        play(2)
         assert wait(attach, 2).active_recording == "Recording:mecazen:00000002"
-        stage.viewer.end()
 
 
 def test_every_view_of_the_layout_is_there_and_none_complains(attach: ViewerClient) -> None:
-    stage = Stage()
-    with serving(ANYWHERE, LAYOUT) as server:
-        play(stage, server, run=1, ticks=150)
+    with playing(ticks=150) as (server, _):
         attach.open(server.uri)
         state = wait(attach, 1)
         names = {view.name for view in state.views}
         assert {"following", "from above", "log", "health", "distance error [m]"} <= names
         assert all(view.visible and not view.reports for view in state.views)
-        stage.viewer.end()
 
 
 def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(
     attach: ViewerClient,
 ) -> None:
-    stage = Stage(robots=("one", "two"))
-    with serving(ANYWHERE, blueprint(("one", "two"))) as server:
-        play(stage, server, run=1, ticks=150)
+    with playing("one", "two", ticks=150) as (server, _):
         attach.open(server.uri)
         state = wait(attach, 1)
         assert not any(view.reports for view in state.views)
         views = Counter(view.name for view in state.views)
         assert (views["following"], views["distance error [m]"]) == (2, 2)
-        (recording,) = state.recordings
-        schema = attach.get_recording_schema(recording.store_id, paths_only=True)
-        paths = {entity.entity_path for entity in schema.entities}
+        paths = paths_of(attach, *state.recordings)
         for what in ("world/{}/robot/wheel", "world/{}/odom/estimate", "plots/{}/distance"):
             assert {f"/{what.format(robot)}" for robot in ("one", "two")} <= paths
-        stage.viewer.end()
 
 
 def test_the_page_is_served_on_loopback_and_only_there() -> None:

@@ -10,23 +10,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mecazen.bus.zenoh_bus import AUTHORITY, OPERATOR
+from mecazen.bus.session import AUTHORITY, OPERATOR
 from mecazen.errors import MecazenError
+from mecazen.graph import SERVICES
 
 if TYPE_CHECKING:
     from cryptography import x509
 
-NAMES = (
-    "router",
-    "physics",
-    "controller",
-    "target",
-    "follower",
-    "viewer",
-    "recorder",
-    "collector",
-    OPERATOR,
-)
+NAMES = ("router", *SERVICES, OPERATOR)
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 VALID_DAYS = 3650
 

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import chain, dropwhile
-from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -16,6 +15,7 @@ import msgspec
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import join_key
+from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.wire import Stamp
@@ -200,15 +200,14 @@ def _motion(odometry: Odometry) -> Row:
 
 
 _NO_ESTIMATE = (None,) * len(_PARTS["estimate"])
-_triangle = itemgetter(0, 1, 5, 7, 11, 35)
-"""Takes COVARIANCE out of ROS's row-major 6x6."""
 
 
 def _estimate(state: FollowerState) -> Row:
     if not state.estimate:
         return *_NO_ESTIMATE, state.tracking
     person = state.estimate[0]
-    return *_motion(person), *_triangle(person.pose.covariance), state.tracking
+    (xx, xy, xw), (_, yy, yw), (_, _, ww) = planar_covariance(person.pose.covariance)
+    return *_motion(person), xx, xy, xw, yy, yw, ww, state.tracking
 
 
 def _twist(twist: Twist) -> Row:

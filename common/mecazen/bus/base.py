@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import Protocol, Self, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from typing import Any, Generic, Protocol, Self, TypeVar
 
+from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
+from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.wire import MAX_SAMPLE_BYTES, RefusedError, Stamp, decode
 
@@ -58,7 +62,7 @@ class Presence:
         self.on_change: list[Callable[[], None]] = []
         """Are called after each change."""
         self.on_return: list[Callable[[str], None]] = []
-        """Are told the name of who has come back."""
+        """Called with the name that has come back."""
         self._gone: set[str] = set()
 
     def update(self, name: str, *, alive: bool) -> None:
@@ -77,37 +81,51 @@ class Presence:
             changed()
 
 
+class Subscribers(Generic[MessageT]):
+    """The handlers of a key within the process, in the order of subscribing."""
+
+    def __init__(self, topic: Topic[MessageT]) -> None:
+        self.topic = topic
+        self.handlers: list[Handler[MessageT]] = []
+
+
 class Bus(ABC):
     """Publish, subscribe, query, answer and liveliness.
 
-    What arrives is decoded and delivered in `spin_once`. A payload that is not what its key
-    carries is refused: counted in `refused`, logged at most once a second for each key, and
-    not delivered, so the last good value stays.
+    A bus delivers what arrives in `spin_once`. A payload that its key does not carry, or with
+    an implausible number (see `mecazen.limits`), is refused: the bus counts it in `refused`,
+    logs it at most once a second for each key, and does not deliver it, so the last good value
+    stays.
+
+    Several services may share a bus: what one publishes, those of the same process get as the
+    message object itself, every sample in the order of publishing.
     """
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
+        """Refused payloads by whole key, of all namespaces."""
         self.presence = Presence()
         self._last_report: dict[str, float] = {}
         self._prefix = ""
         self._namespaced: dict[str, Self] = {}
+        # by whole key, and shared with all namespaces
+        self._subscribers: dict[str, Subscribers[Any]] = {}
+        self._servers: dict[str, Callable[[Any, Any], None]] = {}
+        self._files: dict[str, bytes] = {}
 
     def namespaced(self, name: str) -> Self:
-        """Return the bus of a namespace within this one's, or this bus where it has no name.
+        """Return the bus of a namespace within this one's; this bus where `name` is empty.
 
-        What arrives on either is delivered by the `spin_once` of any; both end together.
+        The `spin_once` of any delivers what arrives on all; all close together.
         """
         if not name:
             return self
         if name not in self._namespaced:
-            bus = self._make_namespaced()
-            bus._prefix, bus.refused = f"{self._prefix}{name}/", self.refused
+            bus = copy(self)
+            bus._prefix, bus._namespaced = f"{self._prefix}{name}/", {}
+            bus.presence = Presence()
             self._namespaced[name] = bus
         return self._namespaced[name]
-
-    @abstractmethod
-    def _make_namespaced(self) -> Self:
-        """Return a new bus that shares what this one waits for."""
 
     @abstractmethod
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
@@ -119,8 +137,8 @@ class Bus(ABC):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        A sample that was not taken before the next good one came is replaced by it, so a
-        flood neither delays nor fills anything. With `every` all are kept, for who records.
+        Of what comes from other processes the newest good sample replaces those that still
+        wait, so a flood neither delays nor fills anything. With `every` all are kept.
         """
 
     @abstractmethod
@@ -142,6 +160,9 @@ class Bus(ABC):
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
     ) -> AnswerT:
         """Query a key and return the answer.
+
+        What is served within the process answers on the calling thread, which is to be the one
+        that spins; samples that arrive before the answer are delivered.
 
         Raises:
             BusError: Nobody answers, or the answer is an error.
@@ -185,25 +206,84 @@ class Bus(ABC):
             self._last_report[key] = now
             logger.warning("msg=refused key=%s count=%d reason=%r", key, self.refused[key], reason)
 
+    def _subscribers_of(self, topic: Topic[MessageT]) -> Subscribers[MessageT]:
+        return self._subscribers.setdefault(self._prefix + topic.key, Subscribers(topic))
+
+    def _deliver_bytes(
+        self, key: str, payload: bytes, encoding: str, attachment: bytes | None
+    ) -> None:
+        """Deliver bytes that were put within the process, as if they came from outside."""
+        subscribers = self._subscribers.get(self._prefix + key)
+        if subscribers is None or not subscribers.handlers:
+            return
+        try:
+            sample = decode_sample(subscribers.topic, payload, encoding, attachment)
+        except RefusedError as refusal:
+            self.refuse(key, str(refusal))
+        else:
+            deliver(subscribers.handlers, *sample)
+
+    def _ask(
+        self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = math.inf
+    ) -> AnswerT:
+        """Query the server within this process."""
+        reply: _LocalReply[AnswerT] = _LocalReply()
+        end = time.monotonic() + timeout_s
+        self._servers[self._prefix + call.key](request, reply)
+        while not reply.given and (left_s := end - time.monotonic()) > 0.0:
+            if not self.spin_once(left_s):
+                break
+        if reply.error is not None:
+            raise BusError(f"{call.key}: {reply.error}")
+        if reply.message is None:
+            raise BusError(f"{call.key}: not answered")
+        return reply.message
+
     def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
         if not payload.strip():
             return call.request()
         try:
-            return decode(payload, call.request)
+            request = decode(payload, call.request)
+            refuse_implausible(call.key, request)
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
+        return request
+
+
+class _LocalReply(Reply[AnswerT]):
+    def __init__(self) -> None:
+        self.message: AnswerT | None = None
+        self.error: str | None = None
+
+    @property
+    def given(self) -> bool:
+        return self.message is not None or self.error is not None
+
+    def answer(self, message: AnswerT) -> None:
+        self.message = message
+
+    def refuse(self, reason: str) -> None:
+        self.error = reason
+
+
+def deliver(handlers: Sequence[Handler[MessageT]], message: MessageT, stamp: Stamp | None) -> None:
+    """Hand a sample to each handler, in their order."""
+    for handler in handlers:
+        handler(message, stamp)
 
 
 def decode_sample(
-    kind: type[MessageT], payload: bytes, encoding: str, attachment: bytes | None
+    topic: Topic[MessageT], payload: bytes, encoding: str, attachment: bytes | None
 ) -> tuple[MessageT, Stamp | None]:
     """Return the message of a topic's sample, and its stamp.
 
     Raises:
-        RefusedError: It is not what the topic carries.
+        RefusedError: It is not what the topic carries, or a number is implausible.
     """
     if len(payload) > MAX_SAMPLE_BYTES:
         raise RefusedError(f"payload of more than {MAX_SAMPLE_BYTES} bytes")
     stamp = None if attachment is None else Stamp.unpack(attachment)
-    return decode(payload, kind, encoding), stamp
+    message = decode(payload, topic.type, encoding)
+    refuse_implausible(topic.key, message)
+    return message, stamp

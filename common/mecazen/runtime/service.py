@@ -8,9 +8,10 @@ from typing import Any
 
 from mecazen.bus import Bus, Publisher, Reply
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import Graph, Row
 from mecazen.keys import Call, Topic
+from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
 from mecazen.runtime.join import Join, Joined
@@ -111,6 +112,7 @@ class _Stepped:
         self._publishers: dict[Topic[Any], Publisher[Any]] = {
             topic: service.bus.publisher(row.on_bus(topic)) for topic in row.outputs
         }
+        self._is_own = row.name in scenario.programs
         self._aged = tuple(i.topic for i in inputs if i.rule != "every")
 
     def reset(self, seed: int) -> None:
@@ -151,7 +153,20 @@ class _Stepped:
             publisher = self._publishers.get(topic)
             if publisher is None:
                 raise ConfigError(f"{self.row.name} gives {topic.key}, which is not in its row")
+            if self._is_own:
+                self._check(topic, message)
             publisher.put(message, stamp)
+
+    def _check(self, topic: Topic[Any], message: Message) -> None:
+        """Refuse what every other process would refuse from this node.
+
+        Raises:
+            MecazenError: A number is NaN or beyond its limit.
+        """
+        try:
+            refuse_implausible(topic.key, message)
+        except RefusedError as refusal:
+            raise MecazenError(f"{self.row.name} gives {topic.key} whose {refusal}") from None
 
 
 def _deliver(

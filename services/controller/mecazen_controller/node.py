@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from mecazen.config import Scenario
+from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE, Row
@@ -19,11 +20,10 @@ from mecazen.messages import (
     Odometry,
     OdometryRequest,
     Time,
-    diagonal_covariance,
     planar_odometry,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.wire import RefusedError
+from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_controller.config import ControllerConfig
 from mecazen_controller.kinematics import WheelSpeeds
@@ -62,6 +62,8 @@ class OdometryNode(Node):
         self.dead_reckoning = DeadReckoning(self.config.odometry_scale.factors)
         self.dead_reckoning.set(self.scenario.start.pose)
         self.time = Time()
+        self.measured_ns: int | None = None
+        """When the wheels were last measured: the pose is as of then."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the odometry of a tick, in ticks that bring one."""
@@ -77,7 +79,10 @@ class OdometryNode(Node):
                 inputs.refuse(JOINT_STATES, str(problem))
                 return {}
             self.wheels_known = True
-            self.dead_reckoning.update(self.kinematics.forward(measured), tick.period_s)
+            last_ns = tick.time_ns if self.measured_ns is None else self.measured_ns
+            moved_s = (tick.time_ns - last_ns) / NS_PER_S
+            self.dead_reckoning.update(self.kinematics.forward(measured), moved_s)
+            self.measured_ns = tick.time_ns
             odometry = self._odometry(self.pose_covariance, self.twist_covariance)
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
 

@@ -1,1 +1,1 @@
-"""Estimators and control that keep the robot with the person."""
+"""Estimators and control laws that keep the robot at its place beside the person."""

@@ -25,7 +25,7 @@ class LinearGains(Gains):
 
 
 class AngularGains(Gains):
-    """Gains of the heading."""
+    """Gains of the yaw axis."""
 
     kp: NonNegative = 2.0
     ki: NonNegative = 0.1
@@ -35,8 +35,8 @@ class AngularGains(Gains):
 class PidControl(Section, tag_field="kind", tag="pid"):
     """Three PIDs along the axes of base_link, on the error of the goal pose.
 
-    The robot answers to velocities, so the error decays with 1/kp already and a derivative
-    only slows it: it is for a robot whose wheels lag behind.
+    The command is a velocity, so the error decays with the time constant 1/kp and a derivative
+    term only slows it. The derivative is for a robot whose wheels lag.
     """
 
     x: LinearGains = LinearGains()
@@ -52,16 +52,16 @@ class PidControl(Section, tag_field="kind", tag="pid"):
 
 
 class PolarControl(Section, tag_field="kind", tag="polar"):
-    """Distance, bearing and heading by themselves, with feed-forward of the person's motion."""
+    """Decoupled control of distance, bearing and heading, with feed-forward of the person."""
 
     linear_gain_1_s: Positive = 3.0
-    """Of distance and bearing: the error decays with 1/gain."""
+    """Proportional gain of distance and bearing; the error decays with the time constant 1/gain."""
     linear_braking_m_s2: Positive = 2.0
-    """Deceleration that the robot can rely on."""
+    """Deceleration that the robot can achieve."""
     heading_gain_1_s: Positive = 3.5
     heading_braking_rad_s2: Positive = 6.0
     max_speed_m_s: Positive = 2.0
-    """Along x and along y of base_link."""
+    """Magnitude of the planar velocity of base_link."""
     max_yaw_rate_rad_s: Positive = 3.0
 
     def make(self, standoff: Standoff) -> PolarController:
@@ -78,32 +78,30 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
 class FollowerConfig(Section):
     """The follower: where to stand, how to estimate, how to drive.
 
-    The place is a named `view`, or any other by `bearing_deg` and `heading_deg` together,
-    which then take the view's place.
+    The place is a named `view`; `bearing_deg` and `heading_deg` together override it.
     """
 
     view: Literal["back", "side_left", "side_right", "front"] = "back"
     bearing_deg: AngleDeg | None = None
-    """Direction from the person to the robot: 0 is ahead of the person, 90 to the left."""
+    """Direction from the person to the robot: 0 is ahead of the person, 90 to their left."""
     heading_deg: AngleDeg | None = None
-    """The robot's heading less the person's."""
+    """The robot's heading minus the person's."""
     standoff_m: Positive = 1.0
     """Distance from the person to the robot."""
     estimator: str = "imm"
     estimator_params: dict[str, float] = msgspec.field(default_factory=dict)
-    """Parameters of the estimator by name; those not given are filled in."""
+    """Parameters of the estimator by name; missing ones get their defaults."""
     control: PolarControl | PidControl = PolarControl()
-    """How to drive; its `kind` says which of the structs above it is."""
+    """The control law; `kind` selects it."""
     response_s: NonNegative = 0.0
-    """Time that the robot takes to answer to a command: the command is for when it does.
+    """Dead time from a command to the robot's motion; commands are computed that far ahead.
 
-    Worth it where this time is no longer short against 1/gain: a robot that answers late to
-    a high gain swings.
+    Needed where the dead time is not short compared with 1/gain: the loop then oscillates.
     """
     coast_after_s: Positive = 0.1
-    """Unseen for longer than this, the person is no longer followed but predicted."""
+    """Time without an observation after which the tracking state is `coasting`."""
     lost_after_s: Positive = 2.0
-    """Unseen for longer than this, the person is lost and the robot comes to rest."""
+    """Time without an observation after which the person is `lost` and the robot stops."""
 
     def __post_init__(self) -> None:
         if (self.bearing_deg is None) != (self.heading_deg is None):
@@ -114,12 +112,12 @@ class FollowerConfig(Section):
                 f"coast_after_s = {self.coast_after_s:g}"
             )
         params = make_params(self.estimator, self.estimator_params)
-        # Frozen, but not yet seen by anyone.
+        # frozen, but not yet visible to anyone
         msgspec.structs.force_setattr(self, "estimator_params", msgspec.to_builtins(params))
 
     @property
     def standoff(self) -> Standoff:
-        """The place to keep, in radians."""
+        """The place to keep, angles in radians."""
         bearing, heading = VIEWS[self.view]
         if self.bearing_deg is not None and self.heading_deg is not None:
             bearing, heading = self.bearing_deg, self.heading_deg

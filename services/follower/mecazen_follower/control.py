@@ -1,4 +1,4 @@
-"""Drives the robot to a goal pose that moves: one PID per axis of base_link."""
+"""Drives the robot to a moving goal pose: one PID per axis of base_link."""
 
 from __future__ import annotations
 
@@ -8,21 +8,17 @@ from mecazen_follower.pid import PID, Gains
 
 
 class PoseController:
-    """PIDs for linear x, linear y and angular z, in base_link, on the goal's pose error.
+    """PIDs for linear x, linear y and angular z in base_link, on the error of the goal pose.
 
-    The derivative is on the measurement: the robot's own motion, never the goal's pose,
-    which jumps with every observation. In base_link that motion is the body twist, taken
-    here from two consecutive poses of the robot. It is not the derivative of the error as
-    seen from base_link: that one also contains the apparent motion of the goal as the robot
-    turns, which is no motion to damp.
+    The derivative acts on the robot's body twist, taken from two consecutive poses. It never
+    sees the goal's pose, which jumps with every observation, nor the goal's apparent motion in
+    base_link when the robot turns.
 
-    With feed-forward, the robot is expected to move with the goal: the goal's velocity is
-    added to the output and subtracted from the measured rate, so that the derivative damps
-    what deviates from it. Without, the derivative also opposes steady following, and the
-    integral has to make up for it.
+    With feed-forward, the goal's velocity is added to the output and subtracted from the
+    measured rate, so the derivative damps only deviations from it. Without feed-forward the
+    derivative opposes steady following, and the integral has to compensate.
 
-    Integrals are kept in base_link too, where what they make up for (slip, lag in a steady
-    turn) stays constant.
+    Integrals are in base_link, where slip and the lag in a steady turn are constant.
     """
 
     def __init__(self, x: Gains, y: Gains, yaw: Gains, feed_forward: bool) -> None:
@@ -31,7 +27,7 @@ class PoseController:
         self._last: Pose2D | None = None
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
-        """Return the twist in base_link that brings the robot to the goal.
+        """Return the twist in base_link that drives the robot to the goal.
 
         `goal`, `goal_velocity` and `robot` are in odom; `dt` [s] is the time since the last
         call.
@@ -41,7 +37,7 @@ class PoseController:
         if self._feed_forward:
             x, y = rotate(goal_velocity.x, goal_velocity.y, -robot.yaw)
             expected = Twist2D(x, y, goal_velocity.yaw)
-        # At the first call the motion is not known yet: nothing to damp.
+        # at the first call the twist is not known yet: nothing to damp
         measured = expected
         if self._last is not None:
             moved = self._last.between(robot)
@@ -54,7 +50,7 @@ class PoseController:
         )
 
     def stop(self) -> Twist2D:
-        """Forget everything and return the twist at rest: nobody is to be followed."""
+        """Reset the controller and return the zero twist."""
         for pid in (self._x, self._y, self._yaw):
             pid.reset()
         self._last = None

@@ -1,34 +1,35 @@
-"""One tick of following: estimate the person, place the goal, drive towards it."""
+"""One tick of following: estimate the person, place the goal, compute the command."""
 
 from __future__ import annotations
 
 from collections import deque
 from typing import NamedTuple
 
+from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.config import FollowerConfig
-from mecazen_follower.estimators import Covariance, Estimate
+from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.tracking import TrackingState
 
 MAX_STEP = 0.5
-"""Farther [m], or turned by more [rad], than this ..."""
+"""A pose that changes by more than this [m, rad] in a tick ..."""
 MAX_SPEED = 10.0
-"""... and than at this speed [m/s, rad/s], nothing moves: the odometry was set anew."""
+"""... and faster than this [m/s, rad/s] has jumped: somebody has set the odometry."""
 
 
 class Measurement(NamedTuple):
     """An observed pose of the person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
     pose: Pose2D
-    covariance: Covariance
+    covariance: PlanarCovariance
 
 
 class Step(NamedTuple):
-    """What one tick gave; poses and the person's velocity in odom, the command in base_link.
+    """Result of one tick; poses and the person's velocity in odom, the command in base_link.
 
-    Before the person was first seen there is no `person`, and `goal` and `errors` say nothing.
+    Until the person is first seen, `person` is None, and `goal` and `errors` are meaningless.
     """
 
     command: Twist2D
@@ -43,8 +44,8 @@ class Step(NamedTuple):
 class Following:
     """Keeps the robot at its place beside the person.
 
-    `latency` [s] is the time from the capture of a frame to its arrival, by which the
-    estimate is carried ahead.
+    `latency` [s] is the time from the capture of a frame to its arrival; the estimate is
+    propagated by it.
     """
 
     def __init__(self, config: FollowerConfig, latency: float) -> None:
@@ -54,66 +55,62 @@ class Following:
         self._standoff = config.standoff
         self._latency = latency
         self._response = config.response_s
-        self._unanswered: deque[tuple[Twist2D, float]] = deque()
-        self._tracking = TrackingState.WAITING
+        self._pending: deque[tuple[Twist2D, float]] = deque()
+        """Commands to which the robot has not responded yet, with their durations [s]."""
         self._robot: Pose2D | None = None
-        self._last_seen = 0.0
 
     def step(self, time: float, dt: float, robot: Pose2D, measurement: Measurement | None) -> Step:
-        """Go ahead by `dt` [s] to `time` [s], with base_link at `robot` in odom.
+        """Compute the tick at `time` [s], `dt` [s] after the last, with base_link at `robot`.
 
         Raises:
-            ValueError: The measurement is no pose, see `Estimator.update`; without it the call
-                may be made again.
+            ValueError: The measurement is invalid, see `Estimator.update`. The call may be
+                repeated without it.
         """
         if self._robot is not None and _jumped(self._robot, robot, dt):
             self.estimator.reset()
             self._controller.stop()
         if measurement is not None:
-            if self._tracking is TrackingState.LOST:
-                # where they were last is no prior any more for where they appear
+            if self._tracker.state is TrackingState.LOST:
+                # the last known position is no prior for where the person reappears
                 self.estimator.reset()
             self.estimator.update(*measurement)
-            self._last_seen = time
         self._robot = robot
-        self._tracking = self._tracker.update(time, seen=measurement is not None)
+        tracking = self._tracker.update(time, seen=measurement is not None)
         person = self.estimator.ahead(self._latency)
         if person is None:
-            return Step(self._sent(self._controller.stop(), dt), self._tracking, 0.0)
-        lost = self._tracking is TrackingState.LOST
-        command = (
-            self._sent(self._controller.stop(), dt) if lost else self._drive(person, robot, dt)
-        )
+            return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
+        lost = tracking is TrackingState.LOST
+        command = self._controller.stop() if lost else self._drive(person, robot, dt)
         goal = self._standoff.goal(person.pose)
         errors = self._standoff.errors(person.pose, robot)
-        return Step(command, self._tracking, time - self._last_seen, person, goal, errors)
+        return Step(self._send(command, dt), tracking, self._tracker.unseen, person, goal, errors)
 
     def _drive(self, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
-        """Return the command for when the wheels answer to it.
+        """Return the command for the time at which the robot responds to it.
 
-        Until then the person walks on, and the robot does what it was told before.
+        Until then the person walks on, and the robot executes the pending commands.
         """
         person = person.after(self._response)
-        for command, duration in self._unanswered:
+        for command, duration in self._pending:
             robot = robot.integrate(command, duration)
         goal = self._standoff.goal(person.pose)
         velocity = self._standoff.goal_velocity(person.pose, person.velocity)
-        return self._sent(self._controller.command(goal, velocity, robot, dt), dt)
+        return self._controller.command(goal, velocity, robot, dt)
 
-    def _sent(self, command: Twist2D, dt: float) -> Twist2D:
-        """Note that the robot is told `command` for `dt` [s]."""
+    def _send(self, command: Twist2D, dt: float) -> Twist2D:
+        """Return `command`, noted as pending for `dt` [s]."""
         if self._response == 0.0:
             return command
-        self._unanswered.append((command, dt))
-        while sum(duration for _, duration in self._unanswered) > self._response + dt / 2:
-            self._unanswered.popleft()
+        self._pending.append((command, dt))
+        while sum(duration for _, duration in self._pending) > self._response + dt / 2:
+            self._pending.popleft()
         return command
 
     def predict(self, dt: float) -> None:
-        """Let the person move on for `dt` [s]."""
+        """Propagate the estimate by `dt` [s]."""
         self.estimator.predict(dt)
 
 
 def _jumped(last: Pose2D, robot: Pose2D, dt: float) -> bool:
-    most = max(MAX_STEP, MAX_SPEED * dt)
-    return last.distance(robot) > most or abs(wrap(robot.yaw - last.yaw)) > most
+    limit = max(MAX_STEP, MAX_SPEED * dt)
+    return last.distance(robot) > limit or abs(wrap(robot.yaw - last.yaw)) > limit

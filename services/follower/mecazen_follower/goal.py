@@ -1,4 +1,4 @@
-"""Where the robot should stand with respect to the person, and how far off it is."""
+"""Where the robot should stand relative to the person, and the errors of its pose."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 
 class Errors(NamedTuple):
-    """What is off: distance [m], bearing around the person and the robot's heading [rad]."""
+    """Errors of the distance [m], of the bearing around the person and of the heading [rad]."""
 
     distance: float
     bearing: float
@@ -20,9 +20,9 @@ class Standoff(NamedTuple):
     """A place beside a person, in the person's own frame (x ahead, y to the left).
 
     Attributes:
-        distance: From the person to the robot [m].
+        distance: Distance from the person to the robot [m].
         bearing: Direction from the person to the robot [rad]; 0 is ahead, pi/2 to the left.
-        heading: The robot's heading less the person's [rad].
+        heading: The robot's heading minus the person's [rad].
     """
 
     distance: float
@@ -30,27 +30,27 @@ class Standoff(NamedTuple):
     heading: float
 
     def goal(self, person: Pose2D) -> Pose2D:
-        """Return the pose that the robot should have, in the frame in which `person` is."""
+        """Return the pose that the robot should have, in the frame of `person`."""
         x = self.distance * math.cos(self.bearing)
         y = self.distance * math.sin(self.bearing)
         return person.compose(Pose2D(x, y, self.heading))
 
     def person(self, goal: Pose2D) -> Pose2D:
-        """Return the person whose place `goal` is; the reverse of `goal`."""
+        """Return the person's pose for a goal pose; the inverse of `goal`."""
         yaw = wrap(goal.yaw - self.heading)
         x, y = rotate(self.distance, 0.0, yaw + self.bearing)
         return Pose2D(goal.x - x, goal.y - y, yaw)
 
     def goal_velocity(self, person: Pose2D, velocity: Twist2D) -> Twist2D:
-        """Return the goal's velocity, that of a point fixed to the person: v + ω × r.
+        """Return the velocity of the goal, a point fixed to the person: v + ω × r.
 
-        `velocity` and the result are in the axes of the frame in which `person` is.
+        `velocity` and the result are along the axes of the frame of `person`.
         """
         x, y = rotate(self.distance, 0.0, person.yaw + self.bearing)
         return Twist2D(velocity.x - velocity.yaw * y, velocity.y + velocity.yaw * x, velocity.yaw)
 
     def errors(self, person: Pose2D, robot: Pose2D) -> Errors:
-        """Return actual less wanted distance, bearing and heading of `robot`."""
+        """Return actual minus desired distance, bearing and heading of `robot`."""
         seen = person.between(robot)
         return Errors(
             math.hypot(seen.x, seen.y) - self.distance,
@@ -65,4 +65,4 @@ VIEWS = {
     "side_right": (-90.0, 90.0),
     "front": (0.0, 180.0),
 }
-"""Bearing and heading [deg] of each named view: in all of them the robot faces the person."""
+"""Bearing and heading [deg] of each named view. The robot faces the person in all of them."""

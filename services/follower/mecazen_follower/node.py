@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 from mecazen.config import Scenario
+from mecazen.covariance import ros_covariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
@@ -19,14 +18,16 @@ from mecazen.messages import (
     TwistWithCovariance,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.poses import PoseHistory
+from mecazen.wire import NS_PER_S
 
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Measurement, Step
-from mecazen_follower.observation import in_odom, ros_covariance
+from mecazen_follower.observation import in_odom
 
-HISTORY_TICKS = 500
-"""Odometry that is kept, besides the sensor's latency, for observations that come late."""
+HISTORY_S = 5.0
+"""For so long odometry is kept, besides the sensor's latency, for observations that come late."""
 
 
 class FollowerNode(Node):
@@ -40,43 +41,47 @@ class FollowerNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.section(FollowerConfig, "follower")
-        self.history_ticks = HISTORY_TICKS + round(scenario.sensor.latency_s / scenario.sim.tick_s)
 
     def reset(self, seed: int) -> None:
         """Forget the person and the distance travelled."""
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
-        self.robot: deque[tuple[int, Pose2D]] = deque(maxlen=self.history_ticks)
-        """Where the robot was, by simulated time [ns], the newest last."""
+        self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))
         self.state: FollowerState | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
-        if tick.period_s > self.config.lost_after_s:
+        period_s = tick.period_s
+        if period_s > self.config.lost_after_s:
             self.reset(0)  # what was known so long ago is worth no prediction
+            period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
         if self.robot:
-            self.following.predict(tick.period_s)
-        self.robot.append((tick.time_ns, robot))
-        time_s = tick.time_ns / 1e9
+            self.following.predict(period_s)
+        self.robot.add(tick.time_ns, robot)
+        time_s = tick.time_ns / NS_PER_S
         try:
-            measurement = self._measurement(inputs.get(OBSERVATION), robot)
-            step = self.following.step(time_s, tick.period_s, robot, measurement)
+            measurement = self._measurement(inputs.get(OBSERVATION))
+            step = self.following.step(time_s, period_s, robot, measurement)
         except ValueError as refusal:
             inputs.refuse(OBSERVATION, str(refusal))
-            step = self.following.step(time_s, tick.period_s, robot, None)
+            step = self.following.step(time_s, period_s, robot, None)
         self.state = _state(odom.header, self.config.estimator, step)
         # the state before the command: who has the command of a tick has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: Twist.planar(step.command)}
 
-    def _measurement(self, frame: Observation | None, robot: Pose2D) -> Measurement | None:
-        """Return the person in a frame in odom, if it shows one."""
+    def _measurement(self, frame: Observation | None) -> Measurement | None:
+        """Return the person in a frame in odom, if it shows one.
+
+        Raises:
+            ValueError: It was captured when the robot's pose is not known, or is no pose.
+        """
         if frame is None or not frame.poses:
             return None
-        # a frame from before the history, or of a foreign clock, is placed as if taken now
-        captured_ns = frame.header.stamp.ns
-        robot = next((was for at_ns, was in reversed(self.robot) if at_ns == captured_ns), robot)
+        # only what is seen from the robot needs to know where it was
+        seen_from_robot = frame.header.frame_id == "base_link"
+        robot = self.robot.at(frame.header.stamp.ns) if seen_from_robot else Pose2D()
         return in_odom(frame.poses[0], frame.header.frame_id, robot)
 
     def diagnostics(self) -> dict[str, object]:

@@ -6,11 +6,11 @@ from mecazen.schema import NonNegative, Positive, Section
 
 
 class Gains(Section):
-    """Gains of one axis; the output is a velocity, so kp is per second and kd has no unit."""
+    """Gains of one axis. The output is a velocity: kp in 1/s, ki in 1/s², kd without unit."""
 
     kp: NonNegative
     limit: Positive
-    """Largest output, either way [m/s or rad/s]."""
+    """Largest magnitude of the output [m/s or rad/s]."""
     ki: NonNegative = 0.0
     kd: NonNegative = 0.0
 
@@ -18,11 +18,11 @@ class Gains(Section):
 class PID:
     """u = feed-forward + kp e + ki ∫e dt - kd dm/dt, limited, with anti-windup.
 
-    The derivative acts on the measurement m and not on the error: a reference that jumps
-    gives no kick. The caller gives m's rate; so an angle's wrap is no concern here.
+    The derivative acts on the measurement m and not on the error, so a step of the reference
+    gives no kick. The caller passes the rate of m, so angles need no unwrapping here.
 
-    Anti-windup is by conditional integration: while the output is at its limit, an error
-    that would push it further is not integrated.
+    Anti-windup by conditional integration: while the output is saturated, an error that would
+    push it further is not integrated.
     """
 
     def __init__(self, gains: Gains) -> None:
@@ -32,8 +32,8 @@ class PID:
     def update(self, error: float, rate: float, dt: float, feed_forward: float = 0.0) -> float:
         """Return the output for `error` = reference - measurement, after `dt` [s].
 
-        `rate` is the measurement's change per second; `feed_forward` is in the output's
-        unit and falls under its limit.
+        `rate` is the derivative of the measurement; `feed_forward` has the unit of the output
+        and counts towards its limit.
         """
         gains = self._gains
         integral = self._integral + gains.ki * error * dt
@@ -43,5 +43,5 @@ class PID:
         return min(max(output, -gains.limit), gains.limit)
 
     def reset(self) -> None:
-        """Forget the integral."""
+        """Set the integral to zero."""
         self._integral = 0.0

@@ -1,4 +1,4 @@
-"""Drives the robot around the person: distance, bearing and heading, each by itself."""
+"""Drives the robot around the person: decoupled control of distance, bearing and heading."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from mecazen_follower.goal import Standoff
 
 
 class Approach(NamedTuple):
-    """How an error is taken back: at `gain` [1/s] near 0, and braking in time from afar.
+    """A proportional `gain` [1/s], limited so that the robot can brake in time.
 
-    `deceleration` [m/s² or rad/s²] is what the robot can brake with.
+    `deceleration` [m/s² or rad/s²] is what the robot can achieve.
     """
 
     gain: float
@@ -22,7 +22,7 @@ class Approach(NamedTuple):
     def rate(self, error: float) -> float:
         """Return the rate at which to reduce `error`, with its sign.
 
-        Braking steadily, v² = 2 a e: faster than that it would be passed.
+        It is limited to √(2 a e), the speed from which the deceleration a stops within e.
         """
         size = abs(error)
         braking = math.sqrt(2.0 * self.deceleration * size)
@@ -32,17 +32,16 @@ class Approach(NamedTuple):
 class PolarController:
     """A control law in polar coordinates around the person.
 
-    The robot moves with the person, as a body fixed to them would. To that is added what
-    takes back the error of the distance, along the line to the person; of the bearing,
-    across it; and of the heading. The way to a goal on the other side of the person so
-    leads around them, where three PIDs along x, y and yaw would lead through.
+    Feed-forward moves the robot like a body fixed to the person. Feedback corrects the distance
+    along the line to the person, the bearing across it, and the heading. So the path to a goal
+    on the other side of the person leads around them; three PIDs in x, y and yaw would drive
+    through them.
 
-    Where the robot is not fast enough for all of it, the bearing waits: a person who turns
-    on the spot takes the goal around with 1 m/s for each rad/s, and the distance is worth
-    more than to be there at once.
+    Where the speed limit does not allow all of it, the distance has priority over the bearing:
+    a person who turns on the spot moves the goal at 1 m/s for each rad/s and metre of distance.
 
-    `linear` is the approach of distance and bearing, the latter as a length of arc [m];
-    `heading` that of the heading. `max_speed` [m/s] is of base_link, in any direction.
+    `linear` is the approach of distance and bearing, the latter as an arc length [m];
+    `heading` is that of the heading. `max_speed` [m/s] limits base_link in any direction.
     """
 
     def __init__(
@@ -60,8 +59,7 @@ class PolarController:
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
         """Return the twist in base_link that keeps the robot with the goal.
 
-        `goal`, `goal_velocity` and `robot` are in odom; the law has no memory, and `dt` is
-        not used.
+        `goal`, `goal_velocity` and `robot` are in odom. The law has no state; `dt` is not used.
         """
         del dt
         person = self._standoff.person(goal)
@@ -77,7 +75,7 @@ class PolarController:
         around = distance * turn + self._linear.rate(distance * wrap(wanted - bearing))
 
         x, y = rotate(*with_person, -robot.yaw)
-        along = bearing - robot.yaw  # of the line to the robot, in base_link
+        along = bearing - robot.yaw  # direction from the person to the robot, in base_link
         c, s = math.cos(along), math.sin(along)
         around_x, around_y = -s * around, c * around
         x, y = _within(x + c * out, y + s * out, self._max_speed)
@@ -90,12 +88,12 @@ class PolarController:
         )
 
     def stop(self) -> Twist2D:
-        """Return the twist at rest: nobody is to be followed."""
+        """Return the zero twist."""
         return Twist2D()
 
 
 def _within(x: float, y: float, limit: float) -> tuple[float, float]:
-    """Return a vector, shortened to a length of `limit` if it is longer."""
+    """Return a vector with its length limited to `limit`."""
     length = math.hypot(x, y)
     return (x, y) if length <= limit else (x * limit / length, y * limit / length)
 
@@ -106,6 +104,6 @@ def _share(x: float, y: float, more_x: float, more_y: float, limit: float) -> fl
     c = max(limit**2 - x**2 - y**2, 0.0)
     if a + 2.0 * b <= c:
         return 1.0
-    # the root of a s² + 2 b s - c, in the form that keeps its digits
+    # the root of a s² + 2 b s - c, in the form without cancellation
     root = math.sqrt(b * b + a * c)
     return c / (b + root) if b > 0.0 else (root - b) / a

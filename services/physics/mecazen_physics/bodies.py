@@ -1,18 +1,18 @@
-"""The bodies of the world as DART's skeletons."""
+"""Skeletons of DART: the ground with its obstacles, robots and people."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import dartpy as dart
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
+from mecazen.world import Box, Person, WorldConfig
 
 from mecazen_physics import model
-from mecazen_physics.config import Box, Cylinder, Person, PhysicsConfig
+from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller
 
@@ -25,7 +25,7 @@ _TWIST = 0.1
 _NO_MASS = 1e-9
 
 
-def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
+def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
     """Refuse a friction c that slows a roller down within a few steps.
 
     DART damps a joint before it solves the contacts, with c/(1 + c·dt/I) instead of c for a
@@ -34,32 +34,30 @@ def check_bearings(robot: Robot, config: PhysicsConfig) -> None:
     Raises:
         UnsupportedError: if that is more than 10 % off.
     """
-    highest = 0.1 * Roller.of(robot).inertia[1] / config.dt_s
+    highest = 0.1 * Roller.of(robot).inertia[1] / physics.dt_s
     friction = robot.rollers.bearing_friction_nms
     if friction > highest:
         raise UnsupportedError(
             f"rollers.bearing_friction_nms = {friction} must be below {highest:.3g}, "
-            f"or physics.dt_s = {config.dt_s} smaller, to be simulated within 10 %"
+            f"or physics.dt_s = {physics.dt_s} smaller, to be simulated within 10 %"
         )
 
 
-def _robot_friction(robot: Robot, config: PhysicsConfig) -> float:
+def _robot_friction(robot: Robot, world: WorldConfig) -> float:
     """Return the coefficient of the robot's own surface.
 
     DART takes the lower one of two touching bodies. The robot's is the highest that is given for
     anything it touches, so that of the other holds; it is also that between two robots.
     """
-    others = (config.person, *config.obstacles)
-    return max(_ground_friction(robot, config), *(other.friction for other in others))
+    others = (world.person, *world.obstacles)
+    return max(_ground_friction(robot, world), *(other.friction for other in others))
 
 
-def _ground_friction(robot: Robot, config: PhysicsConfig) -> float:
-    return config.ground_friction * robot.rollers.contact_friction
+def _ground_friction(robot: Robot, world: WorldConfig) -> float:
+    return world.ground_friction * robot.rollers.contact_friction
 
 
-def build_surroundings(
-    robot: Robot, config: PhysicsConfig, obstacles: Sequence[Box | Cylinder]
-) -> Any:
+def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
     """Return the ground and the obstacles: one skeleton, so they never collide.
 
     Raises:
@@ -68,8 +66,8 @@ def build_surroundings(
     skeleton = dart.dynamics.Skeleton("surroundings")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
-    _collide(ground, plane, _ground_friction(robot, config))
-    for obstacle in obstacles:
+    _collide(ground, plane, _ground_friction(robot, world))
+    for obstacle in world.obstacles:
         height = obstacle.size_m[-1]
         if height < robot.wheels.radius_m:
             # On a face of a box the rollers' contacts jump: only the plane is smooth.
@@ -92,35 +90,33 @@ def build_surroundings(
 
 
 def build_robot(
-    robot: Robot, config: PhysicsConfig, start: Pose2D, *, near: bool
+    tree: model.Tree, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
 ) -> tuple[Any, list[Any]]:
-    """Return the robot's skeleton and the joints of its wheels and rollers.
+    """Return the skeleton of the robot's `tree` and the joints of its wheels and rollers.
 
     Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
-    the speed. With `near`, two rollers a wheel are bodies (see `model.near`), and nothing else
-    of the robot can touch anything.
+    the speed. Where rollers are lumped with their wheels, the others alone can touch anything.
 
     The front wheels hang on an axle that swings about its middle, as in platforms of this
-    kind. Of a rigid robot, two wheels that stand crosswise would carry the whole weight: their
+    kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
     rollers are parallel, and it would glide along across them with all wheels at rest. No
-    frame is quite true, so those two carry a tenth more than the others. Were the loads the
-    same, turning on the spot would be up to those two whose contacts are the nearer.
+    frame is quite true, so those two carry a tenth more than the others. With equal loads, the
+    motion of a robot that turns on the spot would depend on which contacts are the closer.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
     root.setTransform(_planar(start, 0.0))
-    links, lumped = model.near(robot) if near else (model.links(robot), [])
-    trunk = [model.base(robot), *(link for link in links if link.axis is None)]
+    trunk = [model.base(robot), *(link for link in tree.links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    friction = _robot_friction(robot, config)
-    if not near:
+    friction = _robot_friction(robot, world)
+    if not tree.lumped:
         _collide_base(base, robot, friction)
-    barrel = _barrel(robot, config)
+    barrel = _barrel(robot, physics)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _hang_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
-    for link in links:
+    for link in tree.links:
         if link.axis is None:
             continue
         parent, place = bodies[link.parent], np.array(link.translation)
@@ -134,7 +130,7 @@ def build_robot(
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
-    for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
+    for wheel, parts in zip(joints[: len(WHEELS)], tree.lumped, strict=False):
         wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
     load = skeleton.getMass() * GRAVITY / len(WHEELS)
     skeleton.getJoint(_AXLE_JOINT).setCommand(0, _TWIST * load * 2.0 * robot.half_track)
@@ -171,17 +167,17 @@ def _collide_base(base: Any, robot: Robot, friction: float) -> None:
     _collide(base, lidar, friction, robot.lidar.position_m)
 
 
-def _barrel(robot: Robot, config: PhysicsConfig) -> Any:
-    centres, radii = Roller.of(robot).spheres(config.roller_spheres)
+def _barrel(robot: Robot, physics: PhysicsConfig) -> Any:
+    centres, radii = Roller.of(robot).spheres(physics.roller_spheres)
     return dart.dynamics.MultiSphereConvexHullShape(
         [(radius, [0.0, 0.0, centre]) for centre, radius in zip(centres, radii, strict=True)]
     )
 
 
-def build_person(shape: Person) -> tuple[Any, Any]:
-    """Return the person's skeleton, whose two positions are x and y [m], and its body.
+def build_person(shape: Person) -> Any:
+    """Return a person's skeleton, whose two positions are x and y [m].
 
-    Its joint goes at the commanded speed whatever it meets.
+    Its joint moves at the commanded velocity whatever it touches.
     """
     skeleton = dart.dynamics.Skeleton("person")
     joint, body = skeleton.createTranslationalJoint2DAndBodyNodePair()
@@ -189,7 +185,7 @@ def build_person(shape: Person) -> tuple[Any, Any]:
     joint.setActuatorType(dart.dynamics.VELOCITY)
     cylinder = dart.dynamics.CylinderShape(shape.radius_m, shape.height_m)
     _collide(body, cylinder, shape.friction)
-    return skeleton, body
+    return skeleton
 
 
 def _collide(

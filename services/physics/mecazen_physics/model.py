@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.robot import WHEELS, Robot, roller_joint, wheel_joint
+from mecazen.robot import WHEELS, Attachment, Robot, roller_joint, wheel_joint
 
 from mecazen_physics.rollers import Roller
 
@@ -32,6 +33,14 @@ class Link:
     mass: float
     moments: tuple[float, float, float]
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Tree(NamedTuple):
+    """The links of a model of the robot but for its base, in the order of `links`."""
+
+    links: list[Link]
+    lumped: list[list[Link]]
+    """For each wheel what is lumped with it, in its frame; empty where every roller is a link."""
 
 
 def hub_radius(robot: Robot) -> float:
@@ -76,13 +85,17 @@ def lump(parts: list[Link]) -> tuple[float, Array, Array]:
     return mass, centre, inertia
 
 
-def near(robot: Robot) -> tuple[list[Link], list[list[Link]]]:
-    """Return the links of which some rollers are lumped with their wheels.
+def full_tree(robot: Robot) -> Tree:
+    """Return the robot with every roller."""
+    return Tree(links(robot), [])
+
+
+def near_tree(robot: Robot) -> Tree:
+    """Return the robot of which all rollers but two a wheel are lumped with their wheels.
 
     The rollers left are the first and the last of each wheel, those beside the ground while
-    the wheel's angle is between 0 and a pitch. With the links come, for each wheel, the parts
-    that turn with it, placed in its frame. A roller turns freely about its own axis, so the
-    wheel does not feel its moment of inertia about it: its part has none.
+    the wheel's angle is between 0 and a pitch. A roller turns freely about its own axis, so the
+    wheel does not feel its moment of inertia about it: its lumped part has none.
     """
     count = robot.rollers.count
     everything = links(robot)
@@ -90,15 +103,15 @@ def near(robot: Robot) -> tuple[list[Link], list[list[Link]]]:
     lumped = []
     kept = []
     for index, wheel in enumerate(wheels):
-        first, *absent, last = rollers[index * count : (index + 1) * count]
+        first, *airborne, last = rollers[index * count : (index + 1) * count]
         kept += [first, last]
         lumped.append(
             [
                 replace(wheel, translation=(0.0, 0.0, 0.0)),
-                *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in absent),
+                *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in airborne),
             ]
         )
-    return [*wheels, *kept, *everything[-2:]], lumped
+    return Tree([*wheels, *kept, *everything[-2:]], lumped)
 
 
 def driven_inertia(robot: Robot) -> float:
@@ -153,35 +166,18 @@ def _roller(roller: Roller, wheel: str, index: int) -> Link:
 
 
 def _camera(robot: Robot) -> Link:
-    part = robot.camera
-    length, width, height = part.size_m
-    moments = _box(part.mass_kg, length, width, height)
-    return Link(
-        "camera_link",
-        "base_link",
-        "camera_joint",
-        part.position_m,
-        np.eye(3),
-        None,
-        part.mass_kg,
-        moments,
-    )
+    return _attachment("camera", robot.camera, _box(robot.camera.mass_kg, *robot.camera.size_m))
 
 
 def _lidar(robot: Robot) -> Link:
-    part = robot.lidar
-    radius, height = part.size_m
-    across, along = _cylinder(part.mass_kg, radius, height)
-    return Link(
-        "lidar_link",
-        "base_link",
-        "lidar_joint",
-        part.position_m,
-        np.eye(3),
-        None,
-        part.mass_kg,
-        (across, across, along),
-    )
+    across, along = _cylinder(robot.lidar.mass_kg, *robot.lidar.size_m)
+    return _attachment("lidar", robot.lidar, (across, across, along))
+
+
+def _attachment(name: str, part: Attachment, moments: tuple[float, float, float]) -> Link:
+    link, joint = f"{name}_link", f"{name}_joint"
+    place = part.position_m
+    return Link(link, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)
 
 
 def _about_y(angle: float) -> Array:

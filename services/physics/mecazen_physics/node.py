@@ -35,10 +35,10 @@ from mecazen.messages import (
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 
-from mecazen_physics.arena import Arena
 from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.motors import WheelCommand
 from mecazen_physics.urdf import build_urdf, meshes
-from mecazen_physics.world import WheelCommand
+from mecazen_physics.world import World as SimulatedWorld
 
 FASTEST_M_S = 10.0
 """At most this fast a person pushes the robot, however fast they are said to be."""
@@ -60,21 +60,22 @@ class PhysicsWorld(World):
     def reset(self, seed: int) -> None:
         """Put the robots back to the start, in a world made anew."""
         del seed
-        self.arena = self.make_arena()
+        self.world = self.make_world()
         self.robots = {
-            name: _Commanded(self.arena, number, self.config.watchdog_s)
+            name: _Commanded(self.world, number, self.config.watchdog_s)
             for number, name in enumerate(self.parts)
         }
 
-    def make_arena(self) -> Arena:
+    def make_world(self) -> SimulatedWorld:
         """Return the world of a new run."""
-        return Arena([(part.robot, part.start.pose) for part in self.parts.values()], self.config)
+        robots = [(part.robot, part.start.pose) for part in self.parts.values()]
+        return SimulatedWorld(robots, self.config, self.scenario.world)
 
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
         """Simulate a control period; return the state of each robot at its end."""
         if tick.number > 0:
             commands = [robot.command(inputs[name]) for name, robot in self.robots.items()]
-            self.arena.advance(commands, self.steps_per_tick)
+            self.world.advance(commands, self.steps_per_tick)
         return {name: robot.state(tick) for name, robot in self.robots.items()}
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
@@ -89,18 +90,18 @@ class PhysicsWorld(World):
         """Return where the robots are."""
         values: dict[str, object] = {}
         for name, robot in self.robots.items():
-            x, y, _ = robot.world.state().position
+            x, y, _ = robot.robot.state().position
             values[join_key("x_m", name)] = round(x, 3)
             values[join_key("y_m", name)] = round(y, 3)
         return values
 
 
 class _Commanded:
-    """A robot of the arena: what commands it and the person beside it, and its state."""
+    """A robot of the world: what commands it and the person beside it, and its state."""
 
-    def __init__(self, arena: Arena, number: int, watchdog_s: float) -> None:
-        self.arena, self.number = arena, number
-        self.world = arena.worlds[number]
+    def __init__(self, world: SimulatedWorld, number: int, watchdog_s: float) -> None:
+        self.world, self.number = world, number
+        self.robot = world.robots[number]
         self.watchdog_s = watchdog_s
         self.wheels = WheelCommand((0.0,) * len(WHEELS))
         self.last_speeds = self.wheels.values
@@ -136,16 +137,16 @@ class _Commanded:
                 self.last_speeds = self.wheels.values
             return
         if self.wheels.is_effort:
-            self.last_speeds = self.world.state().joint_velocity[: len(WHEELS)]
+            self.last_speeds = self.robot.state().joint_velocity[: len(WHEELS)]
         left = max(0.0, 1.0 - (silent_s - self.watchdog_s) / SLOW_DOWN_S)
         self.wheels = WheelCommand(tuple(speed * left for speed in self.last_speeds))
 
     def _place(self, pose: Pose2D, velocity: Twist2D) -> None:
-        self.arena.place_person(self.number, pose, velocity)
+        self.world.place_person(self.number, pose, velocity)
 
     def state(self, tick: Tick) -> Outputs:
         """Return the robot's joints and its true pose."""
-        state, now = self.world.state(), tick.time
+        state, now = self.robot.state(), tick.time
         x, y, z = state.position
         qx, qy, qz, qw = state.orientation
         pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
@@ -153,7 +154,7 @@ class _Commanded:
         return {
             JOINT_STATES: JointState(
                 header=Header(stamp=now, frame_id="base_link"),
-                name=self.world.joint_names,
+                name=self.robot.joint_names,
                 position=tuple(state.joint_position),
                 velocity=tuple(state.joint_velocity),
                 effort=tuple(state.joint_effort),

@@ -1,1 +1,1 @@
-"""The recorder: what is published, in MCAP files; played back, and computed anew."""
+"""The recorder: MCAP recordings of what is published, their replay and re-computation."""

@@ -1,7 +1,7 @@
-"""Messages in CDR, as ROS 2 writes them, and their definitions in ROS's language.
+"""Messages in ROS 2's CDR, and their definitions in ROS's interface language.
 
-ROS's own types come from the library; those of `mecazen_msgs` are made from the structs.
-What ROS can't say, a value that may be none, no message on a key has.
+ROS's types come from rosbags; those of `mecazen_msgs` are generated from the structs. ROS has
+no optional values, and no message on a key has any.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def encode(message: Message) -> bytes:
-    """Return a message in little-endian CDR, with the four bytes of header that ROS 2 has."""
+    """Return a message in little-endian CDR, with ROS 2's header of four bytes."""
     name = _known(type(message))
     convert = _to_ros(name)
     ros = message if convert is None else convert(message)
@@ -37,7 +37,7 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
     """Return the message in `payload`.
 
     Raises:
-        RefusedError: It is not the CDR of such a message.
+        RefusedError: The payload is not the CDR of such a message.
     """
     try:
         return msgspec.convert(_plain(_STORE.deserialize_cdr(payload, _known(kind))), kind)
@@ -46,13 +46,13 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
 
 
 def definition(kind: type[Message]) -> str:
-    """Return a message's definition with all that it refers to, as MCAP's `ros2msg`."""
+    """Return a message's definition with its dependencies, as MCAP's `ros2msg`."""
     return _STORE.generate_msgdef(_known(kind), ros_version=2)[0]
 
 
 @cache
 def _known(kind: type[Message]) -> str:
-    """Return the ROS type of a message, and make it known to the type store if it is ours."""
+    """Return the ROS type of a message; register it in the type store if it is ours."""
     name = kind.ROS_TYPE
     if name not in _STORE.fielddefs:
         fields = msgspec.structs.fields(kind)
@@ -74,9 +74,9 @@ def _ros_type(node: mi.Type) -> str:
 
 @cache
 def _to_ros(name: str) -> Callable[[Any], Any] | None:
-    """Return what makes a struct one that the library writes; None where every struct is.
+    """Return the conversion of a struct for the serialiser; None if it needs none.
 
-    The library reads attributes by name, and wants sequences of numbers as arrays.
+    The serialiser reads attributes by name, and needs sequences of numbers as arrays.
     """
     conversions = {
         field: convert

@@ -1,6 +1,6 @@
 """`mecazen record`, `mecazen replay` and `mecazen info`.
 
-The libraries of the commands are imported where a command runs: `mecazen --help` needs none.
+Libraries are imported when a command runs, so that `mecazen --help` stays fast.
 """
 
 # ruff: noqa: PLC0415
@@ -57,7 +57,7 @@ def record(
 ) -> None:
     """Record what is published, in MCAP, until Ctrl-C.
 
-    Times are simulated times. After a crash all but the last half second is readable.
+    Times are simulated times. After a crash all but the last half second can be read.
 
     Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
     """
@@ -119,7 +119,7 @@ def replay(
     namespace: Namespace = None,
     tls: Tls = None,
 ) -> None:
-    """Publish a recording again, with its original stamps; or compute a service's part anew.
+    """Publish a recording with its original stamps, or re-compute a service from it.
 
     Examples: mecazen replay run.mcap --keys odom --keys 'target/*' --loop ·
     mecazen replay run.mcap --through follower ·
@@ -176,7 +176,7 @@ def info(
     file: RecordingFile,
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
 ) -> None:
-    """Show what is inside a recording: runs, keys, counts, rates and gaps."""
+    """Show the contents of a recording: runs, keys, counts, rates and gaps."""
     from mecazen_recorder.info import inspect
     from mecazen_recorder.reader import Recording
 

@@ -1,4 +1,4 @@
-"""What is inside a recording: keys, counts, rates, runs and gaps."""
+"""The contents of a recording: keys, counts, rates, runs and gaps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mecazen.wire import NS_PER_S
 from mecazen_recorder.reader import Recording, Sample
 
 GAP = 1.5
-"""An interval of more than so many usual ones is a gap."""
+"""An interval of more than this many medians is a gap."""
 
 
 class KeyInfo(msgspec.Struct, frozen=True):
@@ -20,44 +20,44 @@ class KeyInfo(msgspec.Struct, frozen=True):
 
     key: str
     type: str
-    """The message's ROS type, or the Zenoh encoding on a key that is not in the table."""
+    """The message's ROS type, or the Zenoh encoding for a key that is not in the table."""
     count: int
     rate_hz: float | None
-    """One over the median interval of simulated time; none with fewer than two samples."""
+    """Inverse of the median interval of simulated time; None with fewer than two samples."""
     gaps: int
-    """Intervals of more than 1.5 times the median."""
+    """Number of intervals of more than 1.5 medians."""
     longest_gap_s: float | None
 
 
 class RunInfo(msgspec.Struct, frozen=True):
-    """One run in a recording; where nothing has a stamp there is none."""
+    """One run in a recording. Samples without a stamp belong to no run."""
 
     run: int
     seed: int | None
-    """None where nothing is recorded but of one of several robots, each with its own."""
+    """None if only samples of one of several robots are recorded: each has its own seed."""
     robots: tuple[str, ...]
-    """The names of several."""
+    """The names of several robots."""
     begin_s: float
     end_s: float
     has_scenario: bool
-    """Whether the run's whole configuration is in the file."""
+    """Whether the file holds the run's configuration."""
 
 
 class Info(msgspec.Struct, frozen=True):
-    """What `mecazen info --json` prints."""
+    """The output of `mecazen info --json`."""
 
     file: str
     is_cut_off: bool
     """Whether the end of the file is missing, as after a crash."""
     count: int
     duration_s: float
-    """Simulated, of all runs together."""
+    """Simulated time of all runs together [s]."""
     runs: tuple[RunInfo, ...]
     keys: tuple[KeyInfo, ...]
 
 
 def inspect(recording: Recording) -> Info:
-    """Return what is inside a recording."""
+    """Return the contents of a recording."""
     times: dict[str, dict[int | None, list[int]]] = {}
     types: dict[str, str] = {}
     spans: dict[int, tuple[int, int]] = {}
@@ -100,11 +100,11 @@ def _type_of(sample: Sample) -> str:
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:
     count = sum(map(len, runs))
-    # several samples of one tick are none of them late
+    # several samples of one tick are no interval
     intervals = [b - a for times in runs for a, b in pairwise(times) if b > a]
     if not intervals:
         return KeyInfo(key, kind, count, None, 0, None)
-    usual = statistics.median(intervals)
-    gaps = [interval for interval in intervals if interval > GAP * usual]
+    median = statistics.median(intervals)
+    gaps = [interval for interval in intervals if interval > GAP * median]
     longest_s = max(gaps) / NS_PER_S if gaps else None
-    return KeyInfo(key, kind, count, NS_PER_S / usual, len(gaps), longest_s)
+    return KeyInfo(key, kind, count, NS_PER_S / median, len(gaps), longest_s)

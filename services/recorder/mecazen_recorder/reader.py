@@ -1,4 +1,4 @@
-"""Reads what `mecazen_recorder.writer` wrote, also where the end of the file is missing."""
+"""Reads files of `mecazen_recorder.writer`, also truncated ones."""
 
 from __future__ import annotations
 
@@ -31,65 +31,66 @@ from mecazen_recorder.writer import LIBRARY, URDF
 MessageT = TypeVar("MessageT", bound=Message)
 
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
-"""What the library raises where bytes are missing or wrong."""
+"""Errors of the library on missing or corrupt bytes."""
 
 _TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
 
 
 class Sample(NamedTuple):
-    """What was published on a key."""
+    """A published sample."""
 
     key: str
     time_ns: int
-    """Simulated time."""
+    """Simulated time [ns]."""
     stamp: Stamp | None
-    """None where an outsider sent none."""
+    """None if the publisher sent none."""
     payload: bytes
     encoding: str
     """A Zenoh encoding, or `cdr`."""
     kind: type[Message] | None
-    """What is known of it; None on a key of the user's own."""
+    """The type of the message; None for a key that is not in the table."""
 
     def message(self, kind: type[MessageT]) -> MessageT:
         """Return the message.
 
         Raises:
-            RefusedError: It is not of this kind.
+            RefusedError: The payload is not of this type.
         """
         if self.encoding == MessageEncoding.CDR:
             return cdr.decode(self.payload, kind)
         return decode(self.payload, kind, self.encoding)
 
-    def as_published(self) -> tuple[bytes, str, bytes | None]:
-        """Return payload, Zenoh encoding and attachment as a bus takes them: messages in JSON.
+    def as_published(self, known: type[Message] | None = None) -> tuple[bytes, str, bytes | None]:
+        """Return payload, Zenoh encoding and attachment for a bus; messages are in JSON.
 
         Raises:
-            RefusedError: The message is not what its key carries.
+            RefusedError: The payload is not of the type of its key.
         """
         attachment = None if self.stamp is None else self.stamp.pack()
-        if self.kind is None:
+        kind = self.kind or known
+        if kind is None:
             return self.payload, self.encoding, attachment
-        return encode(self.message(self.kind), "json"), JSON_ENCODING, attachment
+        return encode(self.message(kind), "json"), JSON_ENCODING, attachment
 
 
 class Recording:
-    """A recording to be read.
+    """A recording, for reading.
 
     Args:
         path: The MCAP file.
 
     Raises:
-        RecordingError: It can't be read, or `mecazen record` has not written it.
+        RecordingError: It can't be read, or is not a file of `mecazen record`.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.scenarios: dict[int, str] = {}
-        """The configuration of each run in TOML, where it is known; filled in by `samples`."""
+        """The recorded configuration of each run in TOML; filled in by `samples`."""
         self._robots: dict[int, tuple[str, ...]] = {}
         self._files: dict[str, bytes] = {}
         self.is_cut_off = False
-        """Whether the end is missing; known when `samples` has come to its end."""
+        """Whether the end is missing; known after `samples` is exhausted."""
         with self._open() as file:
             header = next(self._records(file), None)
         if not isinstance(header, Header):
@@ -125,7 +126,7 @@ class Recording:
                 elif (
                     isinstance(record, Record)
                     and begin_ns <= record.log_time <= end_ns
-                    and record.channel_id in channels  # unless a damaged chunk had it
+                    and record.channel_id in channels  # missing if its chunk is corrupt
                 ):
                     key, run, encoding, kind = channels[record.channel_id]
                     stamp = None if run is None else run._replace(time_ns=record.log_time)
@@ -133,7 +134,7 @@ class Recording:
         self.is_cut_off = True
 
     def descriptions(self) -> dict[str, RobotDescription]:
-        """Return what robots look like, where that was recorded, by their names."""
+        """Return the recorded description of each robot, by name."""
         next((sample for sample in self.samples() if sample.stamp is not None), None)
         found = {}
         for name, urdf in self._files.items():
@@ -146,17 +147,17 @@ class Recording:
         return found
 
     def robots(self, run: int) -> tuple[str, ...]:
-        """Return the names of a run's robots, as far as `samples` has been read."""
+        """Return the names of a run's robots, known once `samples` has read them."""
         return self._robots.get(run, ("",))
 
     def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run with some sections of services.
+        """Return the configuration of a run with the named sections of services.
 
-        What the others refer to, such as the file of a walk, need not be there any more.
+        Files to which other sections refer, such as a walk, need not exist any more.
 
         Raises:
             RecordingError: It is not in the recording.
-            ConfigError: It can't be used any more.
+            ConfigError: It is no longer valid.
         """
         if run not in self.scenarios:
             raise RecordingError(f"{self.path}: without the configuration of run {run}")
@@ -184,14 +185,14 @@ class Recording:
             raise RecordingError(f"{self.path}: can't be read: {error.strerror}") from None
 
     def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
-        """Return the records up to the end of the data, or to the first that is damaged."""
+        """Return the records up to the end of the data or the first corrupt one."""
         limit = self.path.stat().st_size
         reader = StreamReader(file, emit_chunks=True, record_size_limit=limit)
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
                     yield from breakup_chunk(record, validate_crc=True)
-                elif not isinstance(record, Channel | Record):  # outside of a chunk: damage
+                elif not isinstance(record, Channel | Record):  # outside of a chunk: corrupt
                     yield record
         except InvalidMagic:
             raise RecordingError(f"{self.path}: not an MCAP file") from None
@@ -200,7 +201,7 @@ class Recording:
 
     def _note_run(self, record: Metadata) -> None:
         run = record.metadata
-        # no checksum is over metadata: what makes no sense in it is as good as not there
+        # metadata has no checksum: what is invalid in it is ignored
         if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
             self.scenarios[int(run["run"])] = run["scenario"]
             self._robots[int(run["run"])] = robots_in(run["scenario"])

@@ -1,119 +1,55 @@
-"""Feeds one service with its recorded inputs, and compares what it gives with the recording."""
+"""Feeds a service or a node with its recorded inputs and compares its outputs with the recording."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import zip_longest
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
-from mecazen import keys
-from mecazen.bus import LocalBus, Publisher
-from mecazen.bus.base import Handler
+from mecazen.bus import LocalBus
 from mecazen.config import split_key
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, TABLE, services
-from mecazen.keys import Topic
+from mecazen.graph import GRAPH, TABLE
 from mecazen.messages import Message
 from mecazen.node import Node
-from mecazen.programs import find
+from mecazen.programs import classes
 from mecazen.runtime.host import make_nodes
-from mecazen.runtime.participant import Participant
+from mecazen.runtime.service import Service
 from mecazen.wire import NS_PER_S, Stamp, encode
 
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.sink import RecordingError
 
-MessageT = TypeVar("MessageT", bound=Message)
-
-_ORDER: tuple[Topic[Any], ...] = (
-    keys.JOINT_STATES,
-    keys.GROUND_TRUTH,
-    keys.TARGET_ODOM,
-    keys.OBSERVATION,
-    keys.ODOM,
-    keys.FOLLOWER_STATE,
-    keys.CMD_VEL,
-    keys.JOINT_COMMAND,
-)
-"""The samples of a tick as they follow from each other, see docs/time.md.
-
-They come to the recorder from several processes, by chance also in another order.
-"""
-_RANKS = {topic.key: rank for rank, topic in enumerate(_ORDER)}
+PERIODIC = {topic.key for row in GRAPH for topic in row.outputs}
+"""Keys whose last sample tells how far a recording goes."""
 
 
 class Difference(NamedTuple):
-    """The first thing that is not as it was recorded."""
+    """The first difference from the recording."""
 
     key: str
     time_ns: int
     field: str
-    """Where in the message; empty where one of the two is no sample at all."""
+    """Path in the message; empty if one of the two samples is missing."""
     recorded: str
     recomputed: str
 
     def __str__(self) -> str:
-        """Return the line that says it."""
+        """Return the difference in one line."""
         where = " ".join(filter(None, (self.key, self.field)))
         values = f"recorded {self.recorded}, recomputed {self.recomputed}"
         return f"{where} at {self.time_ns / NS_PER_S} s: {values}"
 
 
 class Comparison(NamedTuple):
-    """What a service gave again."""
+    """The result of a re-computation."""
 
     counts: Counter[str]
-    """Samples that were recorded and are to be compared, by key."""
+    """Number of compared samples by key."""
     difference: Difference | None
-
-
-def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
-    """Run a service of a recording anew.
-
-    Runs that are not recorded from their beginning, or whose configuration is not in the
-    recording, are left out. What a service says of its health is not compared.
-
-    Args:
-        recording: Holds the inputs and the outputs.
-        program: A service's name, or `file.py:Class` of one that plays its part.
-        robot: Whose service, where there are several robots.
-
-    Raises:
-        MecazenError: There is nothing to compute or nothing to compare, or the service failed.
-    """
-    counts: Counter[str] = Counter()
-    for run, samples in _whole_runs(recording).items():
-        service, bus = _make_service(recording, run, program, robot)
-        compared = _recompute_run(_of_robot(samples, robot, recording.robots(run)), bus)
-        service.close()
-        counts += compared.counts
-        if compared.difference is not None:
-            return Comparison(counts, compared.difference)
-    if not counts:
-        raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
-    return Comparison(counts, None)
-
-
-class _OneServiceBus(LocalBus):
-    """Keeps what the one service publishes instead of delivering it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.inputs: dict[str, Topic[Any]] = {}
-        self.outputs: dict[str, Topic[Any]] = {}
-        self.published: dict[str, list[_Output]] = {}
-
-    def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        self.outputs[topic.key] = topic
-        return _Keeper(self.published.setdefault(topic.key, []))
-
-    def subscribe(
-        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
-    ) -> None:
-        self.inputs[topic.key] = topic
-        super().subscribe(topic, handler, every=every)
 
 
 class _Output(NamedTuple):
@@ -121,16 +57,41 @@ class _Output(NamedTuple):
     message: Message
 
 
-class _Keeper(Publisher[MessageT]):
-    def __init__(self, kept: list[_Output]) -> None:
-        self._kept = kept
+def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
+    """Re-compute a service or a node from a recording.
 
-    def put(self, message: MessageT, stamp: Stamp) -> None:
-        self._kept.append(_Output(stamp.time_ns, message))
+    Runs that are not recorded from their first tick, or without configuration, are skipped.
+    Diagnostics are not compared.
+
+    Args:
+        recording: The recorded inputs and outputs.
+        program: A service, a node, or `file.py:Class` of a node in the place of one.
+        robot: Name of one of several robots.
+
+    Raises:
+        MecazenError: There is nothing to compute or to compare, or the service failed.
+    """
+    counts: Counter[str] = Counter()
+    for run, samples in _whole_runs(recording).items():
+        bus = LocalBus()
+        service = _make_service(recording, run, program, robot, bus)
+        own = _of_robot(samples, robot, recording.robots(run))
+        compared = _recompute_run(own, service, bus.namespaced(robot))
+        service.close()
+        counts += compared.counts
+        if compared.difference is not None:
+            return Comparison(counts, compared.difference)
+    if not counts:
+        raise _nothing(recording, program)
+    return Comparison(counts, None)
+
+
+def _nothing(recording: Recording, program: str) -> RecordingError:
+    return RecordingError(f"{recording.path}: holds nothing that {program} publishes")
 
 
 def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
-    """Return the samples of each run that can be computed anew."""
+    """Return the samples of each run that can be re-computed."""
     runs: dict[int, list[Sample]] = {}
     run: int | None = None
     for sample in recording.samples():
@@ -146,85 +107,82 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 
 
 def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> list[Sample]:
-    """Return the samples in the namespace of a robot, with their keys in it."""
+    """Return the samples in the namespace of a robot, with keys relative to it."""
     parts = ((sample, *split_key(sample.key, robots)) for sample in samples)
     return [sample._replace(key=key) for sample, name, key in parts if name == robot]
 
 
 def _make_service(
-    recording: Recording, run: int, program: str, robot: str
-) -> tuple[Participant, _OneServiceBus]:
+    recording: Recording, run: int, program: str, robot: str, bus: LocalBus
+) -> Service:
     """Return the nodes with their recorded configuration.
 
     Raises:
+        RecordingError: They did not take part in the run.
         ConfigError: There are none of that name, or they have no inputs to compute from.
     """
     scenario = recording.scenario(run)
-    names = [row.name for row in services().get(program, ()) if not row.owns_time] or [program]
-    kinds = {}
-    for name in names:
-        kind = find(name, scenario.programs)
-        if not issubclass(kind, Node):
-            raise ConfigError(
-                f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest anew"
-            )
-        place = name if name in TABLE or name in scenario.programs else kind.ROW.name
-        kinds[place] = kind
+    kinds = classes(program, scenario)
+    if not all(issubclass(kind, Node) for kind in kinds.values()):
+        raise ConfigError(
+            f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest anew"
+        )
+    programs = scenario.programs
+    if ":" in program:
+        kinds = {kind.ROW.name: kind for kind in kinds.values() if issubclass(kind, Node)}
+        programs = {**programs, **dict.fromkeys(kinds, program)}
     place = next(iter(kinds))
-    service = TABLE[place].part_of if place in TABLE else place
-    bus = _OneServiceBus()
-    programs = {**scenario.programs, **({place: program} if ":" in program else {})}
-    recorded = msgspec.structs.replace(recording.scenario(run, service), programs=programs)
-    return make_nodes(service, kinds, bus, recorded, robot), bus
+    name = TABLE[place].part_of if place in TABLE else place
+    if name not in scenario.services:
+        raise _nothing(recording, program)
+    recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
+    service = make_nodes(name, kinds, bus, recorded, robot)
+    assert isinstance(service, Service)
+    return service
 
 
-def _recompute_run(samples: Sequence[Sample], bus: _OneServiceBus) -> Comparison:
-    for sample in sorted(samples, key=_place_in_time):
-        if sample.key in bus.inputs:
-            bus.put_bytes(sample.key, *sample.as_published())
-            bus.spin()
-    outputs = {
-        key: topic for key, topic in bus.outputs.items() if not key.startswith("diagnostics/")
+def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -> Comparison:
+    """Feed a service with its inputs among the samples and compare its outputs."""
+    rows = [node.row for node in service.nodes]
+    triggers = {row.on_bus(i.topic).key for row in rows for i in row.inputs if i.rule == "every"}
+    topics = {
+        row.on_bus(topic).key: topic
+        for row in rows
+        for topic in (*(i.topic for i in row.inputs), *row.outputs)
     }
-    horizon_ns = _horizon_ns(samples, {**bus.inputs, **outputs})
-    recorded: dict[str, list[_Output]] = {}
-    for sample in samples:
-        if sample.key in outputs and sample.stamp is not None:
-            message = sample.message(outputs[sample.key].type)
-            recorded.setdefault(sample.key, []).append(_Output(sample.time_ns, message))
-    differences = [
-        difference
-        for key in recorded
-        if (difference := _compare(key, recorded[key], bus.published[key], horizon_ns)) is not None
-    ]
-    counts = Counter({key: len(kept) for key, kept in recorded.items()})
-    first = min(differences, key=lambda d: (d.time_ns, _rank(d.key)), default=None)
-    return Comparison(counts, first)
+    outputs = [row.on_bus(topic) for row in rows for topic in row.outputs]
+    recorded: dict[str, list[_Output]] = {topic.key: [] for topic in outputs}
+    recomputed: dict[str, list[_Output]] = {topic.key: [] for topic in outputs}
+    for topic in outputs:
+        bus.subscribe(topic, partial(_keep, recomputed[topic.key]))
+
+    def place_in_time(sample: Sample) -> tuple[int, bool, bool]:
+        # the recorder gets the samples of a tick from several processes, in any order;
+        # a sample without a stamp may have come at any time within its tick
+        return sample.time_ns, sample.stamp is None, sample.key not in triggers
+
+    last_ns: dict[str, int] = {}
+    for sample in sorted(samples, key=place_in_time):
+        if sample.key not in topics:
+            continue
+        if sample.key not in recorded:
+            bus.put_bytes(sample.key, *sample.as_published(topics[sample.key].type))
+            bus.spin()
+        elif sample.stamp is not None:
+            _keep(recorded[sample.key], sample.message(topics[sample.key].type), sample.stamp)
+        if sample.stamp is not None and topics[sample.key].key in PERIODIC:
+            last_ns[sample.key] = sample.time_ns
+    # the last completely recorded tick
+    horizon_ns = min(last_ns.values(), default=0)
+    kept = {key: found for key, found in recorded.items() if found}
+    differences = [_compare(key, was, recomputed[key], horizon_ns) for key, was in kept.items()]
+    first = min(filter(None, differences), key=lambda found: found.time_ns, default=None)
+    return Comparison(Counter({key: len(was) for key, was in kept.items()}), first)
 
 
-def _rank(key: str) -> int:
-    return _RANKS.get(key, len(_RANKS))
-
-
-def _place_in_time(sample: Sample) -> tuple[int, int]:
-    # what came without a stamp may have come at any time of its tick
-    rank = len(_RANKS) + 1 if sample.stamp is None else _rank(sample.key)
-    return sample.time_ns, rank
-
-
-def _horizon_ns(samples: Sequence[Sample], topics: dict[str, Topic[Any]]) -> int:
-    """Return the last tick of which everything was recorded, wherever the recording ends."""
-    last: dict[str, int] = {}
-    for sample in samples:
-        topic = topics.get(sample.key)
-        if topic is not None and _is_periodic(topic) and sample.stamp is not None:
-            last[sample.key] = max(last.get(sample.key, 0), sample.time_ns)
-    return min(last.values(), default=0)
-
-
-def _is_periodic(topic: Topic[Any]) -> bool:
-    """Return whether a topic's last sample says how far a recording goes."""
-    return any(topic.key in {t.key for t in row.outputs} for row in GRAPH)
+def _keep(kept: list[_Output], message: Message, stamp: Stamp | None) -> None:
+    assert stamp is not None
+    kept.append(_Output(stamp.time_ns, message))
 
 
 def _compare(
@@ -242,7 +200,7 @@ def _compare(
                 for output in (old, new)
             ]
             return Difference(key, time_ns, "", *there)
-        # as bytes, since 0.0 and -0.0 are equal as numbers
+        # compared as bytes, since 0.0 and -0.0 are equal as numbers
         if encode(old.message, "json") != encode(new.message, "json"):
             was, now = (msgspec.to_builtins(output.message) for output in (old, new))
             return Difference(key, old.time_ns, *next(_different(was, now, "")))
@@ -250,7 +208,7 @@ def _compare(
 
 
 def _different(was: Any, now: Any, path: str) -> Iterator[tuple[str, str, str]]:
-    """Yield the leaves that differ: their place, and both values."""
+    """Yield path and both values of each leaf that differs."""
     if isinstance(was, dict) and isinstance(now, dict):
         for name in was:
             yield from _different(was[name], now[name], f"{path}.{name}" if path else name)

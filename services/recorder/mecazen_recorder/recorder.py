@@ -1,4 +1,4 @@
-"""Takes what is published on a bus, and has it written."""
+"""Subscribes to a bus and writes its samples."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
-from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.bus.session import includes
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import join_key, split_key
 from mecazen.description import ask_description
 from mecazen.errors import BusError
@@ -25,7 +26,7 @@ from mecazen_recorder.writer import SYNC_S, RecordingWriter
 
 BYTES_PER_MIB = 1 << 20
 ANSWER_S = 1.0
-"""Samples wait meanwhile."""
+"""Timeout of queries, during which samples queue up."""
 
 logger = logging.getLogger(__name__)
 
@@ -33,17 +34,17 @@ logger = logging.getLogger(__name__)
 class Recorder:
     """Records every sample of some keys.
 
-    Messages are decoded and written in the file's encoding, with all their fields; those that
-    are not what their key carries are refused. Keys that are not in the table of `mecazen.keys`
-    are written as they come. What an outsider sends without a stamp has the time of the newest
-    tick.
+    Messages are decoded and written in the encoding of the file with all fields; malformed ones
+    are refused. Payloads on keys that are not in the table of `mecazen.keys` are written as they
+    come. A sample without a stamp gets the time of the newest tick.
 
     Args:
-        bus: Where services publish.
+        bus: The bus on which services publish.
         config: What to record, and where.
-        services: Whose diagnostics to record on the bus within a process.
-        scenario: Tells the configuration of a run that begins, in TOML, or None.
-        robots: The robots' names; what `scenario` tells of a run that begins, counts from then.
+        services: Services whose diagnostics to record on a bus within a process.
+        scenario: Returns the configuration of a new run in TOML, or None.
+        robots: The robots' names; replaced by those in the configuration of a new run.
+        topics: What can be decoded; samples of other keys are kept as they come.
 
     Raises:
         RecordingError: The file can't be written.
@@ -57,26 +58,28 @@ class Recorder:
         services: Sequence[str],
         scenario: Callable[[], str | None],
         robots: Sequence[str] = ("",),
+        topics: Sequence[Topic[Any]] = keys.TOPICS,
     ) -> None:
         self._bus = bus
         self._scenario = scenario
         self._robots = robots
+        self._topics = {topic.key: topic for topic in topics}
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
         self._described: set[str] = set()
         for key in config.keys:
-            includes(key, key)  # wrong keys are told before there is a file
+            includes(key, key)  # a wrong key is an error before the file exists
         self.writer = RecordingWriter(Path(config.file), config.encoding)
         if isinstance(bus, ZenohBus):
             for index, key in enumerate(config.keys):
                 take = partial(self._take_bytes, config.keys[:index])
                 bus.subscribe_bytes(key, take, config.backlog_mib * BYTES_PER_MIB)
         else:
-            topics: list[Topic[Any]] = [topic for topic in keys.TOPICS if "*" not in topic.key]
-            topics += map(keys.diagnostics, services)
+            heard = [topic for topic in topics if "*" not in topic.key]
+            heard += map(keys.diagnostics, services)
             for robot in dict.fromkeys(("", *robots)):
-                for topic in topics:
+                for topic in heard:
                     name = join_key(topic.key, robot)
                     if any(includes(key, name) for key in config.keys):
                         take = partial(self._take, name)
@@ -107,7 +110,7 @@ class Recorder:
             if topic is None:
                 stamp = _own_stamp(attachment)
                 self._note(stamp)
-                topic = self._topic_of(key)  # it may be a robot's that a new run has
+                topic = self._topic_of(key)  # the new run may have this robot
             if topic is None:
                 self.writer.write_bytes(key, payload, encoding, stamp, self.now.time_ns)
             else:
@@ -122,11 +125,12 @@ class Recorder:
         self.writer.write(key, message, stamp, time_ns)
 
     def _topic_of(self, key: str) -> Topic[Message] | None:
-        """Return the table's entry for a key, which may be that of one of several robots."""
-        return topic_of(split_key(key, self._robots)[1])
+        """Return the topic of a key, which may be in the namespace of one of several robots."""
+        name = split_key(key, self._robots)[1]
+        return self._topics.get(name) or topic_of(name)
 
     def _note(self, stamp: Stamp | None) -> None:
-        """Remember the newest tick, and write down a run that begins."""
+        """Note the newest tick, and write the record of a new run."""
         if stamp is None:
             return
         if stamp.run not in self._runs:
@@ -141,7 +145,7 @@ class Recorder:
             self.now = max(self.now, stamp)
 
     def _describe(self) -> None:
-        """Attach what each robot looks like, once, as soon as somebody says it."""
+        """Attach the description of each robot, once, as soon as physics answers."""
         for robot in self._robots:
             if robot in self._described:
                 continue
@@ -154,7 +158,7 @@ class Recorder:
 
 
 def _own_stamp(attachment: bytes | None) -> Stamp | None:
-    """Return the stamp of a sample on a key of the user's own, if what it carries is one."""
+    """Return the stamp in an attachment; None if it is none, as on keys outside the table."""
     try:
         return None if attachment is None else Stamp.unpack(attachment)
     except RefusedError:
@@ -162,7 +166,7 @@ def _own_stamp(attachment: bytes | None) -> Stamp | None:
 
 
 def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
-    """Record what a tool's bus hears until a signal; return how many samples.
+    """Record on a tool's bus until a signal; return the number of samples.
 
     Raises:
         RecordingError: The file can't be written.

@@ -1,4 +1,4 @@
-"""Publishes a recording anew, at the pace of its simulated time."""
+"""Publishes a recording at the pace of its simulated time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import math
 import time
 from collections.abc import Sequence
 
-from mecazen.bus.zenoh_bus import ZenohBus, includes
+from mecazen.bus.session import includes
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_recorder.reader import Recording, Sample
@@ -26,17 +27,17 @@ def publish(
     """Publish the samples of some keys with their original stamps.
 
     Args:
-        recording: What to publish.
-        bus: Where to.
+        recording: The recording to publish.
+        bus: The bus on which to publish.
         keys: Key expressions.
         speed: Simulated seconds per wall second.
         begin_ns: See `Recording.samples`.
         end_ns: See `Recording.samples`.
-        turn: How often it was published before. It is added to the numbers of runs, since
-            services drop ticks that are older than what they have heard of a run.
+        turn: How often it was published before. It is added to the numbers of the runs, since
+            services drop ticks older than the newest of a run.
 
     Returns:
-        How many samples were published.
+        The number of samples published.
 
     Raises:
         RecordingError: Nothing in the recording is on these keys and in this time, or a

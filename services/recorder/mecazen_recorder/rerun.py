@@ -1,4 +1,4 @@
-"""Rerun's own format, made from a finished recording by Rerun's own converter."""
+"""Rerun's format, converted from a finished recording by Rerun."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mecazen_recorder.sink import RecordingError
 
 
 def converter() -> Path:
-    """Return Rerun's command.
+    """Return the path of Rerun's command.
 
     Raises:
         RecordingError: It is not installed.
@@ -23,7 +23,7 @@ def converter() -> Path:
 
 
 def convert(path: Path) -> Path:
-    """Write a recording in CDR as `.rrd` beside it, in simulated time; return that file.
+    """Convert a recording in CDR to a `.rrd` beside it, in simulated time; return its path.
 
     Raises:
         RecordingError: Rerun can't convert it.
@@ -34,7 +34,7 @@ def convert(path: Path) -> Path:
         capture_output=True,
         text=True,
         check=False,
-        # it tells its makers how it is used, unless it runs as a test
+        # CI disables its telemetry
         env={**os.environ, "CI": "1"},
     )
     if done.returncode != 0:

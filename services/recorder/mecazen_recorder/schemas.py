@@ -1,4 +1,4 @@
-"""What a message looks like in a file, for readers that know nothing of mecazen."""
+"""Schemas and payloads of messages in a file, for readers that do not know mecazen."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def schema(kind: type[Message], encoding: Encoding) -> Schema:
     if encoding == "cdr":
         return Schema(kind.ROS_TYPE, "ros2msg", cdr.definition(kind).encode())
     _, definitions = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
-    # readers want the message itself at the root, not a reference to it
+    # readers expect the message at the root, not a reference to it
     text = msgspec.json.encode({**definitions[kind.__name__], "$defs": definitions})
     return Schema(kind.ROS_TYPE, "jsonschema", text)
 
 
 def write(message: Message, encoding: Encoding) -> bytes:
-    """Return a message as it stands in a file."""
+    """Return the payload of a message in a file."""
     return cdr.encode(message) if encoding == "cdr" else encode(message, "json")

@@ -13,6 +13,7 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.config import Scenario
 from mecazen.loading import to_toml
 from mecazen.messages import Clock
+from mecazen.programs import graph_of
 from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
@@ -22,13 +23,13 @@ from mecazen_recorder.recorder import Recorder
 logger = logging.getLogger(__name__)
 
 LINGER_S = 1.0
-"""At the end, what others still send is taken for at most so long ..."""
+"""At the end, samples are recorded for at most this long ..."""
 QUIET_S = 0.1
-"""... and until nothing has come for so long."""
+"""... or until none has come for this long."""
 
 
 class RecorderService(Observer):
-    """Records beside the services of a scenario: it takes everything and answers nothing."""
+    """Records the services of a scenario."""
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         super().__init__(name, bus, scenario)
@@ -36,12 +37,17 @@ class RecorderService(Observer):
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
         self.recorder = Recorder(
-            bus, config, scenario.services, lambda: to_toml(scenario), scenario.names
+            bus,
+            config,
+            scenario.services,
+            lambda: to_toml(scenario),
+            scenario.names,
+            graph_of(scenario).topics,
         )
         self.subscribe(keys.CLOCK, self.on_clock)
 
     def reset(self, seed: int) -> None:
-        """Go on: a file holds every run."""
+        """Continue: one file holds every run."""
         del seed
 
     def run(self) -> None:
@@ -49,21 +55,21 @@ class RecorderService(Observer):
         self.recorder.run()
 
     def on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
-        """Do nothing: the base class knows the newest tick by it."""
+        """Do nothing; the base class notes the newest tick."""
 
     def close(self) -> None:
-        """Take what is still on its way from those that end with this service; end the file."""
+        """Record what is still in transit, and finish the file."""
         end = time.monotonic() + LINGER_S
         try:
             while time.monotonic() < end and self.bus.spin_once(QUIET_S):
                 pass
         except StoppedError:
-            pass  # asked a second time: at once, then
+            pass  # stopped a second time: finish at once
         finally:
             self.recorder.close()
 
     def diagnostics(self) -> dict[str, object]:
-        """Return how many samples were recorded; the dropped are counted with the refused."""
+        """Return the number of recorded samples; dropped ones count as refused."""
         return {"recorded": self.recorder.writer.count}
 
 

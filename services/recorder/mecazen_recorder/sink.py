@@ -1,4 +1,4 @@
-"""A file that is whole up to its last sync, whatever ends the process or fills the disk."""
+"""A file that is intact up to its last sync, also after a crash or on a full disk."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class RecordingError(MecazenError):
 
 
 class Sink:
-    """Takes bytes in memory; `sync` brings them to the disk, or leaves the file as it was.
+    """Buffers bytes in memory; `sync` writes them to the disk, or leaves the file unchanged.
 
     Raises:
-        RecordingError: The file exists already, or can't be made.
+        RecordingError: The file exists, or can't be created.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,21 +31,21 @@ class Sink:
             raise RecordingError(f"{path}: can't be written: {error.strerror}") from None
 
     def write(self, data: bytes) -> None:
-        """Take bytes."""
+        """Buffer bytes."""
         self._waiting += data
 
     def tell(self) -> int:
-        """Return the length of all that was taken."""
+        """Return the number of bytes written so far."""
         return self._synced + len(self._waiting)
 
     def flush(self) -> None:
-        """Do nothing: `sync` does."""
+        """Do nothing; `sync` writes."""
 
     def sync(self) -> None:
-        """Bring everything to the disk.
+        """Write everything to the disk.
 
         Raises:
-            RecordingError: It can't be, most often for want of space; the file then ends where
+            RecordingError: Writing failed, most likely on a full disk; the file then ends where
                 it ended after the last sync.
         """
         try:

@@ -1,9 +1,8 @@
 """Writes samples into an MCAP file.
 
-A sample's log time is its simulated time. What else its stamp holds, the run and the seed,
-is the same for many samples and stands in the metadata of their channel: each key has a
-channel for each run. Metadata records named `run` hold the run's whole configuration, and
-attachments the robot's URDF with its meshes, by names that begin with its own where it has one.
+The log time of a sample is its simulated time. Run and seed of its stamp are in the metadata of
+its channel: each key has a channel for each run. Metadata records named `run` hold the
+configuration of a run, attachments the URDF and meshes of each robot in its namespace.
 """
 
 from __future__ import annotations
@@ -27,21 +26,21 @@ from mecazen_recorder.sink import RecordingError, Sink
 LIBRARY = "mecazen"
 URDF = "robot.urdf"
 SYNC_S = 0.5
-"""Longest wall time that a sample is in memory alone."""
+"""Longest wall time for which a sample is only in memory."""
 
 MAX_CHANNELS = 2**16 - 1
 _RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpack"}
 
 
 class RecordingWriter:
-    """An MCAP file that is being written.
+    """Writes an MCAP file.
 
     Args:
         path: The file, which must not exist.
-        encoding: How messages are written.
+        encoding: The encoding of messages.
 
     Raises:
-        RecordingError: The file can't be made.
+        RecordingError: The file can't be created.
     """
 
     def __init__(self, path: Path, encoding: Encoding) -> None:
@@ -55,7 +54,7 @@ class RecordingWriter:
         self._sync()
 
     def write(self, key: str, message: Message, stamp: Stamp | None, time_ns: int) -> None:
-        """Write a message of simulated time `time_ns`.
+        """Write a message at the simulated time `time_ns`.
 
         Raises:
             RefusedError: There are too many keys and runs.
@@ -67,7 +66,7 @@ class RecordingWriter:
     def write_bytes(
         self, key: str, payload: bytes, encoding: str, stamp: Stamp | None, time_ns: int
     ) -> None:
-        """Write a payload of an unknown kind as it is, and the Zenoh encoding that it came in.
+        """Write a payload of unknown type unchanged, with its Zenoh encoding.
 
         Raises:
             RefusedError: There are too many keys and runs.
@@ -76,23 +75,23 @@ class RecordingWriter:
         self._add(self._channel(key, stamp, encoding), payload, time_ns)
 
     def write_run(self, stamp: Stamp, scenario: str | None) -> None:
-        """Write down that a run has begun, and its configuration in TOML where it is known."""
+        """Write the record of a new run, with its configuration in TOML if known."""
         run = {"run": str(stamp.run), "seed": str(stamp.seed)}
         self._mcap.add_metadata("run", run if scenario is None else {**run, "scenario": scenario})
 
     def write_description(self, description: RobotDescription, robot: str = "") -> None:
-        """Attach what a robot looks like: its URDF last, when all that it names is there."""
+        """Attach the description of a robot: its meshes, then its URDF."""
         for name, data in [*description.meshes.items(), (URDF, description.urdf.encode())]:
             kind = "application/xml" if name == URDF else "application/octet-stream"
             self._mcap.add_attachment(0, 0, join_key(name, robot), kind, data)
 
     def sync_if_due(self) -> None:
-        """Bring to the disk what was written, once in `SYNC_S`."""
+        """Sync to the disk if `SYNC_S` has passed since the last time."""
         if time.monotonic() - self._synced_s >= SYNC_S:
             self._sync()
 
     def close(self) -> None:
-        """Write what readers find their way by, and close the file; again, it does nothing.
+        """Write the index and close the file; a second call has no effect.
 
         Raises:
             RecordingError: The disk is full.

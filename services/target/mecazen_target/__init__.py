@@ -1,1 +1,1 @@
-"""The walking person, and what the robot's sensor sees of them."""
+"""The walking person, and the robot's sensor that observes them."""

@@ -1,7 +1,7 @@
 """The person's section of a scenario: `[target]`, `[target.path]`, `[target.gait]`.
 
-Every path starts at the pose `x_m`, `y_m`, `yaw_deg` in the world and goes on from there:
-a path's own numbers (a waypoint, a recorded track) are in the frame of that pose.
+Every path starts at the pose `x_m`, `y_m`, `yaw_deg` in the world; its own coordinates
+(waypoints, a recorded track) are in the frame of that pose.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ Turn = Literal["left", "right"]
 
 class _Path(Section, tag_field="kind"):
     x_m: Finite = 0.0
-    """Start in the world, forward [m]."""
+    """x of the start in the world [m]."""
     y_m: Finite = 0.0
-    """Start in the world, left [m]."""
+    """y of the start in the world [m]."""
     yaw_deg: AngleDeg = 0.0
     """Heading at the start, in the world [deg]."""
 
 
 class _Walk(_Path):
     start_after_s: NonNegative = 0.0
-    """The person stands for this long before they set off [s]."""
+    """Time before the person sets off [s]."""
 
 
 class UTrack(_Walk, tag="u_track"):
@@ -56,7 +56,7 @@ class Straight(_Walk, tag="straight"):
 
 
 class Circle(_Walk, tag="circle"):
-    """A circle through the start, walked without end."""
+    """An endless circle through the start."""
 
     radius_m: Positive = 2.0
     """Radius of the circle [m]."""
@@ -67,10 +67,10 @@ class Circle(_Walk, tag="circle"):
 
 
 class FigureOfEight(_Walk, tag="figure_of_eight"):
-    """A lemniscate of Bernoulli that starts at its crossing, walked without end."""
+    """An endless lemniscate of Bernoulli that starts at its crossing."""
 
     length_m: Positive = 6.0
-    """Distance between the far ends of the two loops [m]; they bend at `length_m / 6`."""
+    """Distance between the far ends of the two loops [m], whose radius there is `length_m / 6`."""
     speed_m_s: Positive = 0.2
     """Speed along the curve [m/s]."""
     turn: Turn = "left"
@@ -93,41 +93,41 @@ class Standing(_Path, tag="standing"):
 
 
 class Recorded(_Walk, tag="recorded", kw_only=True):
-    """A recorded track, moved so that it starts at the start pose and heading."""
+    """A recorded track, transformed so that it starts at the start pose."""
 
     file: Path
     """CSV with the columns `t_s`, `x_m`, `y_m`; relative to the scenario's folder."""
 
 
 class Driven(_Path, tag="driven"):
-    """The person moves by the twists on `target/cmd_vel`."""
+    """The person moves with the twists on `target/cmd_vel`."""
 
     timeout_s: Positive = 0.5
-    """The person stops when no command has come for this long [s]."""
+    """Time without a command after which the person stops [s]."""
 
 
 SteadyWalk = UTrack | Straight | Circle | FigureOfEight | Waypoints
 """A curve at constant speed."""
 
 Walk = SteadyWalk | Standing | Recorded
-"""A path that is known from the start, as `Driven` is not."""
+"""A path known in advance, unlike `Driven`."""
 
 
 class Gait(Section):
-    """The ripple of a walking person's pelvis; `mecazen_target.gait` gives the sources."""
+    """Gait oscillation of the pelvis; sources in `mecazen_target.gait`."""
 
     sway_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.025
-    """Amplitude of the sway to both sides [m]."""
+    """Amplitude of the lateral sway [m]."""
     speed_ripple: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.1
-    """Amplitude of the forward speed's ripple, as a share of the speed."""
+    """Amplitude of the forward speed oscillation, relative to the speed."""
     step_length_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.6
-    """Length of a step [m]; people take 0.3 at 0.2 m/s, 0.7 at 1.3 m/s."""
+    """Step length [m]; typically 0.3 at 0.2 m/s and 0.7 at 1.3 m/s."""
 
 
 class TargetConfig(Section):
     """The person."""
 
     path: Walk | Driven = UTrack()
-    """Where the person walks; its `kind` says which of the structs above it is."""
+    """Where the person walks; `kind` selects the struct."""
     gait: Gait | None = None
-    """The ripple of a walking person; none by default."""
+    """Gait oscillation; none by default."""

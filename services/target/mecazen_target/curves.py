@@ -1,7 +1,7 @@
-"""Plane curves by arc length: the shapes of paths that are walked at constant speed.
+"""Plane curves by arc length: the shapes of paths walked at constant speed.
 
-Each starts at its own pose and says, for a length walked, the pose (heading along the
-curve) and the curvature there, positive to the left.
+Each maps an arc length to the pose there, with the heading along the curve, and to the
+curvature, positive to the left.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Protocol
 
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
-from mecazen_target.spline import Spline, natural_slopes
+from mecazen_target.spline import Spline, natural_slopes, simpson
 
 
 class Curve(Protocol):
@@ -22,14 +22,14 @@ class Curve(Protocol):
 
     @property
     def length(self) -> float:
-        """Length of the curve [m]; inf for one without end."""
+        """Length of the curve [m]; inf if it is endless."""
 
     def at(self, s: float) -> tuple[Pose2D, float]:
-        """Return pose and curvature [1/m] at the length `s` [m], 0 <= s <= `length`."""
+        """Return pose and curvature [1/m] at the arc length `s` [m], 0 <= s <= `length`."""
 
 
 class Arcs:
-    """Straights and arcs of circles, each tangent to the one before, from the origin along x.
+    """Straights and circular arcs, tangent to each other, from the origin along x.
 
     `pieces` are pairs of length [m] and curvature [1/m]; the last may be infinitely long.
     """
@@ -47,40 +47,40 @@ class Arcs:
         self.length = start
 
     def at(self, s: float) -> tuple[Pose2D, float]:
-        """Return pose and curvature [1/m] at the length `s` [m]."""
+        """Return pose and curvature [1/m] at the arc length `s` [m]."""
         i = bisect_right(self._starts, s) - 1
         pose, curvature = self._pieces[i]
         return pose.integrate(Twist2D(1.0, 0.0, curvature), s - self._starts[i]), curvature
 
 
 class Lemniscate:
-    """Bernoulli's lemniscate, walked without end from its crossing along x.
+    """Bernoulli's lemniscate, endless, from its crossing along x.
 
     In its own axes x = a·cos u/(1 + sin²u), y = x·sin u, at which its tangent has the angle
-    3·atan(sin u) + pi/2 and the curvature 3·cos u/(a·sqrt(1 + sin²u)); its arc length is an
-    elliptic integral, taken numerically. `size` = 2a [m] is the distance between the ends of
-    the loops; `side` is 1 if the first turns to the left, -1 if to the right.
+    3·atan(sin u) + pi/2 and the curvature 3·cos u/(a·sqrt(1 + sin²u)). Its arc length is an
+    elliptic integral, computed numerically. `size` = 2a [m] is the distance between the ends of
+    the loops; `side` is 1 if the first loop turns left, -1 if right.
     """
 
     length = math.inf
-    _PIECES = 400  # of one round: the arc length is then right to 1e-9 of the curve's size
+    _PIECES = 400  # per round: the arc length is then exact to 1e-9 of the curve's size
 
     def __init__(self, size: float, side: float) -> None:
         self._a = size / 2
         self._side = side
-        start = -math.pi / 2  # the crossing, towards the loop at positive x
+        start = -math.pi / 2  # the crossing, towards positive x
         self._parameter, self._round = _by_arc_length(
             lambda u: self._a / math.hypot(1.0, math.sin(u)),
             [start + math.tau * i / self._PIECES for i in range(self._PIECES + 1)],
         )
 
     def at(self, s: float) -> tuple[Pose2D, float]:
-        """Return pose and curvature [1/m] at the length `s` [m]."""
+        """Return pose and curvature [1/m] at the arc length `s` [m]."""
         u, _, _ = self._parameter.at(math.fmod(s, self._round))
         sin, cos = math.sin(u), math.cos(u)
         x = self._a * cos / (1.0 + sin * sin)
         left = Pose2D(x, x * sin, 3.0 * math.atan(sin) + math.pi / 2)
-        x, y, yaw = Pose2D(yaw=math.pi / 4).compose(left)  # it leaves the crossing along x
+        x, y, yaw = Pose2D(yaw=math.pi / 4).compose(left)  # which leaves the crossing along x
         curvature = 3.0 * cos / (self._a * math.hypot(1.0, sin))
         return Pose2D(x, self._side * y, wrap(self._side * yaw)), self._side * curvature
 
@@ -88,13 +88,13 @@ class Lemniscate:
 class SmoothCurve:
     """The natural cubic spline through points [m]: its heading and curvature are continuous.
 
-    The parameter grows between points by the square root of their distance, which keeps
-    the curve near them where distances differ much (E. T. Y. Lee, Choosing nodes in
-    parametric curve interpolation, Computer-Aided Design 21, 1989).
+    Parameterised by the square root of the chord lengths, which keeps the curve near points at
+    very different distances (E. T. Y. Lee, Choosing nodes in parametric curve interpolation,
+    Computer-Aided Design 21, 1989).
 
     Raises:
-        ValueError: Two points in a row are the same, or the points turn back so sharply
-            that the heading would all but jump.
+        ValueError: Consecutive points coincide, or the points turn back so sharply that the
+            heading would nearly jump.
     """
 
     _PIECES = 50  # between two points
@@ -132,7 +132,7 @@ class SmoothCurve:
                 )
 
     def at(self, s: float) -> tuple[Pose2D, float]:
-        """Return pose and curvature [1/m] at the length `s` [m]."""
+        """Return pose and curvature [1/m] at the arc length `s` [m]."""
         u, _, _ = self._parameter.at(s)
         (x, dx, ddx), (y, dy, ddy) = self._x.at(u), self._y.at(u)
         return Pose2D(x, y, math.atan2(dy, dx)), (dx * ddy - dy * ddx) / math.hypot(dx, dy) ** 3
@@ -141,13 +141,11 @@ class SmoothCurve:
 def _by_arc_length(
     speed: Callable[[float], float], parameters: Sequence[float]
 ) -> tuple[Spline, float]:
-    """Return a curve's parameter as a function of its arc length, and its whole length.
+    """Return a curve's parameter as a function of its arc length, and its length.
 
-    `speed` is the derivative of arc length by parameter; Simpson's rule integrates it
-    between neighbouring `parameters`.
+    `speed` is the derivative of the arc length by the parameter, of which the `parameters` are
+    increasing values.
     """
-    lengths, speeds = [0.0], [speed(u) for u in parameters]
-    for (u0, v0), (u1, v1) in pairwise(zip(parameters, speeds, strict=True)):
-        mean = (v0 + 4.0 * speed((u0 + u1) / 2) + v1) / 6.0
-        lengths.append(lengths[-1] + mean * (u1 - u0))
+    speeds = [speed(u) for u in parameters]
+    lengths = simpson(parameters, speeds, speed)
     return Spline(lengths, parameters, [1.0 / v for v in speeds]), lengths[-1]

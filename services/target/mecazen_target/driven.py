@@ -1,4 +1,4 @@
-"""A person moved by commanded twists."""
+"""A person driven by commanded twists."""
 
 from __future__ import annotations
 
@@ -10,27 +10,26 @@ from mecazen_target.motion import Motion
 
 
 class Driven:
-    """The person moves by the last commanded twist, from `start` in the world.
+    """The person moves with the last commanded twist, from `start` in the world.
 
-    `timeout` [s] after the last command they stop; `tick_s` is the time between two calls
-    of `step`.
+    They stop `timeout` [s] after the last command; `tick_s` is the duration of a step.
     """
 
     def __init__(self, start: Pose2D, timeout: float, tick_s: float) -> None:
         self.motion = Motion(start)
-        """Where the person is now, and the twist that brought them there."""
+        """The current motion."""
         self._command = Twist2D()
         self._tick_s = tick_s
         self._timeout_ticks = math.ceil(timeout / tick_s - 1e-9)
         self._ticks_left = 0
 
     def command(self, twist: Twist2D) -> None:
-        """Take the twist [m/s, rad/s] in the person's own frame for the next steps."""
+        """Set the twist [m/s, rad/s] in the person's frame for the next steps."""
         self._command = twist
         self._ticks_left = self._timeout_ticks
 
     def step(self, ticks: int = 1) -> Motion:
-        """Move the person by some ticks, at least 1, and return the new motion."""
+        """Advance by `ticks` >= 1 and return the new motion."""
         moving = min(ticks, self._ticks_left)
         self._ticks_left -= moving
         pose, _, distance = self.motion

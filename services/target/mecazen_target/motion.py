@@ -1,4 +1,4 @@
-"""What a path says of the person at one time."""
+"""The person's motion, and paths that give it for any time."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ class Motion(NamedTuple):
     pose: Pose2D
     """Pose in the world; yaw is the heading."""
     twist: Twist2D = Twist2D()
-    """Velocity in the person's own frame: x forward, y left."""
+    """Velocity in the person's frame: x forward, y left."""
     distance: float = 0.0
-    """Distance walked since the start [m]."""
+    """Distance travelled since the start [m]."""
 
 
 class Path(Protocol):
-    """A motion that is known for all times."""
+    """A motion known for all times."""
 
     @property
     def duration(self) -> float:
-        """Time at which the person comes to stand for good [s]; inf if there is none."""
+        """Time from which on the person stands [s]; inf for an endless path."""
 
     def at(self, t: float) -> Motion:
-        """Return the motion at the time `t` [s]: any, standing before 0 and after the end."""
+        """Return the motion at any time `t` [s]; at rest before 0 and after the end."""

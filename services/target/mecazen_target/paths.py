@@ -1,4 +1,4 @@
-"""Paths of the person: where they are, and how they move, at any simulated time."""
+"""Paths: the person's motion at any simulated time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mecazen_target.recorded import Track, read_track
 
 
 class SteadyWalk:
-    """A curve walked at constant `speed` [m/s] from time 0 on; the person stands at its end."""
+    """A curve walked at constant `speed` [m/s] from time 0; the person stands at its end."""
 
     def __init__(self, curve: Curve, speed: float) -> None:
         self._curve = curve
@@ -40,7 +40,7 @@ class Stand:
 
 
 class Placed:
-    """A path, begun at the time `start_after` [s], its frame at the pose `start`."""
+    """A path that starts at the time `start_after` [s], with its frame at the pose `start`."""
 
     def __init__(self, path: Path, start: Pose2D, start_after: float = 0.0) -> None:
         self._path = path
@@ -55,15 +55,15 @@ class Placed:
 
 
 def start_pose(path: config.Walk | config.Driven) -> Pose2D:
-    """Return the configured pose in the world at which a path starts."""
+    """Return the pose in the world at which a path starts."""
     return Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
 
 
 def make_path(path: config.Walk) -> Path:
-    """Return the path that the configuration describes, in the world.
+    """Return the configured path, in the world.
 
     Raises:
-        ValueError: Waypoints that no smooth curve joins, or a recorded track that can't be
+        ValueError: No smooth curve passes through the waypoints, or the recorded track can't be
             read; one line.
     """
     start = start_pose(path)
@@ -84,14 +84,17 @@ def _curve(path: config.SteadyWalk) -> Curve:
         case config.UTrack():
             curvature = path.yaw_rate_rad_s / path.speed_m_s
             straight = (path.length_m, 0.0)
-            arc = (math.pi / curvature, curvature if path.turn == "left" else -curvature)
+            arc = (math.pi / curvature, _side(path.turn) * curvature)
             return Arcs([straight, arc, straight])
         case config.Straight():
             return Arcs([(path.length_m, 0.0)])
         case config.Circle():
-            curvature = 1.0 / path.radius_m
-            return Arcs([(math.inf, curvature if path.turn == "left" else -curvature)])
+            return Arcs([(math.inf, _side(path.turn) / path.radius_m)])
         case config.FigureOfEight():
-            return Lemniscate(path.length_m, 1.0 if path.turn == "left" else -1.0)
+            return Lemniscate(path.length_m, _side(path.turn))
         case config.Waypoints():
             return SmoothCurve(path.points_m)
+
+
+def _side(turn: config.Turn) -> float:
+    return 1.0 if turn == "left" else -1.0

@@ -1,4 +1,4 @@
-"""A recorded track: positions at times become a smooth motion with a heading."""
+"""A recorded track: timed positions become a smooth motion with a heading."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from typing import NamedTuple
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 from mecazen_target.motion import Motion
-from mecazen_target.spline import Spline, limited_slopes
+from mecazen_target.spline import Spline, limited_slopes, simpson
 
 MAX_DURATION_S = 4 * 3600.0
-"""The longest track that is read; more is most often a wrong unit of time."""
+"""Longest track that is read; a longer one is most likely in the wrong unit."""
 
 MIN_STEP_S = 0.001
-"""The shortest time between two rows."""
+"""Shortest time between two rows."""
 
 STANDING_M_S = 0.1
-"""Below this speed the person stands: the heading is held."""
+"""Below this speed the person stands and the heading is held."""
 
 WALKING_M_S = 0.2
-"""From this speed on the heading follows the motion at once; in between, part of it."""
+"""From this speed on the heading follows the motion; in between it follows partly."""
 
 MAX_YAW_RATE = 3.0
-"""How fast a person turns while walking [rad/s]."""
+"""Maximum yaw rate of a walking person [rad/s]."""
 
-_WINDOW_S = 0.8  # of the mean, two periods at 2.5 Hz: errors of single samples leave it
+_WINDOW_S = 0.8  # of the moving average, two periods at 2.5 Hz: filters errors of single samples
 _STEP_S = 0.04  # between knots of heading and distance
-_CORRECTION = 5.0  # [1/s] at which the heading makes up for what it lags
+_CORRECTION = 5.0  # gain on the lag of the heading [1/s]
 
 
 class Sample(NamedTuple):
@@ -45,21 +45,19 @@ class Sample(NamedTuple):
 class Track:
     """The motion of a recorded track, from time 0 on, in the frame of the recording.
 
-    Cubics in time join the samples: where they repeat, the person stands still exactly, and
-    over a gap they walk evenly. The position is the mean of that curve over 0.8 s around,
-    since samples of tracked people jump by decimetres, which nobody's body does; the first
-    and the last sample stay where they are.
+    Cubics in time interpolate the samples: the person stands still between equal samples and
+    walks evenly over a gap. The position is the moving average of that curve over 0.8 s, since
+    samples of tracked people jump by decimetres. The first and the last sample keep their place.
 
-    The heading is the direction of motion. It is held where the person stands, and turns
-    no faster than people do: who stops and leaves in another direction turns while they set
-    off, and until then the twist has a lateral part. A track that never moves has the
-    heading 0.
+    The heading is the direction of motion. It is held while the person stands, and its rate is
+    limited: a person who stops and leaves in another direction turns while setting off, and the
+    twist has a lateral component until then. The heading of a track without motion is 0.
     """
 
     def __init__(self, samples: Sequence[Sample]) -> None:
         self.duration = samples[-1].t - samples[0].t
         self._half = min(_WINDOW_S, self.duration) / 2
-        # Turned by 180 degrees about its ends, the track goes on, and the means keep them.
+        # extended by point reflection about both ends, so that the average keeps the ends
         first, last = samples[0], samples[-1]
         before = [_opposite(sample, first) for sample in reversed(samples[1:])]
         after = [_opposite(sample, last) for sample in reversed(samples[:-1])]
@@ -74,10 +72,10 @@ class Track:
         headings = _headings(velocities, self.duration / pieces)
         self._yaw = Spline(knots, headings, *limited_slopes(knots, headings))
         speeds = [math.hypot(*velocity) for velocity in velocities]
-        self._distance = Spline(knots, self._distances(knots, speeds), speeds)
+        self._distance = Spline(knots, simpson(knots, speeds, self._speed), speeds)
 
     def at(self, t: float) -> Motion:
-        """Return the motion at the time `t` [s], standing before 0 and after the end."""
+        """Return the motion at the time `t` [s]; at rest before 0 and after the end."""
         inside = min(max(t, 0.0), self.duration)
         yaw, yaw_rate, _ = self._yaw.at(inside)
         distance, _, _ = self._distance.at(inside)
@@ -88,20 +86,15 @@ class Track:
         return Motion(pose, Twist2D(*rotate(*self._velocity(t), -yaw), yaw_rate), distance)
 
     def _velocity(self, t: float) -> tuple[float, float]:
-        """Return the derivative of the mean position: what is passed over the window."""
+        """Return the derivative of the averaged position: the difference over the window."""
         x, y = (
             (curve.at(t + self._half)[0] - curve.at(t - self._half)[0]) / (2 * self._half)
             for curve in (self._x, self._y)
         )
         return x, y
 
-    def _distances(self, knots: Sequence[float], speeds: Sequence[float]) -> list[float]:
-        """Return the distances walked at `knots`, by Simpson's rule."""
-        distances = [0.0]
-        for (t0, v0), (t1, v1) in pairwise(zip(knots, speeds, strict=True)):
-            middle = math.hypot(*self._velocity((t0 + t1) / 2))
-            distances.append(distances[-1] + (v0 + 4.0 * middle + v1) / 6.0 * (t1 - t0))
-        return distances
+    def _speed(self, t: float) -> float:
+        return math.hypot(*self._velocity(t))
 
 
 def _opposite(sample: Sample, centre: Sample) -> Sample:
@@ -113,25 +106,25 @@ def _mean(curve: Spline, t: float, half: float) -> float:
 
 
 def _headings(velocities: Sequence[tuple[float, float]], step: float) -> list[float]:
-    """Return the heading [rad] at each of `velocities`, `step` [s] apart; not wrapped.
+    """Return the headings [rad], not wrapped, of `velocities` that are `step` [s] apart.
 
-    It turns as the direction of motion does, and makes up for what it lags; as much of
-    that as the person walks, and as fast as a person turns.
+    The heading follows the direction of motion, with a proportional gain on its lag, weighted by
+    `_walking` and limited to `MAX_YAW_RATE`.
     """
     directions = [math.atan2(y, x) for x, y in velocities]
     shares = [_walking(math.hypot(x, y)) for x, y in velocities]
     moving = (d for d, share in zip(directions, shares, strict=True) if share > 0.0)
     headings = [next(moving, 0.0)]
-    most = MAX_YAW_RATE * step
+    limit = MAX_YAW_RATE * step
     for (d0, d1), (share0, share1) in zip(pairwise(directions), pairwise(shares), strict=True):
         lag = wrap(d0 - headings[-1])
         turn = wrap(d1 - d0) + _CORRECTION * step * lag
-        headings.append(headings[-1] + min(share0, share1) * min(max(turn, -most), most))
+        headings.append(headings[-1] + min(share0, share1) * min(max(turn, -limit), limit))
     return headings
 
 
 def _walking(speed: float) -> float:
-    """Return 0 for standing, 1 for walking, and a smooth step in between."""
+    """Return 0 when standing, 1 when walking, and a smooth step in between."""
     part = min(max((speed - STANDING_M_S) / (WALKING_M_S - STANDING_M_S), 0.0), 1.0)
     return part * part * (3.0 - 2.0 * part)
 
@@ -140,8 +133,8 @@ def read_track(file: Path) -> list[Sample]:
     """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others.
 
     Raises:
-        ValueError: The file can't be read or is no such table: file, line and what is
-            allowed, in one line.
+        ValueError: The file can't be read or is malformed; one line that names file, line and
+            what is allowed.
     """
     try:
         with file.open(encoding="utf-8-sig", newline="") as lines:

@@ -1,4 +1,4 @@
-"""What the robot's sensor sees of the person."""
+"""The robot's sensor that observes the person."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.config import SensorConfig, whole_ticks
+from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, wrap
-from mecazen.messages import diagonal_covariance
 
 NOISE_FRAMES = 2**16
 """Frames after which the noise repeats: 44 minutes at 25 Hz."""
 
 
 class Frame(NamedTuple):
-    """What the sensor saw at one time."""
+    """One frame of the sensor."""
 
     capture_tick: int
-    """Tick at which it was seen; 0 for the frames that come before anything was."""
+    """Tick of the capture; 0 for frames that arrive before the latency has passed."""
     pose: Pose2D | None
-    """The person in `SensorConfig.frame`, base_link as it was then; None if not seen."""
+    """The person in `SensorConfig.frame` at the capture; None if not seen."""
 
 
 class Sensor:
-    """A sensor that measures the person's pose from where the robot truly is.
+    """A sensor on the true robot that measures the person's pose.
 
-    Noise is added from an array that is generated in advance from `seed`, one row for each
-    frame, seen or not: what is hidden in one setting does not change what is seen in another.
+    The noise comes from an array generated in advance from `seed`, with a row for each frame,
+    seen or not. So occlusions and dropouts do not change the noise of the other frames.
 
     Raises:
         ConfigError: The `rate_hz` does not divide the tick rate, or `latency_s` is not a whole
@@ -48,12 +48,12 @@ class Sensor:
         self._noise = random.standard_normal((NOISE_FRAMES, 3)) * (position, position, yaw)
         self._dropped = random.random(NOISE_FRAMES) < config.dropout_probability
         self.covariance = diagonal_covariance((position**2, position**2, 0.0, 0.0, 0.0, yaw**2))
-        """Of a seen pose, as ROS has it; the entries of what is not measured are 0."""
+        """ROS's 6x6 covariance of an observed pose; entries that are not measured are 0."""
 
     def observe(self, tick: int, robot: Pose2D, person: Pose2D) -> Frame | None:
-        """Take the true poses in the world at `tick`; return the frame that arrives then.
+        """Return the frame that arrives at `tick`, given the true poses in the world then.
 
-        Called at every tick, counted from 0. None at ticks that bring no frame.
+        It is called at every tick, counted from 0; None at ticks without a frame.
         """
         self._past.append((tick, robot, person))
         if tick % self._ticks_per_frame:
@@ -70,8 +70,8 @@ class Sensor:
         return Frame(capture, Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw)))
 
     def _sees(self, tick: int, person: Pose2D) -> bool:
-        """Return whether the person, in base_link, is in view at the tick of the capture."""
+        """Return whether the person, in base_link, is visible at the tick of the capture."""
         hidden = any(begin <= tick < end for begin, end in self._occlusions)
-        near = math.hypot(person.x, person.y) <= self._config.max_range_m
+        within_range = math.hypot(person.x, person.y) <= self._config.max_range_m
         bearing = abs(math.atan2(person.y, person.x))
-        return near and not hidden and bearing <= math.radians(self._config.fov_deg) / 2
+        return within_range and not hidden and bearing <= math.radians(self._config.fov_deg) / 2

@@ -1,18 +1,18 @@
-"""Piecewise cubic curves through given values, by the slopes at the knots."""
+"""Cubic Hermite splines, and rules for their slopes."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 
 class Spline:
     """The cubic Hermite spline of a function of one variable.
 
-    `knots` (n, strictly increasing), `values` (n) and `slopes` (n), n >= 2. Beyond the
-    ends the first and the last piece go on.
+    `knots` (n, strictly increasing), `values` (n) and `slopes` (n), n >= 2. The first and the
+    last piece extrapolate.
     """
 
     def __init__(
@@ -25,7 +25,7 @@ class Spline:
             a, b = slopes[i], slopes[i + 1]
             square, cube = (3 * secant - 2 * a - b) / h, (a + b - 2 * secant) / (h * h)
             self._pieces.append((values[i], a, square, cube))
-            # The last piece so far reaches to its end and beyond.
+            # at this point the newest piece extends to the next knot
             self._integrals.append(self.integral(self._knots[i + 1]))
 
     def at(self, t: float) -> tuple[float, float, float]:
@@ -52,13 +52,13 @@ class Spline:
 
 
 def natural_slopes(knots: Sequence[float], values: Sequence[float]) -> list[float]:
-    """Return the slopes (n) that make the second derivative continuous, and 0 at the ends.
+    """Return the slopes (n) of the natural spline: continuous second derivative, 0 at the ends.
 
     The second derivatives c solve, at each inner knot i, the tridiagonal
     h[i-1]·c[i-1] + 2·(h[i-1] + h[i])·c[i] + h[i]·c[i+1] = 6·(secant[i] - secant[i-1]).
     """
     pieces = _secants(knots, values)
-    # Thomas's algorithm. A BLAS would give other last digits with other numbers of threads.
+    # Thomas's algorithm; the last digits of a BLAS depend on its number of threads
     eliminated = [(0.0, 0.0)]
     for (h0, secant0), (h1, secant1) in pairwise(pieces):
         ratio, rest = eliminated[-1]
@@ -79,14 +79,14 @@ def natural_slopes(knots: Sequence[float], values: Sequence[float]) -> list[floa
 def limited_slopes(
     knots: Sequence[float], *coordinates: Sequence[float]
 ) -> tuple[list[float], ...]:
-    """Return slopes that keep a curve from overshooting: it rests between repeated points.
+    """Return slopes that prevent overshoot: the curve rests between repeated points.
 
-    `coordinates` are the values (n) of each coordinate, and so is what is returned. At an
-    inner knot the slope is that of the parabola through it and its neighbours, shortened to
-    at most three times the shorter secant; at each end the secant. With one coordinate the
-    curve grows and falls as its values do: J. M. Hyman, Accurate monotonicity preserving
-    cubic interpolation, SIAM J. Sci. Stat. Comput. 4 (1983). Lengths, not coordinates, are
-    limited, so the curve does not depend on the frame.
+    `coordinates` are the values (n) of each coordinate; the result has the same shape. The slope
+    at an inner knot is that of the parabola through it and its neighbours, limited to three times
+    the shorter secant; at the ends it is the secant. With one coordinate the curve is monotonic
+    where its values are: J. M. Hyman, Accurate monotonicity preserving cubic interpolation, SIAM
+    J. Sci. Stat. Comput. 4 (1983). The limit is on the length of the vector, so the curve does
+    not depend on the frame.
     """
     pieces = [_secants(knots, values) for values in coordinates]
     slopes = [[piece[0][1]] for piece in pieces]
@@ -99,6 +99,20 @@ def limited_slopes(
         for values, slope in zip(slopes, parabola, strict=True):
             values.append(share * slope)
     return tuple([*values, piece[-1][1]] for values, piece in zip(slopes, pieces, strict=True))
+
+
+def simpson(
+    knots: Sequence[float], values: Sequence[float], function: Callable[[float], float]
+) -> list[float]:
+    """Return the integrals (n) of a function from the first of `knots` (n) to each of them.
+
+    By Simpson's rule, with the `values` (n) at the knots and the function's in the middle between.
+    """
+    integrals = [0.0]
+    for (t0, v0), (t1, v1) in pairwise(zip(knots, values, strict=True)):
+        mean = (v0 + 4.0 * function((t0 + t1) / 2) + v1) / 6.0
+        integrals.append(integrals[-1] + mean * (t1 - t0))
+    return integrals
 
 
 def _secants(knots: Sequence[float], values: Sequence[float]) -> list[tuple[float, float]]:

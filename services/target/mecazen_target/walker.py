@@ -1,4 +1,4 @@
-"""The person of a configuration: on a path or driven by hand, with or without a gait."""
+"""The configured person: on a path or driven by hand, with or without gait oscillation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mecazen_target.paths import make_path, start_pose
 
 
 class Walker:
-    """Says at every tick where the person is.
+    """The person's motion by tick.
 
     Raises:
         ValueError: See `make_path`.
@@ -31,14 +31,14 @@ class Walker:
         self._driven = Driven(start_pose(path), timeout_s, self._tick_s)
         self._tick = 0
         self.distance = 0.0
-        """Distance walked since the start [m]."""
+        """Distance travelled since the start [m]."""
 
     def command(self, twist: Twist2D) -> None:
-        """Move a person that is driven by hand; one on a path goes on as it was."""
+        """Drive the person by hand; no effect on a person on a path."""
         self._driven.command(twist)
 
     def at(self, tick: int) -> Motion:
-        """Return the motion at a tick; the person that is driven has moved up to it."""
+        """Return the motion at a tick, which is not before the last one."""
         if self._path is not None:
             motion = self._path.at(tick * self._tick_s)
         else:

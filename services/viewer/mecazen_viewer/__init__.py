@@ -1,1 +1,1 @@
-"""Shows a simulation in Rerun: read-only, and no part of the tick."""
+"""Shows a simulation in Rerun; an observer that no tick waits for."""

@@ -11,7 +11,7 @@ from mecazen.errors import ConfigError
 
 def view(
     file: Annotated[
-        Path, typer.Argument(help="A recording: .rrd, .mcap or what else Rerun reads.")
+        Path, typer.Argument(help="A recording: .rrd, .mcap or any file that Rerun reads.")
     ],
     native: Annotated[
         bool, typer.Option("--native", help="In Rerun's own window instead of the browser.")
@@ -19,13 +19,13 @@ def view(
 ) -> None:
     """Open a recording in Rerun, until Ctrl-C.
 
-    Of what `mecazen record` has written it draws the scene as of a live run.
+    A recording of `mecazen record` is drawn with the scene of a live run.
 
     Examples: mecazen view run.mcap · mecazen view run.rrd --native
     """
     if not file.is_file():
         raise ConfigError(f"{file}: no such file")
-    # only now: Rerun takes half a second to import
+    # imported late: Rerun takes half a second
     from mecazen_viewer.files import open_file  # noqa: PLC0415
 
     open_file(file, native=native)

@@ -1,7 +1,6 @@
-"""What is logged many times a second, as Rerun's components straight from arrays.
+"""Rerun's components from arrays, for what is logged many times a second.
 
-Rerun's own archetypes take any kind of sequence, and spend more time on finding out which one
-it is than all the rest takes.
+Rerun's archetypes accept any kind of sequence, and detecting the kind takes most of their time.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ _SCALARS = rr.Scalars.descriptor_scalars()
 
 
 class _Batch:
-    """An array as Rerun asks for it."""
+    """An array with the interface that Rerun expects."""
 
     def __init__(self, array: pa.Array) -> None:
         self._array = array
@@ -49,7 +48,7 @@ class _Batch:
 
 def transform(translation: Array, quaternion: Array) -> Components:
     """Return a frame in its parent's: translation (3,) [m], rotation (4,) as x, y, z, w."""
-    # both at once, always: what is left out would fall back to no translation, or no rotation
+    # always both: a component left out would be reset to zero
     return [_vectors(_TRANSLATION, translation, 3), _vectors(_QUATERNION, quaternion, 4)]
 
 
@@ -59,9 +58,9 @@ def stretched(translation: Array, matrix: Array) -> Components:
 
 
 def instances(kind: str, translations: Array, quaternions: Array) -> Components:
-    """Return the places (N, 3) [m] and rotations (N, 4) of N alike of a mesh, box or cylinder."""
-    places, turns = _INSTANCES[kind]
-    return [_vectors(places, translations, 3), _vectors(turns, quaternions, 4)]
+    """Return the poses of N instances of a mesh, box or cylinder: (N, 3) [m] and (N, 4)."""
+    positions, rotations = _INSTANCES[kind]
+    return [_vectors(positions, translations, 3), _vectors(rotations, quaternions, 4)]
 
 
 def points(positions: Array) -> Components:
@@ -69,10 +68,10 @@ def points(positions: Array) -> Components:
     return [_vectors(_POSITIONS, positions, 3)]
 
 
-def line(places: Array) -> Components:
-    """Return a line through places (N, 3) [m]."""
-    whole = pa.array([0, len(places)], type=pa.int32())
-    strips = pa.ListArray.from_arrays(whole, _vector_array(places, 3), type=_STRIPS)
+def line(positions: Array) -> Components:
+    """Return a line through positions (N, 3) [m]."""
+    offsets = pa.array([0, len(positions)], type=pa.int32())
+    strips = pa.ListArray.from_arrays(offsets, _vector_array(positions, 3), type=_STRIPS)
     return [rr.DescribedComponentBatch(_Batch(strips), _LINES)]
 
 

@@ -11,13 +11,13 @@ Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
 
 
 class ViewerConfig(Section):
-    """Where the picture is served; port 0 takes a free one."""
+    """Where the viewer serves; port 0 takes a free one."""
 
     web_port: Port = 9090
-    """Port of the page that a browser opens."""
+    """Port of the web page."""
     data_port: Port = 9876
-    """Port from which that page, or a native viewer, takes the data."""
+    """Port of the data, to which the web page and native viewers connect."""
     listen: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
-    """Address to serve at; 0.0.0.0 in a container, whose ports its host publishes."""
+    """Address to listen on; 0.0.0.0 in a container, whose host publishes the ports."""
     native: bool = False
     """Whether to open Rerun's own window as well."""

@@ -1,4 +1,4 @@
-"""Names and colours of what is shown: the scene and the layout both go by them."""
+"""Entity paths and colours, shared by the scene and the layout."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import rerun as rr
 from mecazen_viewer.components import Components
 
 Entity = tuple[str, rr.AsComponents | Components]
-"""A path in the recording, and what is logged there."""
+"""A path in the recording and the data to log there."""
 
 TIMELINE = "sim_time"
 
 WORLD = "world"
 FOLLOW = "world/follow"
-"""A frame that moves with the robot and does not turn: that of the large view."""
+"""The frame of the large view: it moves with the robot and does not rotate."""
 GROUND = "world/ground"
 ROBOT = "world/robot"
 PERSON = "world/person"
@@ -21,7 +21,7 @@ OBSTACLES = "world/obstacles"
 OBSERVATION = "world/observation"
 OBSERVATION_ELLIPSE = "world/observation_covariance"
 ODOM = "world/odom"
-"""The odometry's frame, laid so that the robot in it is where it truly is."""
+"""The odom frame, placed so that odometry and ground truth of the robot coincide."""
 ESTIMATE = "world/odom/estimate"
 ESTIMATE_ELLIPSE = "world/odom/estimate_covariance"
 GOAL = "world/odom/goal"
@@ -40,7 +40,7 @@ HEALTH = "health"
 
 Colour = tuple[int, int, int]
 
-# by Okabe and Ito, safe for the colour-blind, and readable on dark and on light
+# after Okabe and Ito: safe for the colour-blind, readable on dark and light backgrounds
 BLUE: Colour = (0, 114, 178)
 ORANGE: Colour = (230, 159, 0)
 GREEN: Colour = (0, 158, 115)
@@ -51,9 +51,9 @@ GREY: Colour = (128, 128, 128)
 
 
 def of_robot(path: str, robot: str) -> str:
-    """Return where something of one of several robots is: below its name, in its branch.
+    """Return a path namespaced by one of several robots: its name follows the first part.
 
-    A whole branch, as the table of health is, belongs to all.
+    A path of one part, such as the table of health, belongs to all robots.
     """
     branch, slash, rest = path.partition("/")
     return f"{branch}/{robot}/{rest}" if robot and slash else path

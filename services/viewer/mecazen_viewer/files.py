@@ -1,4 +1,4 @@
-"""Shows recordings from files."""
+"""Opens recordings from files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mecazen_viewer.rerun_process import SERVES, SHOWS, free_port, page, rerun, 
 
 
 def open_file(file: Path, *, native: bool) -> None:
-    """Show a file until its window is closed, or until Ctrl-C.
+    """Show a file until its window is closed or until Ctrl-C.
 
     Raises:
         RerunError: Rerun can't show it here.
@@ -35,7 +35,7 @@ def open_file(file: Path, *, native: bool) -> None:
 
 
 def _drawn(file: Path, folder: Path) -> list[Path]:
-    """Return the scene of a recording, or the file itself for Rerun to make of it what it can."""
+    """Return the scene of a recording, or the file itself if it can't be drawn."""
     try:
         return draw(file, folder)
     except MecazenError as error:

@@ -1,4 +1,4 @@
-"""A native viewer without a window, for pictures and tests."""
+"""A native viewer without a window, for screenshots and tests."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ READY = "Headless viewer running"
 
 @contextmanager
 def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
-    """Have a viewer running meanwhile, of so many pixels.
+    """Run a viewer of `width` x `height` pixels within the context.
 
     Raises:
-        RerunError: It does not start, as without a driver for Vulkan (Debian's
-            mesa-vulkan-drivers draws on the processor).
+        RerunError: It does not start, e.g. without a Vulkan driver (Debian's
+            mesa-vulkan-drivers renders in software).
     """
     port = free_port("port", 0)
     size = f"--window-size={width}x{height}"

@@ -1,4 +1,4 @@
-"""What the services say of themselves, as text: changes as a log, the newest as a table."""
+"""Diagnostics and tracking state as text: changes in a log, the newest values in a table."""
 
 from __future__ import annotations
 
@@ -17,24 +17,25 @@ LEVELS = (
     rr.TextLogLevel.ERROR,
     rr.TextLogLevel.WARN,
 )
-"""Of a diagnostic status: ok, warning, error, stale."""
+"""Log level of each level of a diagnostic status."""
 NAMES = ("ok", "warning", "error", "stale")
 
-SAID_BY_HEALTH = {"refused_payloads"}
-DETAILS = ("hz/", "age_s/")
-"""Of each input; `mecazen status` shows them."""
+HIDDEN = {"refused_payloads"}
+"""Contained in the status."""
+HIDDEN_PREFIXES = ("hz/", "age_s/")
+"""Details of each input; `mecazen status` shows them."""
 TRACKING_LEVELS = {"coasting": rr.TextLogLevel.WARN, "lost": rr.TextLogLevel.ERROR}
 
 
 class Health:
-    """Remembers what was said, so that only what is new is logged."""
+    """Keeps the newest state, so that only changes are logged."""
 
     def __init__(self) -> None:
         self._tracking: dict[str, str] = {}
         self._status: dict[str, DiagnosticStatus] = {}
 
     def tracking(self, state: str, robot: str) -> Iterator[Entity]:
-        """Return a line when the tracking state of a robot changes."""
+        """Return a log line if the tracking state of a robot has changed."""
         if state != self._tracking.get(robot, ""):
             self._tracking[robot] = state
             level = TRACKING_LEVELS.get(state, rr.TextLogLevel.INFO)
@@ -42,7 +43,7 @@ class Health:
             yield f"{e.LOG}/follower", rr.TextLog(line, level=level)
 
     def diagnostics(self, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
-        """Return a line for each service whose health changes, and the table of all."""
+        """Return a log line for each service whose health has changed, and the table of all."""
         for status in report.status:
             name = join_key(status.name, robot)
             before = self._status.get(name)
@@ -53,20 +54,19 @@ class Health:
         yield e.HEALTH, rr.TextDocument(self._table(), media_type=rr.MediaType.MARKDOWN)
 
     def _table(self) -> str:
-        rows = ["| service | health | says |", "| --- | --- | --- |"]
+        rows = ["| service | health | values |", "| --- | --- | --- |"]
         for name, status in sorted(self._status.items()):
-            said = [
-                pair
+            values = ", ".join(
+                f"{pair.key} {_short(pair.value)}"
                 for pair in status.values
-                if pair.key not in SAID_BY_HEALTH and not pair.key.startswith(DETAILS)
-            ]
-            values = ", ".join(f"{pair.key} {_short(pair.value)}" for pair in said)
+                if pair.key not in HIDDEN and not pair.key.startswith(HIDDEN_PREFIXES)
+            )
             rows.append(f"| {name} | {NAMES[status.level]} | {values} |")
         return "\n".join(rows)
 
 
 def _short(value: str) -> str:
-    """Return a number with four digits, and other text as it is."""
+    """Return a number with four digits; other text unchanged."""
     try:
         return f"{float(value):.4g}"
     except ValueError:

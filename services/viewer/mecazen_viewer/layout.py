@@ -1,4 +1,4 @@
-"""The layout that a viewer opens with: follow view, top view, plots, text."""
+"""The initial layout of a viewer: follow view, top view, plots, text."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from mecazen_viewer.plots import TIME_LINES
 from mecazen_viewer.track import TRAIL_NS
 
 BACKGROUND = (206, 211, 218)
-"""Of the scene: light, since the robot is dark; the same in a dark and in a light viewer."""
+"""Background of the scene: light, since the robot is dark, in both themes of the viewer."""
 PLOTTED_NS = TRAIL_NS
-"""Of each plot, before the time that is shown."""
+"""Time span of each plot [ns]."""
 
 
 def application(robots: Sequence[str]) -> str:
-    """Return the name by which Rerun remembers what its user has made of the layout."""
+    """Return the name under which Rerun stores the user's changes of the layout."""
     return " ".join(("mecazen", *filter(None, robots)))
 
 
 def blueprint(robots: Sequence[str]) -> rrb.Blueprint:
-    """Return the layout; it needs no click. Each of several robots has a tab, by its name."""
+    """Return the layout; each of several robots has a tab of its name."""
     parts = [_of_robot(robot) for robot in robots]
     return rrb.Blueprint(
         parts[0] if len(parts) == 1 else rrb.Tabs(*parts),
@@ -32,7 +32,7 @@ def blueprint(robots: Sequence[str]) -> rrb.Blueprint:
 
 
 def _of_robot(robot: str) -> rrb.Horizontal:
-    """Return views of all that is there from where a robot is, and the robot's own plots."""
+    """Return views of the scene that follow a robot, and the robot's plots."""
     past = rrb.VisibleTimeRange(
         e.TIMELINE,
         start=rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS),

@@ -1,4 +1,4 @@
-"""A run as pictures: each message to what is logged of it. No bus, no clock."""
+"""From messages to entities; without bus and clock."""
 
 from __future__ import annotations
 
@@ -29,39 +29,35 @@ from mecazen_viewer.health import Health
 from mecazen_viewer.robot import RobotModel
 from mecazen_viewer.track import Track
 
-FARTHEST_M = 1e6
-"""Beyond it single precision, in which all is drawn, has no digits left."""
+MAX_COORDINATE_M = 1e6
+"""Beyond it single precision, in which Rerun draws, is too coarse."""
 OBSERVATIONS = 25
-"""Points of the newest observations that are shown: 1 s of the usual sensor."""
-BELIEF_STEP_NS = 100_000_000
-"""Between two pictures of what is measured, believed and wanted; what moves is shown always."""
-SILENCE_NS = 5 * BELIEF_STEP_NS
-"""A follower that says nothing for so long is taken for one that says nothing of its state."""
-PERSON_RADIUS_M, PERSON_HEIGHT_M = 0.2, 1.75
-"""The person's body where physics says nothing of it."""
+"""Number of observations shown: 1 s of the default sensor."""
+PLOT_STEP_NS = 100_000_000
+"""Period of plots, estimates and observations; moving bodies are drawn with every message."""
+SILENCE_NS = 5 * PLOT_STEP_NS
+"""Silence after which a follower is assumed to publish no state."""
 
 
 def surroundings(scenario: Scenario) -> Iterator[Entity]:
-    """Return what is there once for all robots, and never changes."""
+    """Return the static entities that all robots share."""
     yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    # obstacles and the person's body are physics' to know
-    obstacles = getattr(scenario.sections.get("physics"), "obstacles", ())
-    for number, obstacle in enumerate(obstacles):
+    for number, obstacle in enumerate(scenario.world.obstacles):
         (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
         yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
     yield from plots.styles(plots.TIME_LINES)
 
 
 class Picture:
-    """What is shown of what is said in one namespace in one run: of a robot, as a rule.
+    """The entities of one namespace, as a rule of one robot, in one run.
 
     Each method takes a message and the time of its tick [ns], and returns the entities that
-    it changes. All of them raise ValueError where a message can't be drawn.
+    change. All raise ValueError if a message can't be drawn.
 
     Args:
-        scenario: As the robot's services see it.
-        health: Is told what services say of themselves; of all namespaces there is one.
-        robot: The name of one of several robots. The entities' paths are those of a single one.
+        scenario: The scenario from the view of the robot's services.
+        health: Collects diagnostics; shared by all namespaces.
+        robot: The name of one of several robots. Paths of entities do not contain it.
     """
 
     def __init__(self, scenario: Scenario, health: Health, robot: str = "") -> None:
@@ -75,27 +71,24 @@ class Picture:
         self._standoff = wanted_view(scenario)
 
     def shapes(self) -> Iterator[Entity]:
-        """Return what never changes of what is the robot's, but for itself."""
-        body = getattr(self._scenario.sections.get("physics"), "person", None)
-        base = self._scenario.robot.base
+        """Return the static entities that belong to the robot, without its body."""
+        person, base = self._scenario.world.person, self._scenario.robot.base
         yield from things.marks(base.length_m, base.width_m)
-        yield from things.person(
-            getattr(body, "radius_m", PERSON_RADIUS_M), getattr(body, "height_m", PERSON_HEIGHT_M)
-        )
+        yield from things.person(person.radius_m, person.height_m)
         if self._name:
             yield things.label(self._name)
         yield from plots.styles(plots.LINES)
 
     def robot_shapes(self, description: RobotDescription) -> list[Entity]:
-        """Return what never changes of the robot."""
+        """Return the static entities of the robot's body."""
         self._model = RobotModel(urdf.read(description.urdf), description.meshes)
         return self._model.shapes
 
     def on_ground_truth(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
-        """Place the robot, and what moves with it."""
+        """Move the robot and the view that follows it."""
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
         place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-        if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
+        if max(np.abs(place).max(), np.abs(turn).max()) > MAX_COORDINATE_M:
             raise ValueError(f"pose out of range: {odom.pose.pose}")
         yield e.ROBOT, transform(place, turn)
         self._centre = things.grid_centre(pose)
@@ -104,20 +97,20 @@ class Picture:
             yield things.trail("robot", self._robot.trail)
 
     def on_joint_states(self, joints: JointState, time_ns: int) -> Iterator[Entity]:
-        """Turn the wheels and every roller."""
+        """Turn the wheels and rollers."""
         if self._model is not None:
             yield from self._model.pose(joints)
         if len(joints.velocity) >= len(WHEELS) and self._is_due(e.WHEEL_SPEED, time_ns):
             yield plots.wheel_speeds("measured", joints.velocity[: len(WHEELS)])
 
     def on_joint_command(self, joints: JointState, time_ns: int) -> Iterator[Entity]:
-        """Plot the wheel speeds that are wanted; efforts say nothing of them."""
+        """Plot the commanded wheel speeds; a command of efforts has none."""
         speeds = dict(zip(joints.name, joints.velocity, strict=False))
         if speeds.keys() >= set(WHEEL_JOINTS) and self._is_due("commanded wheels", time_ns):
             yield plots.wheel_speeds("commanded", (speeds[name] for name in WHEEL_JOINTS))
 
     def on_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
-        """Lay the odometry's frame where the robot in it is the true one."""
+        """Place the odom frame so that odometry and ground truth coincide."""
         pose = _planar(odom)
         if self._odom.add(time_ns, pose):
             yield things.trail("odometry", self._odom.trail)
@@ -127,18 +120,18 @@ class Picture:
             yield from plots.velocity("measured", odom.twist.twist.to_planar())
 
     def on_target_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
-        """Place the person."""
+        """Move the person."""
         pose = _planar(odom)
         yield things.frame(e.PERSON, pose)
         if self._person.add(time_ns, pose):
             yield things.trail("person", self._person.trail)
-        if self._believes(time_ns) or not self._is_due("true errors", time_ns):
+        if self._reports(time_ns) or not self._is_due("true errors", time_ns):
             return
         if (robot := self._robot.at(time_ns)) is not None:
             yield from plots.errors(self._standoff, pose.between(robot))
 
     def on_observation(self, frame: Observation, time_ns: int) -> Iterator[Entity]:
-        """Show what the sensor saw where it saw it: from the robot as it was at the capture."""
+        """Show the observation, placed with the robot's pose at its capture."""
         seen = self._in_world(frame) if frame.poses else None
         if seen is not None:
             self._seen.append(seen)
@@ -157,7 +150,7 @@ class Picture:
         yield things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes)
 
     def on_follower_state(self, state: FollowerState, time_ns: int) -> Iterator[Entity]:
-        """Show estimate and goal, and how far off the robot and the estimate are."""
+        """Show estimate and goal, and plot the errors of robot and estimate."""
         yield from self._health.tracking(state.tracking, self._name)
         if not (state.estimate and state.goal and self._is_due(e.ESTIMATE, time_ns)):
             return
@@ -178,12 +171,12 @@ class Picture:
             yield plots.consistency(covariance.nees(person, in_odom, spread))
 
     def on_cmd_vel(self, twist: Twist, time_ns: int) -> Iterator[Entity]:
-        """Plot the velocity that is wanted."""
+        """Plot the commanded velocity."""
         if self._is_due("commanded", time_ns):
             yield from plots.velocity("commanded", twist.to_planar())
 
     def on_diagnostics(self, report: DiagnosticArray, time_ns: int) -> Iterator[Entity]:
-        """Show the health of a service, and the real-time factor that physics tells."""
+        """Show the health of a service, and plot the real-time factor from physics."""
         del time_ns
         yield from self._health.diagnostics(report, self._name)
         for status in report.status:
@@ -192,25 +185,25 @@ class Picture:
                     yield plots.real_time(float(pair.value))
 
     def ground(self) -> Iterator[Entity]:
-        """Return the grid where it has to be laid anew: it never changes but then."""
+        """Return the grid if it has to be moved."""
         if self._centre is not None and self._centre != self._grid:
             self._grid = self._centre
             yield things.ground(self._grid)
 
-    def _believes(self, time_ns: int) -> bool:
-        """Return whether a follower says where it takes the person to be; it plots its errors."""
+    def _reports(self, time_ns: int) -> bool:
+        """Return whether a follower publishes its state; the errors are plotted with it."""
         shown_ns = self._shown_ns.get(e.ESTIMATE)
         return shown_ns is not None and time_ns - shown_ns < SILENCE_NS
 
     def _is_due(self, what: str, time_ns: int) -> bool:
-        """Return whether something that is shown ten times a second is shown at this time."""
-        if time_ns - self._shown_ns.get(what, -BELIEF_STEP_NS) < BELIEF_STEP_NS:
+        """Return whether an entity limited to ten times a second is due."""
+        if time_ns - self._shown_ns.get(what, -PLOT_STEP_NS) < PLOT_STEP_NS:
             return False
         self._shown_ns[what] = time_ns
         return True
 
     def _in_world(self, frame: Observation) -> Pose2D | None:
-        """Return where a frame's person is, with the yaw of the frame that they were seen in."""
+        """Return the observed position in world, with the yaw of the frame of observation."""
         seen = _in_range(frame.poses[0].pose.to_planar())
         if frame.header.frame_id != "base_link":
             return seen._replace(yaw=0.0)
@@ -218,7 +211,7 @@ class Picture:
         return None if robot is None else robot.compose(seen)._replace(yaw=robot.yaw)
 
     def _middle(self, robot: Pose2D) -> Pose2D:
-        """Return the middle between robot and person, or the robot where nobody is; unturned."""
+        """Return the midpoint of robot and person, or the robot if there is nobody; yaw 0."""
         person = self._person.newest or robot
         return Pose2D((robot.x + person.x) / 2.0, (robot.y + person.y) / 2.0)
 
@@ -228,6 +221,6 @@ def _planar(odom: Odometry) -> Pose2D:
 
 
 def _in_range(pose: Pose2D) -> Pose2D:
-    if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
+    if max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
         raise ValueError(f"pose out of range: {pose.x}, {pose.y}")
     return pose

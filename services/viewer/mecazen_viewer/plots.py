@@ -1,4 +1,4 @@
-"""The plots: their lines, and the values of each from messages."""
+"""The plots: their lines, and their values from messages."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ LINES: dict[str, tuple[Line, ...]] = {
         for wheel, colour in zip(WHEELS, (e.BLUE, e.ORANGE, e.GREEN, e.RED), strict=True)
     ),
     e.NEES: (
-        Line("mean of a good filter", e.GREY),
-        Line("95 % of a good filter", e.ORANGE),
+        Line("mean if consistent", e.GREY),
+        Line("95 % if consistent", e.ORANGE),
         Line("NEES", e.BLUE),
     ),
 }
-"""Of each robot."""
+"""Plots of each robot."""
 TIME_LINES: dict[str, tuple[Line, ...]] = {
     e.REAL_TIME: (
         Line("standstill", e.GREY),
@@ -66,16 +66,16 @@ TIME_LINES: dict[str, tuple[Line, ...]] = {
         Line("simulated", e.BLUE, 2.0),
     ),
 }
-"""Of the simulation."""
+"""Plots of the simulation."""
 
 DISTANCE_BAND_M, ANGLE_BAND_DEG = (0.1, -0.1), (10.0, -10.0)
-"""Without them a small error fills its plot as a large one does."""
+"""Reference lines that keep the scale of the plot when errors are small."""
 GOOD_NEES = 3.0, 7.815
-"""Mean, and the value below which 95 % lie: chi-square with three freedoms."""
+"""Mean and 95 % quantile of chi-square with three degrees of freedom."""
 
 
 def styles(plots: Mapping[str, tuple[Line, ...]]) -> Iterator[Entity]:
-    """Return the names, colours and widths of the lines of plots, which never change."""
+    """Return the static names, colours and widths of the lines of plots."""
     for path, lines in plots.items():
         yield (
             path,
@@ -96,10 +96,10 @@ def errors(
     """Return the errors of distance [m] and heading [deg].
 
     Args:
-        standoff: The distance [m] and the difference of headings [rad] that are to be kept.
-        seen: Where the robot truly is in the person's frame, where that is known.
-        distance_error: What the follower makes of it [m].
-        heading_error: The same of the heading [rad].
+        standoff: The desired distance [m] and difference of headings [rad].
+        seen: The true pose of the robot in the person's frame; None if unknown.
+        distance_error: The distance error as estimated by the follower [m].
+        heading_error: The heading error as estimated by the follower [rad].
     """
     distance = angle = math.nan
     if seen is not None:
@@ -117,15 +117,15 @@ def velocity(kind: str, twist: Twist2D) -> Iterator[Entity]:
 
 
 def wheel_speeds(kind: str, speeds: Iterable[float]) -> Entity:
-    """Return the speeds of the four wheels [rad/s], `commanded` or `measured`, as of `WHEELS`."""
+    """Return the wheel speeds [rad/s] in the order of `WHEELS`, `commanded` or `measured`."""
     return f"{e.WHEEL_SPEED}/{kind}", scalars(speeds)
 
 
 def consistency(nees: float) -> Entity:
-    """Return the estimator's NEES, and what it should be."""
+    """Return the estimator's NEES and its reference values."""
     return e.NEES, scalars([*GOOD_NEES, nees])
 
 
 def real_time(factor: float) -> Entity:
-    """Return simulated over wall time."""
+    """Return the real-time factor: simulated over wall time."""
     return e.REAL_TIME, scalars([0.0, 1.0, factor])

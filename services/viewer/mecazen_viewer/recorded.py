@@ -1,11 +1,12 @@
-"""Draws the runs of a recording as the viewer draws live ones."""
+"""Draws recorded runs with the scene of live ones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import NamedTuple, Protocol, cast
+from typing import Protocol, cast
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -20,11 +21,11 @@ from mecazen_viewer.service import FRAME_S, ViewerService
 
 FRAME_NS = round(FRAME_S * NS_PER_S)
 SECTIONS = ("physics", "follower")
-"""Of a scenario: what stands in the world, and where the robot should be."""
+"""Sections of a scenario that the scene needs."""
 
 
 class Sample(Protocol):
-    """What was published on a key."""
+    """A sample of a recording."""
 
     key: str
     time_ns: int
@@ -35,23 +36,23 @@ class Sample(Protocol):
 
 
 class Recording(Protocol):
-    """What a class under the entry points `mecazen.recordings` reads of a file."""
+    """The interface of the entry points `mecazen.recordings`."""
 
     def samples(self) -> Iterator[Sample]:
         """Return the samples in the order of recording."""
 
     def descriptions(self) -> dict[str, RobotDescription]:
-        """Return what robots look like, by their names."""
+        """Return the description of each robot, by name."""
 
     def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run, with some sections of services."""
+        """Return the configuration of a run with the named sections of services."""
 
 
 def draw(file: Path, folder: Path) -> list[Path]:
     """Draw a recording of `mecazen record` into files for Rerun, one for each run.
 
     Raises:
-        MecazenError: It is another file, or it is not known how it was simulated.
+        MecazenError: It is another kind of file, or has no configuration of its run.
     """
     recording = _reader(file)(file)
     bus = LocalBus()
@@ -62,10 +63,10 @@ def draw(file: Path, folder: Path) -> list[Path]:
     for sample in _frames(recording.samples()):
         if viewer is None:
             if sample.stamp is None:
-                continue  # before there is a run
+                continue  # before the first run
             scenario = recording.scenario(sample.stamp.run, *SECTIONS)
             viewer = ViewerService("viewer", bus, scenario)
-            viewer.send = _Saver(folder, files, blueprint(scenario.names)).take
+            viewer.send = partial(_save, folder, files, blueprint(scenario.names))
         try:
             bus.put_bytes(sample.key, *sample.as_published())
         except RefusedError:
@@ -84,29 +85,20 @@ def _reader(file: Path) -> Callable[[Path], Recording]:
     raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
 
 
-class _Frame(NamedTuple):
-    run: int
-    time_ns: int
-
-
 def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
-    """Return of each key as many samples as the viewer takes of a live run."""
-    shown: dict[str, _Frame] = {}
+    """Return the samples at the rate at which the viewer takes them in a live run."""
+    shown: dict[str, tuple[int, int]] = {}  # run and time [ns] of the last sample of each key
     for sample in samples:
         run = -1 if sample.stamp is None else sample.stamp.run
-        last = shown.get(sample.key)
-        if last is None or last.run != run or sample.time_ns - last.time_ns >= FRAME_NS:
-            shown[sample.key] = _Frame(run, sample.time_ns)
+        last_run, last_ns = shown.get(sample.key, (None, 0))
+        if last_run != run or sample.time_ns - last_ns >= FRAME_NS:
+            shown[sample.key] = run, sample.time_ns
             yield sample
 
 
-class _Saver:
-    """Has each recording written to a file of its own."""
-
-    def __init__(self, folder: Path, files: list[Path], layout: rrb.Blueprint) -> None:
-        self._folder, self._files, self._layout = folder, files, layout
-
-    def take(self, recording: rr.RecordingStream) -> None:
-        file = self._folder / f"{len(self._files)}.rrd"
-        self._files.append(file)
-        recording.save(file, default_blueprint=self._layout)
+def _save(
+    folder: Path, files: list[Path], layout: rrb.Blueprint, recording: rr.RecordingStream
+) -> None:
+    """Write a recording to a file of its own."""
+    files.append(folder / f"{len(files)}.rrd")
+    recording.save(files[-1], default_blueprint=layout)

@@ -1,6 +1,6 @@
-"""Rerun's own program, which serves, shows and takes pictures, as a process of ours.
+"""Rerun's program as a child process: server, viewer, screenshots.
 
-The SDK could serve from within this process, but its web page only on all interfaces.
+Rerun's SDK could serve from this process, but its web page only on all interfaces.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import rerun_cli
 from mecazen.errors import MecazenError
 
 PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
-"""The program itself: its Python wrapper would leave it behind when it is ended."""
+"""The executable; terminating its Python wrapper would leave it running."""
 LOOPBACK = "127.0.0.1"
 SERVES, SHOWS = "Hosting a web-viewer", "wgpu adapter"
-"""What it says once it serves, and once it has a window."""
+"""Log lines that show that it serves, and that its window is open."""
 STOP_TIMEOUT_S = 3.0
 PR_SET_PDEATHSIG = 1
 
@@ -33,7 +33,7 @@ class RerunError(MecazenError):
 
 
 class RerunProcess:
-    """Rerun's program with some arguments, once it has said `ready`.
+    """Rerun's program, started once its log contains `ready`.
 
     Raises:
         RerunError: It ended before.
@@ -47,11 +47,11 @@ class RerunProcess:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            # without CI in its environment it reports how it is used
+            # CI disables its telemetry
             env={**os.environ, "CI": "1", "NO_COLOR": "1", "RUST_LOG": "info"},
-            # Ctrl-C is for the process that ends this one ...
+            # Ctrl-C must reach only this process, which terminates the child ...
             start_new_session=True,
-            # ... and however this one ends, nothing is left behind that holds a port
+            # ... and the child dies with this process, however that ends
             preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL),  # noqa: PLW1509
         )
         assert self._process.stderr is not None
@@ -62,7 +62,7 @@ class RerunProcess:
             self._process.wait()
             self._stderr.close()
             self.check()
-        # it would stop when nobody read what it says
+        # it would block on a full pipe
         self._reader = threading.Thread(target=lambda: [None for _ in self._lines()], daemon=True)
         self._reader.start()
 
@@ -73,11 +73,11 @@ class RerunProcess:
             raise RerunError(f"rerun has ended: {self._last or f'code {code}'}")
 
     def wait(self) -> None:
-        """Wait until it ends by itself, as when its window is closed."""
+        """Wait until it ends by itself, e.g. when its window is closed."""
         self._process.wait()
 
     def close(self) -> None:
-        """End it."""
+        """Terminate it."""
         self._process.terminate()
         try:
             self._process.wait(STOP_TIMEOUT_S)
@@ -95,7 +95,7 @@ class RerunProcess:
 
 @contextmanager
 def rerun(*arguments: str, ready: str, bind: str = LOOPBACK) -> Iterator[RerunProcess]:
-    """Have Rerun's program running meanwhile; see `RerunProcess`."""
+    """Run Rerun's program within the context; see `RerunProcess`."""
     process = RerunProcess(*arguments, ready=ready, bind=bind)
     try:
         yield process
@@ -104,7 +104,7 @@ def rerun(*arguments: str, ready: str, bind: str = LOOPBACK) -> Iterator[RerunPr
 
 
 def free_port(key: str, wanted: int) -> int:
-    """Return `wanted` if nothing listens there, or a free port for 0.
+    """Return `wanted` if that port is free, or any free port for 0.
 
     Raises:
         RerunError: It is taken; the message names `key`.
@@ -121,10 +121,10 @@ def free_port(key: str, wanted: int) -> int:
 
 
 def uri(port: int) -> str:
-    """Return what viewers connect to for the data of a server."""
+    """Return the URI of the data of a server."""
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
 def page(port: int, server: str) -> str:
-    """Return what a browser opens for the data of the server at a URI."""
+    """Return the address of the web page that shows the data of the server at a URI."""
     return f"http://{LOOPBACK}:{port}/?{urlencode({'url': server})}"

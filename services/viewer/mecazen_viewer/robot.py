@@ -1,7 +1,7 @@
-"""The robot from its URDF: shapes once, and by the joint states where those are that turn.
+"""The robot from its URDF: static shapes, and poses of moving links from joint states.
 
-Shapes that are alike, as the rollers are, become instances of one entity, since what a frame
-costs is the number of entities in it.
+Equal shapes, such as the rollers, are instances of one entity, since the cost of a frame is
+proportional to the number of its entities.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ class RobotModel:
     """The robot as entities below `world/robot`, which is base_link.
 
     Raises:
-        ValueError: The links are no tree, or a mesh is missing or no binary STL.
+        ValueError: The links form no tree, or a mesh is missing or not a binary STL.
     """
 
     def __init__(self, urdf: Urdf, meshes: Mapping[str, bytes]) -> None:
-        """Take the URDF and the files of its meshes by the names that it gives them."""
+        """Take the URDF and its mesh files by their names in the URDF."""
         root, joints = _tree(urdf)
         links = [root, *(joint.child for joint in joints)]
         number = {link: index for index, link in enumerate(links)}
         self._parents = np.array([0, *(number[joint.parent] for joint in joints)])
-        # a link hangs on one of a lower level, so whole levels are placed at once
+        # links of equal depth are placed at once
         depth, turns = [0], [False]
         for joint in joints:
             parent = number[joint.parent]
@@ -46,7 +46,7 @@ class RobotModel:
         self._places = np.array([(0.0, 0.0, 0.0), *(joint.origin.xyz for joint in joints)])
         self._turns = rotation.from_rpy([(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)])
         axes = np.array([(0.0, 0.0, 0.0), *(joint.axis or (0.0, 0.0, 0.0) for joint in joints)])
-        # turned by an angle a, a link has cos(a/2) of its rotation and sin(a/2) of this
+        # at the angle a a rotation is cos(a/2) of that at 0 plus sin(a/2) of this at pi
         self._half_turned = rotation.multiply(
             self._turns, rotation.about(axes, np.full(len(links), math.pi))
         )
@@ -61,7 +61,7 @@ class RobotModel:
             if link in urdf.visuals:
                 alike[urdf.visuals[link], turns[index]].append(index)
         self.shapes: list[Entity] = []
-        """What never changes."""
+        """The static entities."""
         self._moving: list[tuple[str, Visual, list[int]]] = []
         places, rotations = self._frames(np.zeros(len(links)))
         names = _names([[links[index] for index in which] for which in alike.values()])
@@ -74,7 +74,7 @@ class RobotModel:
                 self.shapes.append((path, _placed(visual, places[which], rotations[which])))
 
     def pose(self, states: JointState) -> Iterator[Entity]:
-        """Return what turns; nothing where a joint of this robot is not among the states."""
+        """Return the moving shapes; nothing if a joint of this robot is not among the states."""
         if states.name != self._names:
             order = {name: place for place, name in enumerate(states.name)}
             self._names = states.name
@@ -83,14 +83,14 @@ class RobotModel:
         if self._states is None or len(states.position) != len(states.name):
             return
         angles = np.zeros(len(self._places))
-        # whole turns show nothing, and single precision has no digits for many of them
+        # wrapped, since single precision is too coarse after many turns
         angles[self._turning] = np.remainder(np.array(states.position)[self._states], math.tau)
         places, rotations = self._frames(angles)
         for path, visual, which in self._moving:
             yield path, _placed(visual, places[which], rotations[which])
 
     def _frames(self, angles: Array) -> tuple[Array, Array]:
-        """Return the places (N, 3) [m] and rotations (N, 4) of all links at angles (N,) [rad]."""
+        """Return positions (N, 3) [m] and rotations (N, 4) of all links at angles (N,) [rad]."""
         half = angles[:, np.newaxis] / 2.0
         rotations = np.cos(half) * self._turns + np.sin(half) * self._half_turned
         places = self._places.copy()
@@ -102,7 +102,7 @@ class RobotModel:
 
 
 def _tree(urdf: Urdf) -> tuple[str, list[Joint]]:
-    """Return the root link, and the joints so that each comes after the one that it hangs on."""
+    """Return the root link, and the joints with parents before children."""
     children = defaultdict(list)
     for joint in urdf.joints:
         children[joint.parent].append(joint)
@@ -119,7 +119,7 @@ def _tree(urdf: Urdf) -> tuple[str, list[Joint]]:
 
 
 def _names(groups: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Return for each group of links the words that their names have in common, each once."""
+    """Return a unique name for each group of links: the words common to their names."""
     taken: Counter[str] = Counter()
     for links in groups:
         words = [set(link.split("_")) for link in links]
@@ -130,7 +130,7 @@ def _names(groups: Sequence[Sequence[str]]) -> Iterator[str]:
 
 
 def _placed(visual: Visual, places: Array, rotations: Array) -> Components:
-    """Return where a visual is on links at places (N, 3) [m] and rotations (N, 4)."""
+    """Return the poses of a visual on links at positions (N, 3) [m] and rotations (N, 4)."""
     if visual.origin != Origin():
         places = places + rotation.rotate(
             rotations, np.broadcast_to(visual.origin.xyz, places.shape)

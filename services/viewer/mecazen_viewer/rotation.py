@@ -16,7 +16,7 @@ _LEFT = np.array(
     ],
     dtype=float,
 )
-"""For each of x, y, z, w the 4 x 4 matrix by which it multiplies another from the left."""
+"""For each of x, y, z, w the 4 x 4 matrix of its left multiplication."""
 
 
 def about(axis: npt.ArrayLike, angle: npt.ArrayLike) -> Array:
@@ -26,14 +26,14 @@ def about(axis: npt.ArrayLike, angle: npt.ArrayLike) -> Array:
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Return the Hamilton product: rotations `b`, then `a` (..., 4)."""
+    """Return the Hamilton product (..., 4): first rotation `b`, then `a`."""
     matrices = (a @ _LEFT).reshape(*a.shape[:-1], 4, 4)
     product: Array = (matrices @ b[..., np.newaxis])[..., 0]
     return product
 
 
 def rotate(rotation: Array, vector: npt.ArrayLike) -> Array:
-    """Return vectors (..., 3) turned by rotations (..., 4)."""
+    """Return vectors (..., 3) rotated by quaternions (..., 4)."""
     vector = np.asarray(vector, dtype=float)
     pure = np.concatenate([vector, np.zeros((*vector.shape[:-1], 1))], axis=-1)
     conjugate = rotation * (-1.0, -1.0, -1.0, 1.0)

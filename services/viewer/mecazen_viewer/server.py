@@ -24,32 +24,32 @@ from mecazen_viewer.rerun_process import (
 logger = logging.getLogger(__name__)
 
 BUFFER = "32MiB"
-"""What a viewer that attaches late is given: some minutes; the oldest goes first."""
+"""History for viewers that attach late: some minutes; the oldest data is dropped first."""
 
 
 class Server:
-    """A server that holds the newest data of all runs, and a page that shows them."""
+    """A server of the newest data of all runs, and a web page that shows them."""
 
     def __init__(
         self, process: RerunProcess, data_port: int, web_port: int, layout: rrb.Blueprint
     ) -> None:
         self.uri = uri(data_port)
-        """Where native viewers connect."""
+        """URI to which native viewers connect."""
         self.url = page(web_port, self.uri)
-        """What a browser opens."""
+        """Address of the web page."""
         self.check = process.check
         self._layout: rrb.Blueprint | None = layout
 
     def take(self, recording: rr.RecordingStream) -> None:
-        """Take what is logged in a new recording; attached viewers turn to it."""
+        """Serve a new recording; attached viewers switch to it."""
         recording.connect_grpc(self.uri, default_blueprint=self._layout)
-        # the server keeps it for all runs, and a viewer keeps what its user has made of it
+        # sent once: the server keeps it for all runs, and a viewer the changes of its user
         self._layout = None
 
 
 @contextmanager
 def serving(config: ViewerConfig, layout: rrb.Blueprint) -> Iterator[Server]:
-    """Serve meanwhile, in a layout, and open a window where the configuration wants one.
+    """Serve within the context, with a layout, and open a window if configured.
 
     Raises:
         RerunError: A port is taken.

@@ -14,8 +14,8 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 def read_stl(data: bytes) -> tuple[Array, npt.NDArray[np.uint32], Array]:
     """Return vertices (V, 3) [m], triangles (T, 3), and a normal for each vertex (V, 3).
 
-    Corners in one place become one vertex, which makes the mesh a sixth of the size; its
-    normal is the mean of its facets' by area, which makes it look as round as it is.
+    Coinciding corners are merged, which reduces the mesh to a sixth. The normal of a vertex is
+    the mean of its facets' normals, weighted by area, so that the shading is smooth.
 
     Raises:
         ValueError: It is not a binary STL file.

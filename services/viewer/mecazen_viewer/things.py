@@ -1,7 +1,6 @@
-"""What stands and moves on the ground, apart from the robot.
+"""Entities of the scene apart from the robot.
 
-Shapes are logged once, below a frame that is all that moves: a frame costs a tenth of what a
-shape does.
+Shapes are logged once, below a frame that moves: logging a frame costs a tenth of a shape.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 GRID_REACH_M = 20
 GRID_STEP_M = 10
-"""The grid is laid anew when the robot has gone this far: it seems to have no end."""
+"""The grid moves with the robot in steps of this length, so that it appears endless."""
 GRID_COLOUR = (170, 176, 185)
 AXES_COLOUR = (110, 116, 126)
 GRID_RADIUS = rr.Radius.ui_points(0.4)
@@ -31,7 +30,7 @@ TRAIL_COLOURS = {"robot": e.BLUE, "odometry": e.ORANGE, "person": e.RED}
 TRAIL_RADIUS = rr.Radius.ui_points(1.0)
 MARK_RADIUS = rr.Radius.ui_points(1.0)
 MARK_Z = 0.004
-"""Height of what is drawn on the ground [m]: above the grid."""
+"""Height of marks on the ground [m], just above the grid."""
 ARROW_RADIUS = 0.025
 GOAL_ARROW_M, ESTIMATE_ARROW_M = 0.3, 0.45
 POINT_RADIUS = 0.012
@@ -40,34 +39,34 @@ OBSTACLE_COLOUR = (165, 140, 110)
 CLOTHES, TROUSERS = (112, 128, 150), (70, 78, 92)
 SKIN = (226, 180, 160)
 LABEL_Z = 0.35
-"""Height of a robot's name [m]: above it."""
+"""Height of a robot's name [m]."""
 LABEL_COLOUR = (25, 25, 25)
-"""Of the letters, on grey in a dark and in a light viewer."""
+"""Colour of the text on grey, in both themes of the viewer."""
 CIRCLE_POINTS = 49
 DOT_M = 1e-3
 
 HIP, ARROW, SHOULDER, HEAD_RADIUS = 0.50, 0.42, 0.82, 0.065
-"""Heights of a person's parts, and the head's radius, as shares of their height."""
+"""Heights of parts of the person's body, and radius of the head, relative to their height."""
 PERSON_ARROW_M = 0.6
 
 
 def frame(path: str, pose: Pose2D) -> Entity:
-    """Return the frame of something that stands on the ground."""
+    """Return a planar frame."""
     turn = (0.0, 0.0, math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0))
     return path, components.transform(np.array([pose.x, pose.y, 0.0]), np.array(turn))
 
 
 def grid_centre(pose: Pose2D) -> tuple[int, int]:
-    """Return the middle of the grid [m] where the robot is at `pose`."""
+    """Return the centre of the grid [m] for a robot at `pose`."""
     x, y = (round(place / GRID_STEP_M) * GRID_STEP_M for place in pose[:2])
     return x, y
 
 
 def ground(centre: tuple[int, int]) -> Entity:
-    """Return lines 1 m apart round `centre` [m]; those through the world's origin are darker."""
+    """Return grid lines 1 m apart around `centre` [m]; those through the origin are darker."""
     places = np.arange(-GRID_REACH_M, GRID_REACH_M + 1)
     lines = len(places)
-    # in short pieces: the width of a long one is wrong where it passes the eye
+    # in short pieces, since Rerun draws long lines near the camera with a wrong width
     along, across = np.meshgrid(places, places)
     flat = np.zeros((lines, lines))
     x, y = centre
@@ -83,7 +82,7 @@ def ground(centre: tuple[int, int]) -> Entity:
 
 
 def person(radius: float, height: float) -> Iterator[Entity]:
-    """Return a body of `radius` and `height` [m] that looks along x, and its red arrow."""
+    """Return a body of `radius` and `height` [m] that faces along x, and its red arrow."""
     hip, shoulder, head = (share * height for share in (HIP, SHOULDER, HEAD_RADIUS))
     leg, trunk, arm = 0.32 * radius, 0.58 * radius, 0.22 * radius
     limbs = [  # radius, length, y and z of the lower end, colour
@@ -122,7 +121,7 @@ def person(radius: float, height: float) -> Iterator[Entity]:
 
 
 def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:
-    """Return a static body that stands on the ground.
+    """Return a static body on the ground.
 
     Its `size` [m] is a box's length, width and height, or a cylinder's radius and height.
     """
@@ -147,9 +146,9 @@ def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:
 
 
 def marks(length: float, width: float) -> Iterator[Entity]:
-    """Return the shapes of goal, estimate and ellipses, and the colours of trails and points.
+    """Return the shapes of goal, estimate and ellipses, and the styles of trails and points.
 
-    `length` and `width` [m] are the robot's: where it should be, its outline is drawn.
+    `length` and `width` [m] of the robot are those of the outline at the goal.
     """
     corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]) * (length / 2, width / 2)
     angles = np.linspace(0.0, math.tau, CIRCLE_POINTS)
@@ -166,24 +165,24 @@ def marks(length: float, width: float) -> Iterator[Entity]:
 
 
 def label(robot: str) -> Entity:
-    """Return the name of one of several robots, above it."""
+    """Return the name of one of several robots, drawn above it."""
     place = [(0.0, 0.0, LABEL_Z)]
     point = rr.Points3D(place, labels=[robot], colors=[LABEL_COLOUR], radii=[DOT_M])
     return f"{e.ROBOT}/label", point
 
 
 def trail(name: str, points: Array) -> Entity:
-    """Return the way that something has gone: points (N, 2) [m]."""
+    """Return a trail through points (N, 2) [m]."""
     return f"{e.TRAILS}/{name}", components.line(_raised(points))
 
 
 def points(places: Array) -> Entity:
-    """Return what the sensor saw: points (N, 2) [m] in world."""
+    """Return observed positions (N, 2) [m] in world."""
     return e.OBSERVATION, components.points(_raised(places))
 
 
 def ellipse(path: str, x: float, y: float, axes: Array | None) -> Entity:
-    """Return an ellipse as the unit circle stretched by `axes` (2, 2) [m]; a dot where None."""
+    """Return an ellipse, the unit circle mapped by `axes` (2, 2) [m]; a dot for None."""
     stretch = np.diag([DOT_M, DOT_M, 1.0])
     if axes is not None:
         stretch[:2, :2] = axes

@@ -1,4 +1,4 @@
-"""Where something was: its pose at any time of the last seconds, and its trail."""
+"""The recent poses of a body, interpolated in time, and its trail."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from mecazen.geometry import Pose2D, wrap
 
 TRAIL_NS = 60 * 10**9
 TRAIL_STEP_NS = 200_000_000
-"""Between two points of a trail: 300 in all."""
+"""Time between two points of a trail, which has 300."""
 POSES = 256
-"""Poses that are kept: 8 s of 30 a second."""
+"""Length of the history of poses: 8 s at 30 Hz."""
 JUMP_M = 1.0
-"""Farther than this between two points of a trail nothing moves: it was put there."""
+"""A larger distance between two points of a trail is a jump and begins a new trail."""
 
 
 class Track:
-    """Planar poses of one thing by simulated time, as they come."""
+    """Planar poses of one body by simulated time."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, Pose2D]] = deque(maxlen=POSES)
         self._trail: deque[tuple[int, float, float]] = deque()
 
     def add(self, time_ns: int, pose: Pose2D) -> bool:
-        """Take a pose; return whether the trail is longer by it."""
+        """Add a pose; return whether the trail has a new point."""
         self._poses.append((time_ns, pose))
         if self._trail and time_ns - self._trail[-1][0] < TRAIL_STEP_NS:
             return False
@@ -47,7 +47,7 @@ class Track:
         return self._poses[-1][1] if self._poses else None
 
     def at(self, time_ns: int) -> Pose2D | None:
-        """Return the pose at a time, in between as of even motion; None without any pose."""
+        """Return the linearly interpolated pose at a time; None without any pose."""
         later: tuple[int, Pose2D] | None = None
         for sample in reversed(self._poses):
             if sample[0] <= time_ns:

@@ -1,4 +1,4 @@
-"""What is drawn of a URDF: shapes with colours, and the joints between their links."""
+"""The drawn part of a URDF: coloured shapes, and the joints between their links."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "mesh": ()}
-"""Attributes that hold the size of each shape."""
+"""Attributes with the size of each shape."""
 GREY = (0.5, 0.5, 0.5, 1.0)
 
 
@@ -21,21 +21,21 @@ class Origin(NamedTuple):
 
 
 class Visual(NamedTuple):
-    """What a link looks like."""
+    """The shape of a link."""
 
     kind: str
     """box, cylinder or mesh."""
     size: tuple[float, ...]
     """A box: length, width, height. A cylinder: radius, length [m]."""
     mesh: str
-    """The name of a mesh's file; a mesh is in the link's frame."""
+    """File name of a mesh, whose coordinates are in the link's frame."""
     origin: Origin
-    """Of a box or cylinder, in the link's frame."""
+    """Pose of a box or cylinder in the link's frame."""
     rgba: tuple[float, ...]
 
 
 class Joint(NamedTuple):
-    """How a link hangs on its parent."""
+    """The joint between a link and its parent."""
 
     name: str
     parent: str
@@ -43,14 +43,14 @@ class Joint(NamedTuple):
     origin: Origin
     """The child's frame in the parent's, at position 0."""
     axis: Vector | None
-    """Of a joint that turns, in the child's frame; None for a fixed one."""
+    """Axis in the child's frame; None for a fixed joint."""
 
 
 class Urdf(NamedTuple):
     """A robot."""
 
     visuals: Mapping[str, Visual]
-    """By link; links without one are not in it."""
+    """By link; only links that have one."""
     joints: tuple[Joint, ...]
 
 
@@ -61,7 +61,7 @@ def read(text: str) -> Urdf:
         ValueError: It is not a URDF.
     """
     try:
-        # expat itself limits the expansion of entities, which is what an XML could do harm with
+        # expat limits the expansion of entities, the usual attack by XML
         root = ET.fromstring(text)  # noqa: S314
         colours = {
             material.get("name"): _floats(_child(material, "color").get("rgba", ""))

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen_tools.cli import certificates, sim, status, talk
+from mecazen_tools.cli import certificates, graph, sim, status, talk
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
 from mecazen_tools.cli.up import run_up
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
@@ -43,6 +43,7 @@ app = typer.Typer(
 )
 app.add_typer(sim.app, name="sim")
 app.add_typer(certificates.app, name="keys")
+app.command()(graph.graph)
 app.command()(talk.topics)
 app.command()(status.status)
 app.command()(talk.echo)
@@ -69,6 +70,12 @@ def up(
     restart: Annotated[
         bool, typer.Option("--restart", help="Start a process again that fails or is killed.")
     ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1, help="1: all services in one process.", show_default="the scenario's"
+        ),
+    ] = None,
     settings: Settings = None,
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
@@ -84,6 +91,7 @@ def up(
         tuple(settings or ()),
         None if no_viewer else viewer,
         restart=restart,
+        together=processes == 1,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -40,11 +41,12 @@ Viewer = Literal["web", "native"]
 
 
 def run_up(
-    path: Path, settings: tuple[str, ...], viewer: Viewer | None, *, restart: bool = False
+    path: Path, settings: tuple[str, ...], viewer: Viewer | None, *, restart: bool, together: bool
 ) -> None:
     """Run a scenario until Ctrl-C or until one of its processes fails.
 
-    With `restart` a process that fails is started again instead. The viewer, where it is
+    With `restart` a process that fails is started again instead. All services but the
+    observers are `together` in one process, or in those of the scenario. The viewer, where it is
     installed, is started beside them; onlookers may fail in any case.
 
     Raises:
@@ -56,6 +58,10 @@ def run_up(
             raise ConfigError("--viewer native: the viewer is not installed")
         settings = (*settings, "viewer.native=true")
     scenario = load_scenario(path, settings)
+    if together:
+        group = [part for part in scenario.services if part not in OBSERVERS]
+        settings = (*settings, f"processes={json.dumps([group])}")
+        scenario = load_scenario(path, settings)
     for part in scenario.services:
         classes(part, scenario)
     console = Console()

@@ -1,12 +1,11 @@
 """Estimators of the person's pose and velocity in odom, from noisy observations.
 
-To add one: subclass `Estimator` with a name; a scenario can then ask for it by that name.
+To add one: subclass `Estimator` with a name, by which scenarios select it.
 """
 
 from mecazen_follower.estimators.base import (
     MAX_DISTANCE,
     Array,
-    Covariance,
     Estimate,
     Estimator,
     Params,
@@ -26,7 +25,6 @@ __all__ = [
     "MAX_DISTANCE",
     "Array",
     "ConstantVelocityFilter",
-    "Covariance",
     "DisplacementFilter",
     "Estimate",
     "Estimator",

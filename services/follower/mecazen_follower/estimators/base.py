@@ -1,4 +1,4 @@
-"""What every estimator is: an abstract base, its estimate, and the registry by name."""
+"""The abstract base of all estimators, their estimate, and the registry by name."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from typing import ClassVar, NamedTuple
 import msgspec
 import numpy as np
 import numpy.typing as npt
+from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.schema import Positive, Section
 
-from mecazen_follower.estimators.symmetric import Rows, factors
+from mecazen_follower.estimators.symmetric import Rows, is_positive
 
 Array = npt.NDArray[np.float64]
-Covariance = tuple[tuple[float, ...], ...]
-"""3x3, of x [m], y [m] and yaw [rad]."""
 
 MAX_DISTANCE = 1e6
-"""Largest coordinate of an observation [m]: beyond it the arithmetic loses millimetres."""
-LEAST_NOISE: Array = 2e-12 * np.eye(3)
-"""Added to an observation's [m², rad²]: a perfect sensor must not make a matrix singular."""
+"""Largest coordinate of an observation [m]: beyond it rounding exceeds millimetres."""
+MIN_NOISE: Array = 2e-12 * np.eye(3)
+"""Added to the covariance of an observation [m², rad²], so that none is singular."""
 
 
 class Estimate(NamedTuple):
@@ -30,10 +29,10 @@ class Estimate(NamedTuple):
 
     pose: Pose2D
     velocity: Twist2D
-    covariance: Covariance
+    covariance: PlanarCovariance
 
     def after(self, dt: float) -> Estimate:
-        """Return the estimate `dt` [s] later, if the person keeps walking and turning."""
+        """Return the estimate `dt` [s] later at constant body twist; the covariance stays."""
         if dt == 0.0:
             return self
         body = Twist2D(*rotate(self.velocity.x, self.velocity.y, -self.pose.yaw), self.velocity.yaw)
@@ -43,22 +42,21 @@ class Estimate(NamedTuple):
 
 
 class Params(Section):
-    """What every estimator can be told: the noise of a sensor that does not tell it."""
+    """Parameters of every estimator: the noise of a sensor that does not report it."""
 
     position_std_m: Positive = 0.05
     yaw_std_deg: Positive = 5.0
 
 
 class Estimator(ABC):
-    """Tracks one person: `predict` at every tick, `update` when an observation comes.
+    """Tracks one person: `predict` at every tick, `update` with every observation.
 
-    A subclass is registered under its `name`, unless it is a base itself; `params` is the
-    struct of its parameters, which are numbers.
+    A subclass is registered under its `name`; one without a name is a base class. `params` is
+    the struct of its parameters, which are numbers.
 
     Attributes:
-        nis: Normalised innovation squared of the last update; chi-square with as many
-            degrees of freedom as the filter observes if its model is right. None where
-            there is none.
+        nis: Normalised innovation squared of the last update, None before it. If the model is
+            right it is chi-square, with a degree of freedom per observed component.
     """
 
     registry: ClassVar[dict[str, type[Estimator]]] = {}
@@ -75,14 +73,14 @@ class Estimator(ABC):
         self._default_noise: Array = np.diag(np.square(std))
 
     def update(self, observation: Pose2D, covariance: npt.ArrayLike | None = None) -> None:
-        """Take in an observed pose in odom, and its 3x3 covariance of x, y, yaw.
+        """Correct the estimate with an observed pose in odom and its 3x3 covariance.
 
-        A covariance of None or all zeros is unknown, as in ROS: the parameters' noise is
-        taken.
+        A covariance of None or all zeros is unknown, as in ROS; the noise of the parameters
+        replaces it.
 
         Raises:
             ValueError: The observation is not finite or farther than 1000 km, or the
-                covariance is no covariance. The estimate stays as it was.
+                covariance is invalid. The estimate is unchanged.
         """
         if not all(abs(number) <= MAX_DISTANCE for number in observation):
             raise ValueError(f"observation is out of range: {tuple(observation)}")
@@ -97,32 +95,34 @@ class Estimator(ABC):
             raise ValueError("covariance of an observation must be 3x3 and finite")
         if not any(map(any, rows)):
             return self._default_noise
-        positive = noise + LEAST_NOISE
-        if not (_is_symmetric(rows) and _is_positive(positive.tolist())):
-            raise ValueError("covariance of an observation must be symmetric and not negative")
+        positive = noise + MIN_NOISE
+        if not (_is_symmetric(rows) and is_positive(positive.tolist())):
+            raise ValueError(
+                "covariance of an observation must be symmetric and positive semidefinite"
+            )
         return positive
 
     @abstractmethod
     def _observe(self, observation: Pose2D, noise: Array) -> None:
-        """Take in an observation with its positive definite covariance."""
+        """Correct the estimate with an observation and its positive definite covariance."""
 
     @abstractmethod
     def predict(self, dt: float) -> None:
-        """Go ahead in time by `dt` [s] > 0; nothing happens before the first observation."""
+        """Propagate the estimate by `dt` [s] > 0; no effect before the first observation."""
 
     @property
     @abstractmethod
     def estimate(self) -> Estimate | None:
-        """The person now; None before the first observation."""
+        """The current estimate; None before the first observation."""
 
     def ahead(self, dt: float) -> Estimate | None:
-        """Return the person `dt` [s] from now: makes up for a latency."""
+        """Return the estimate `dt` [s] from now, which compensates a latency."""
         person = self.estimate
         return None if person is None else person.after(dt)
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget the person."""
+        """Discard the estimate."""
 
 
 def _is_within(matrix: Rows, limit: float) -> bool:
@@ -130,7 +130,7 @@ def _is_within(matrix: Rows, limit: float) -> bool:
 
 
 def _is_symmetric(matrix: Rows) -> bool:
-    """Return whether a 3x3 matrix is symmetric, but for the digits of a single float."""
+    """Return whether a 3x3 matrix is symmetric to single precision."""
     (_, xy, xw), (yx, _, yw), (wx, wy, _) = matrix
     return all(
         math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-8)
@@ -138,20 +138,11 @@ def _is_symmetric(matrix: Rows) -> bool:
     )
 
 
-def _is_positive(matrix: Rows) -> bool:
-    """Return whether a symmetric 3x3 matrix is positive definite."""
-    try:
-        factors(matrix)
-    except ValueError:
-        return False
-    return True
-
-
 def make_params(name: str, params: Mapping[str, float]) -> Params:
-    """Return all parameters of the estimator of that name: the given ones, else defaults.
+    """Return the parameters of the estimator `name`: those given, else their defaults.
 
     Raises:
-        ValueError: There is none of that name, or it does not take these parameters.
+        ValueError: The name or a parameter is unknown.
     """
     if name not in Estimator.registry:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Constant velocity along the axes of odom."""
+"""The constant velocity filter along the axes of odom."""
 
 from __future__ import annotations
 
@@ -15,24 +15,23 @@ from mecazen_follower.estimators.kalman import as_tuple, kalman, nis_of
 class ConstantVelocityParams(Params):
     """Parameters of `kf_cv`.
 
-    The accelerations are white noise. Each is given by the deviation of its mean over one
-    second (the square root of its spectral density), which does not depend on the tick.
+    The accelerations are white noise. Each is given by the square root of its spectral density:
+    the standard deviation of its mean over 1 s, which does not depend on the tick.
     """
 
     acceleration_std_m_s2: Positive = 0.2
     yaw_acceleration_std_rad_s2: Positive = 0.15
     initial_speed_std_m_s: Positive = 1.0
-    """Of each component at the first observation, which tells nothing of the velocity."""
+    """Prior of each component, since the first observation has no velocity."""
     initial_yaw_rate_std_rad_s: Positive = 0.5
 
 
 class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityParams):
     """Constant velocity in x, y and yaw, each disturbed by white acceleration.
 
-    State [x, vx, y, vy, yaw, yaw rate] in odom; the observation is x, y and yaw. The model
-    is of Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and
-    Navigation, section 6.2.2. The continuous one, so that ten steps of 1 ms and one of 10 ms
-    give the same.
+    State [x, vx, y, vy, yaw, yaw rate] in odom; the observation is x, y and yaw. The model is
+    from Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation,
+    section 6.2.2, in its discretised continuous-time form: ten steps of 1 ms equal one of 10 ms.
     """
 
     _pose: ClassVar[list[int]] = [0, 2, 4]
@@ -49,12 +48,12 @@ class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityPar
         self.reset()
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Discard the estimate."""
         self.nis = None
         self._filter: Any = None
 
     def predict(self, dt: float) -> None:
-        """Move with the estimated velocity for `dt` [s]."""
+        """Propagate the estimate by `dt` [s] at its velocity."""
         if self._filter is None:
             return
         if dt != self._dt:
@@ -80,17 +79,16 @@ class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityPar
             return
         kf = self._filter
         yaw = float(kf.x[4])
-        # The turn of the observed yaw that is nearest to the state: the innovation wraps.
-        near = yaw + wrap(observation.yaw - yaw)
-        kf.update(np.array([observation.x, observation.y, near]), R=noise)
+        unwrapped = yaw + wrap(observation.yaw - yaw)
+        kf.update(np.array([observation.x, observation.y, unwrapped]), R=noise)
         kf.x[4] = wrap(float(kf.x[4]))
         self.nis = nis_of(kf)
 
     @property
     def estimate(self) -> Estimate | None:
-        """The person now."""
+        """The current estimate."""
         if self._filter is None:
             return None
         x, vx, y, vy, yaw, yaw_rate = self._filter.x.tolist()
-        covariance = self._filter.P[::2, ::2]  # x, y, yaw stand before their rates
+        covariance = self._filter.P[::2, ::2]  # x, y and yaw precede their rates
         return Estimate(Pose2D(x, y, yaw), Twist2D(vx, vy, yaw_rate), as_tuple(covariance))

@@ -1,4 +1,4 @@
-"""Filters of constant turn rate and velocity: extended and unscented."""
+"""Kalman filters of constant turn rate and velocity: extended and unscented."""
 
 from __future__ import annotations
 
@@ -15,27 +15,25 @@ from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
     IDENTITY,
+    OBSERVATION,
     SEEN,
-    SEES,
     SIZE,
     YAW,
     State,
     Triangle,
     Walks,
-    carry,
     estimate_of,
     move,
-    near,
     process_noise,
+    propagate,
     triangle,
+    unwrap_yaw,
 )
 
 MAX_STEP_S = 0.1
-"""Longest step over which motion, noise and modes are taken to first order."""
-
-
-STEADY = 0.001
-"""Random walk of the position [m] after 1 s of who neither sways nor steps aside."""
+"""Longest step for the first-order approximations of motion, noise and mode changes."""
+MIN_POSITION_WALK = 0.001
+"""Random walk of the position [m] after 1 s besides sway and side steps."""
 
 
 class StateFilter(Protocol):
@@ -45,7 +43,7 @@ class StateFilter(Protocol):
 
     @property
     def heading(self) -> float:
-        """The state's heading [rad]; not wrapped."""
+        """The heading [rad], not wrapped."""
 
     @property
     def state(self) -> Array:
@@ -56,34 +54,34 @@ class StateFilter(Protocol):
         """Its covariance (5, 5)."""
 
     def predict(self, dt: float) -> None:
-        """Move by `dt` [s]."""
+        """Propagate by `dt` [s]."""
 
     def update(self, observation: Array, noise: Array) -> None:
-        """Take in an observation (3) with its covariance (3, 3)."""
+        """Correct with an observation (3) and its covariance (3, 3)."""
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
-        """Return state and covariance `dt` [s] later, and now where it is 0."""
+        """Return state and covariance `dt` [s] later; `dt` may be 0."""
 
 
 class TurnRateParams(Params):
-    """What the filters of constant turn rate and velocity share.
+    """Parameters of all filters of constant turn rate and velocity.
 
-    Random walks are given by the standard deviation that they have after 1 s.
+    A random walk is given by its standard deviation after 1 s.
     """
 
     sway_m_sqrt_m: Positive = 0.03
-    """Of the position to all sides, by the way walked: its deviation after 1 m."""
+    """Isotropic random walk of the position: its standard deviation after 1 m walked."""
     initial_speed_std_m_s: Positive = 1.0
-    """At the first observation, which tells nothing of the velocity."""
+    """Prior, since the first observation has no velocity."""
     initial_yaw_rate_std_rad_s: Positive = 0.5
     noise_memory_s: NonNegative = 0.0
-    """Time over which the sensor's real noise is learnt; at 0 it is taken to be as told."""
+    """Time constant of learning the sensor's noise; at 0 the reported noise is used."""
 
 
 class TurnRateEstimator(Estimator):
-    """A `StateFilter` that is moved on when an observation comes.
+    """A `StateFilter` that is propagated only when an observation comes.
 
-    Between observations its state is carried ahead, which leaves most ticks cheap.
+    Between observations `ahead` predicts in closed form, which keeps most ticks cheap.
     """
 
     def __init__(self, params: TurnRateParams) -> None:
@@ -94,20 +92,20 @@ class TurnRateEstimator(Estimator):
 
     @abstractmethod
     def _begin(self, state: Array, covariance: Array) -> StateFilter:
-        """Return the filter that starts with a state (5) and its covariance (5, 5)."""
+        """Return a filter with an initial state (5) and its covariance (5, 5)."""
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Discard the estimate."""
         self.nis = None
         self._filter: StateFilter | None = None
         self._elapsed = 0.0
-        self._since_seen = 0.0
+        self._since_observed = 0.0
         self._scale = NoiseScale(self._noise_memory)
 
     def predict(self, dt: float) -> None:
-        """Go ahead by `dt` [s]."""
+        """Propagate by `dt` [s]."""
         self._elapsed += dt
-        self._since_seen += dt
+        self._since_observed += dt
         if self._elapsed >= MAX_STEP_S:
             self._catch_up()
 
@@ -126,22 +124,22 @@ class TurnRateEstimator(Estimator):
             covariance[range(SEEN, SIZE), range(SEEN, SIZE)] = self._initial
             self._filter = self._begin(np.array([*observation, 0.0, 0.0]), covariance)
             return
-        seen = near(self._filter.heading, observation)
+        unwrapped = unwrap_yaw(self._filter.heading, observation)
         if self._noise_memory > 0.0:
-            innovation = seen - self._filter.state[:SEEN]
+            innovation = unwrapped - self._filter.state[:SEEN]
             prediction = self._filter.covariance[:SEEN, :SEEN]
-            noise = self._scale.learn(innovation, prediction, noise, self._since_seen)
-        self._since_seen = 0.0
-        self._filter.update(seen, noise)
+            noise = self._scale.learn(innovation, prediction, noise, self._since_observed)
+        self._since_observed = 0.0
+        self._filter.update(unwrapped, noise)
         self.nis = self._filter.nis
 
     @property
     def estimate(self) -> Estimate | None:
-        """The person now."""
+        """The current estimate."""
         return self.ahead(0.0)
 
     def ahead(self, dt: float) -> Estimate | None:
-        """Return the person `dt` [s] from now, with the uncertainty that comes with it."""
+        """Return the estimate `dt` [s] from now, with its propagated covariance."""
         if self._filter is None:
             return None
         return estimate_of(*self._filter.ahead(self._elapsed + dt))
@@ -151,15 +149,15 @@ class CtrvParams(TurnRateParams):
     """Parameters of `ekf_ctrv` and `ukf_ctrv`."""
 
     acceleration_std_m_s2: Positive = 0.3
-    """Of the speed."""
+    """Random walk of the speed."""
     yaw_acceleration_std_rad_s2: Positive = 0.3
-    """Of the turn rate."""
+    """Random walk of the turn rate."""
 
     @property
     def walks(self) -> Walks:
-        """The random walks, as `turn_rate.process_noise` wants them."""
+        """The random walks for `turn_rate.process_noise`."""
         acceleration, turning = self.acceleration_std_m_s2, self.yaw_acceleration_std_rad_s2
-        return self.sway_m_sqrt_m, STEADY, 0.0, acceleration, turning
+        return self.sway_m_sqrt_m, MIN_POSITION_WALK, 0.0, acceleration, turning
 
 
 class ExtendedFilter(TurnRateEstimator, name="ekf_ctrv", params=CtrvParams):
@@ -196,7 +194,7 @@ class Unscented:
 
     @property
     def heading(self) -> float:
-        """The state's heading [rad]; not wrapped."""
+        """The heading [rad], not wrapped."""
         return float(self._filter.x[YAW])
 
     @property
@@ -210,25 +208,25 @@ class Unscented:
         return np.asarray(self._filter.P)
 
     def predict(self, dt: float) -> None:
-        """Move by `dt` [s]."""
+        """Propagate by `dt` [s]."""
         self._filter.Q = process_noise(self._walks, self.state, dt)
         self._filter.predict(dt=dt)
 
     def update(self, observation: Array, noise: Array) -> None:
-        """Take in an observation (3) with its covariance (3, 3)."""
+        """Correct with an observation (3) and its covariance (3, 3)."""
         kf = self._filter
-        kf.compute_process_sigmas(0.0)  # of the present, even if nothing moved since
+        kf.compute_process_sigmas(0.0)  # around the current state, even without a prediction before
         prediction = kf.P
         kf.update(observation, R=noise)
-        keeps = IDENTITY - kf.K @ SEES
-        # Joseph's form, since what is seen is linear in the state: see ModeBank
-        P = keeps @ prediction @ keeps.T + kf.K @ noise @ kf.K.T
+        remaining = IDENTITY - kf.K @ OBSERVATION
+        # Joseph form, possible since the observation is linear in the state
+        P = remaining @ prediction @ remaining.T + kf.K @ noise @ kf.K.T
         kf.P = (P + P.T) / 2.0
         self.nis = float(kf.y @ kf.SI @ kf.y)
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later, to first order."""
-        return carry(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
+        return propagate(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
 
 
 class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):

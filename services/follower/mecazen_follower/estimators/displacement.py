@@ -19,37 +19,36 @@ class DisplacementParams(Params):
     """Parameters of `kf_displacement`."""
 
     position_drift_m_sqrt_s: Positive = 0.1
-    """Random walk of the position besides the displacement: its deviation after 1 s."""
+    """Random walk of the position: its standard deviation after 1 s."""
     smoothing_s: Positive = 1.0
-    """Time constant with which the displacement is smoothed."""
+    """Time constant of the exponential smoothing of the displacement."""
     min_speed_m_s: NonNegative = 0.08
-    """Below it, the direction of the displacement says nothing of the heading."""
+    """Below this speed the heading is not taken from the displacement."""
 
 
 class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementParams):
     """The published filter of "A Virtual Mecanum Wheeled Robot ROS Simulator ...".
 
-    What is written there: X_k = F X_(k-1) + w (1), y_k = H X_(k-1) + u (2), with the state
+    The paper's equations are X_k = F X_(k-1) + w (1), y_k = H X_(k-1) + u (2), with the state
     X = [x, y, yaw], and (4)
 
         F = [[1, 0, Δx], [0, 1, Δy], [0, 0, 1]],  H = [1, 1, 0],
 
     where Δx, Δy are "the displacement per unit time".
 
-    Why it cannot be literal: F X moves the person by yaw times Δ, so one who walks at
-    yaw = 0 would stand still; and H X = x + y is one number, from which x and y cannot be
-    told apart.
+    They cannot be taken literally: F X moves the person by yaw times Δ, so a person who walks
+    at yaw = 0 would stand still; and H X = x + y is a single number, from which x and y are not
+    observable.
 
-    How it is read: F is the homogeneous matrix of a translation and acts on (x, y, 1), that
-    is x += Δx, y += Δy: a constant input, which leaves the covariance to grow by Q alone.
-    H is the diagonal of the matrix that selects what is observed: rows for x and y and none
-    for the yaw, H = [[1, 0, 0], [0, 1, 0]]. y_k is taken to observe X_k.
+    Our interpretation: F is the homogeneous matrix of a translation and acts on (x, y, 1), that
+    is x += Δx, y += Δy. This is a constant input, so the covariance grows by Q alone. H is the
+    diagonal of the matrix that selects the observed components, x and y but not yaw:
+    H = [[1, 0, 0], [0, 1, 0]]. y_k observes X_k.
 
-    Δ per second is the displacement from one corrected estimate to the next, exponentially
-    smoothed over `smoothing_s`. The yaw, which nothing in the filter corrects, is what the
-    paper defines it to be, the direction of motion: that of Δ. Where the person is too slow
-    to have one, it is the observed yaw, smoothed likewise. The yaw rate is taken as zero
-    (the third row of F).
+    Δ per second is the displacement between consecutive corrected estimates, exponentially
+    smoothed over `smoothing_s`. The filter does not correct the yaw. As the paper defines, it is
+    the direction of motion, that of Δ; below `min_speed_m_s` it is the observed yaw, smoothed
+    likewise. The yaw rate is zero (the third row of F).
     """
 
     def __init__(self, params: DisplacementParams) -> None:
@@ -60,7 +59,7 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
         self.reset()
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Discard the estimate."""
         self.nis = None
         self._filter: Any = None
         self._velocity: Array = np.zeros(3)
@@ -68,9 +67,10 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
         self._elapsed = 0.0
 
     def predict(self, dt: float) -> None:
-        """Move by the displacement per second times `dt` [s].
+        """Propagate the estimate by `dt` [s].
 
-        Both that and the drift grow with time alone: the filter is told when an observation comes.
+        Displacement and drift are linear in time, so the filter is updated only when an
+        observation comes.
         """
         if self._filter is not None:
             self._elapsed += dt
@@ -92,7 +92,7 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
             displacement[2] = 0.0
             self._velocity += weight * (displacement - self._velocity)
             kf.x[2] = self._yaw(float(kf.x[2]), observation.yaw, weight)
-        kf.P[2, 2] = noise[2, 2]  # the filter knows nothing of it: as good as one observation
+        kf.P[2, 2] = noise[2, 2]  # the yaw is not filtered: its variance is that of one observation
         self._corrected = kf.x.copy()
         self._elapsed = 0.0
 
@@ -104,7 +104,7 @@ class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementP
 
     @property
     def estimate(self) -> Estimate | None:
-        """The person now, with the smoothed displacement per second as velocity."""
+        """The current estimate; its velocity is the smoothed displacement per second."""
         if self._filter is None:
             return None
         x, y, yaw = self._filter.x.tolist()

@@ -1,15 +1,17 @@
-"""What the Kalman filters here share."""
+"""Shared parts of the Kalman filters."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from mecazen_follower.estimators.base import Array, Covariance
+from mecazen.covariance import PlanarCovariance
+
+from mecazen_follower.estimators.base import Array
 
 
 def kalman(state: Array, covariance: Array, H: Array) -> Any:
-    """Return a filter that starts with `state`, a vector, and observes H times it."""
-    # here, and not above: every process reads the follower's config, and this takes a second
+    """Return a filter that starts with a state (n) and observes H (m, n) times it."""
+    # imported late: it takes a second, and every process reads the follower's configuration
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
     kf = KalmanFilter(dim_x=len(state), dim_z=len(H))
@@ -22,7 +24,7 @@ def nis_of(kf: Any) -> float:
     return float(kf.y @ kf.SI @ kf.y)
 
 
-def as_tuple(matrix: Array) -> Covariance:
-    """Return a 3x3 covariance as plain numbers."""
+def as_tuple(matrix: Array) -> PlanarCovariance:
+    """Return a covariance (3, 3) as plain floats."""
     x, y, yaw = map(tuple, matrix.tolist())
     return x, y, yaw

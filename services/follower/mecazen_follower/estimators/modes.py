@@ -1,6 +1,6 @@
-"""Kalman filters of constant turn rate and velocity, one for each way to move.
+"""The interacting multiple model algorithm over Kalman filters of the state of `turn_rate`.
 
-x, y, a, v, w in names of numbers are the state's position, heading, speed and turn rate.
+x, y, a, v, w in names of numbers are position, heading, speed and turn rate of the state.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from mecazen_follower.estimators.turn_rate import (
     State,
     Triangle,
     Walks,
-    carry,
     matrix,
+    propagate,
     triangle,
 )
 
-LEAST = 1e-100
-"""Probability that a mode has at least, besides what normalises it."""
+MIN_WEIGHT = 1e-100
+"""Lower bound of a mode's probability before normalisation."""
 
 
 class Mode(NamedTuple):
-    """A way to move."""
+    """A mode of motion."""
 
     walks: Walks
     """See `process_noise`."""
     moves: bool = True
-    """Whether the speed lasts; else it is 0 but for its random walk."""
+    """Whether the speed persists; else it is 0 plus its random walk."""
     turns: bool = True
-    """Whether the turn rate lasts; else it is 0 but for its random walk."""
-    lasts: float = 1.0
-    """Mean time until another mode takes over [s]; of no matter to a mode that is alone."""
+    """Whether the turn rate persists; else it is 0 plus its random walk."""
+    mean_sojourn: float = 1.0
+    """Mean sojourn time [s]; unused in a bank of one mode."""
 
 
 class Gaussian(NamedTuple):
@@ -47,8 +47,8 @@ class Gaussian(NamedTuple):
     covariance: Triangle
 
 
-class Together(NamedTuple):
-    """All modes as one, with the random walks that have their mean variances."""
+class Combined(NamedTuple):
+    """The mixture of all modes as one Gaussian, with random walks of their mean variances."""
 
     state: State
     covariance: Triangle
@@ -56,47 +56,47 @@ class Together(NamedTuple):
 
 
 class ModeBank:
-    """Extended Kalman filters, one for each mode, that interact.
+    """An extended Kalman filter for each mode, interacting.
 
     Blom, Bar-Shalom: The interacting multiple model algorithm for systems with Markovian
     switching coefficients, IEEE Trans. Automatic Control 33 (1988). With a single mode it is
     an extended Kalman filter.
 
     Args:
-        modes: The modes; each changes to any other with the same probability.
-        state: The first state (5), of all modes.
+        modes: The modes; transitions from one to each other one are equally probable.
+        state: The initial state (5) of all modes.
         covariance: Its covariance (5, 5).
     """
 
     def __init__(self, modes: tuple[Mode, ...], state: Array, covariance: Array) -> None:
         n = len(modes)
         self._modes = modes
-        self._rates = [1.0 / mode.lasts / (n - 1) if n > 1 else 0.0 for mode in modes]
-        """Of changes to each of the others [1/s]."""
+        self._rates = [1.0 / mode.mean_sojourn / (n - 1) if n > 1 else 0.0 for mode in modes]
+        """Transition rates to each of the other modes [1/s]."""
         self.probabilities = [1.0 / n] * n
         self._filters = [Gaussian(tuple(state.tolist()), triangle(covariance))] * n
-        self._made: Together | None = None
+        self._cached: Combined | None = None
         self.nis = 0.0
 
     @property
     def heading(self) -> float:
-        """The heading of all modes together [rad]; not wrapped."""
+        """The mean heading [rad], not wrapped."""
         headings = (state[YAW] for state, _ in self._filters)
         return sum(p * yaw for p, yaw in zip(self.probabilities, headings, strict=True))
 
     @property
     def state(self) -> Array:
-        """The state (5) of all modes together."""
-        return np.array(self._together().state)
+        """The mean state (5)."""
+        return np.array(self._combined().state)
 
     @property
     def covariance(self) -> Array:
         """Its covariance (5, 5)."""
-        return matrix(self._together().covariance)
+        return matrix(self._combined().covariance)
 
-    def _together(self) -> Together:
-        """Return all modes together; made when it is asked for, once."""
-        if self._made is None:
+    def _combined(self) -> Combined:
+        """Return the mixture of all modes; computed on demand, once."""
+        if self._cached is None:
             probabilities = self.probabilities
             variances = [
                 sum(p * walk * walk for p, walk in zip(probabilities, walks, strict=True))
@@ -104,16 +104,16 @@ class ModeBank:
             ]
             sway, step, heading, speed, rate = map(math.sqrt, variances)
             mean = mixture(probabilities, self._filters)
-            self._made = Together(*mean, (sway, step, heading, speed, rate))
-        return self._made
+            self._cached = Combined(*mean, (sway, step, heading, speed, rate))
+        return self._cached
 
     def predict(self, dt: float) -> None:
-        """Mix the modes and move each by `dt` [s]."""
+        """Mix the modes and propagate each by `dt` [s]."""
         others = len(self._modes) - 1
-        # over a step longer than a mode lasts, it is left by no more than there is of it
-        most = 1.0 / max(others, 1)
+        # a step longer than the mean sojourn must not move more than the whole probability
+        limit = 1.0 / max(others, 1)
         change = [
-            p * min(rate * dt, most)
+            p * min(rate * dt, limit)
             for p, rate in zip(self.probabilities, self._rates, strict=True)
         ]
         probabilities, filters = [], []
@@ -123,39 +123,39 @@ class ModeBank:
             probability = sum(joint)
             mixed = mixture([p / probability for p in joint], self._filters)
             probabilities.append(probability)
-            filters.append(Gaussian(*carry(*_held(mode, *mixed), mode.walks, dt)))
+            filters.append(Gaussian(*propagate(*_without_rates(mode, *mixed), mode.walks, dt)))
         self.probabilities, self._filters = probabilities, filters
-        self._made = None
+        self._cached = None
 
     def update(self, observation: Array, noise: Array) -> None:
-        """Take in an observation (3) with its covariance (3, 3).
+        """Correct with an observation (3) and its covariance (3, 3).
 
         Raises:
             ValueError: The covariance is not positive definite.
         """
-        seen, R = observation.tolist(), noise.tolist()
-        corrections = [correct(*before, seen, R) for before in self._filters]
+        observed, R = observation.tolist(), noise.tolist()
+        corrections = [correct(*before, observed, R) for before in self._filters]
         self._filters = [correction.after for correction in corrections]
-        self._made = None
+        self._cached = None
 
         prior = self.probabilities
-        least = min(correction.squared for correction in corrections)
-        self.nis = sum(p * of.squared for p, of in zip(prior, corrections, strict=True))
-        # none dies of underflow: after two hopeless observations in a row all might
+        least = min(correction.nis for correction in corrections)
+        self.nis = sum(p * of.nis for p, of in zip(prior, corrections, strict=True))
+        # the bound prevents underflow: two outliers in a row could zero all modes
         weights = [
-            max(p * math.exp((least - of.squared) / 2.0) / math.sqrt(of.determinant), LEAST)
+            max(p * math.exp((least - of.nis) / 2.0) / math.sqrt(of.determinant), MIN_WEIGHT)
             for p, of in zip(prior, corrections, strict=True)
         ]
         total = sum(weights)
         self.probabilities = [weight / total for weight in weights]
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
-        """Return state and covariance `dt` [s] later, if the modes stay as likely as they are."""
-        return carry(*self._together(), dt)
+        """Return state and covariance `dt` [s] later at constant mode probabilities."""
+        return propagate(*self._combined(), dt)
 
 
-def _held(mode: Mode, state: State, covariance: Triangle) -> Gaussian:
-    """Return a state of which a mode that does not move or turn takes the rates to be 0."""
+def _without_rates(mode: Mode, state: State, covariance: Triangle) -> Gaussian:
+    """Return a state with the speed and turn rate at 0 that the mode assumes to be 0."""
     if mode.moves and mode.turns:
         return Gaussian(state, covariance)
     v, w = float(mode.moves), float(mode.turns)
@@ -204,22 +204,21 @@ def mixture(weights: Sequence[float], parts: Sequence[Gaussian]) -> Gaussian:
 
 
 class Correction(NamedTuple):
-    """What an observation makes of a state, and how it fits."""
+    """Result of a Kalman correction."""
 
     after: Gaussian
-    squared: float
+    nis: float
     """The normalised innovation squared."""
     determinant: float
-    """Of the covariance of the innovation."""
+    """Determinant of the innovation covariance."""
 
 
-def correct(state: State, covariance: Triangle, seen: Sequence[float], R: Rows) -> Correction:
-    """Return what an observation (3) with the covariance R (3, 3) makes of a state.
+def correct(state: State, covariance: Triangle, observed: Sequence[float], R: Rows) -> Correction:
+    """Return the correction of a state by an observation (3) with the covariance R (3, 3).
 
-    With P the covariance, H what sees the first three of the state, S = H P Hᵀ + R and
-    K = P Hᵀ S⁻¹, the covariance becomes P - K H P. Of it the first three columns are
-    P Hᵀ - K (S - R) = K R: without a difference, which could come out negative when the
-    prediction was hopeless.
+    With P the covariance, H the observation matrix, S = H P Hᵀ + R and K = P Hᵀ S⁻¹, the
+    covariance becomes P - K H P. Its first three columns are P Hᵀ - K (S - R) = K R, a form
+    without a difference, which rounding could make negative after a poor prediction.
 
     Raises:
         ValueError: S is not positive definite.
@@ -239,8 +238,10 @@ def correct(state: State, covariance: Triangle, seen: Sequence[float], R: Rows) 
         (x * sxx + y * sxy + a * sxa, x * sxy + y * syy + a * sya, x * sxa + y * sya + a * saa)
         for x, y, a in PH
     ]
-    ix, iy, ia = innovation = [after - before for after, before in zip(seen, state, strict=False)]
-    # K R: the new covariance's columns of x, y and a
+    ix, iy, ia = innovation = [
+        after - before for after, before in zip(observed, state, strict=False)
+    ]
+    # K R: the columns x, y and a of the new covariance
     (xx, xy, xa), (yx, yy, ya), (ax, ay, aa), (vx, vy, va), (wx, wy, wa) = [
         (x * rxx + y * rxy + a * rxa, x * rxy + y * ryy + a * rya, x * rxa + y * rya + a * raa)
         for x, y, a in K
@@ -257,4 +258,4 @@ def correct(state: State, covariance: Triangle, seen: Sequence[float], R: Rows) 
             ww - kwx * xw - kwy * yw - kwa * aw,
         ),
     )
-    return Correction(after, S.squared(innovation), S.determinant)
+    return Correction(after, S.quadratic(innovation), S.determinant)

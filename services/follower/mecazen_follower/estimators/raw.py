@@ -1,4 +1,4 @@
-"""No filter at all."""
+"""The unfiltered observation."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mecazen_follower.estimators.kalman import as_tuple
 
 
 class RawObservation(Estimator, name="none"):
-    """The last observation as it came, held until the next; the velocity is taken as zero."""
+    """The last observation, held until the next one, with zero velocity."""
 
     _estimate: Estimate | None = None
 
@@ -25,5 +25,5 @@ class RawObservation(Estimator, name="none"):
         return self._estimate
 
     def reset(self) -> None:
-        """Forget the last observation."""
+        """Discard the last observation."""
         self._estimate = None

@@ -1,7 +1,7 @@
-"""Symmetric matrices of three rows: A = L D Lᵀ, with ones on the diagonal of L.
+"""LDLᵀ factors of symmetric 3x3 matrices: A = L D Lᵀ, L with a unit diagonal.
 
-Golub, van Loan: Matrix Computations, section 4.1. In plain numbers, since LAPACK takes longer to
-be called than these take to compute.
+Golub, van Loan: Matrix Computations, section 4.1. Plain floats, since the overhead of a call
+to LAPACK exceeds the computation.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ Row = tuple[float, float, float]
 
 
 class Factors(NamedTuple):
-    """What is below the diagonal of L, and the diagonal of D."""
+    """The entries of L below its diagonal, and the diagonal of D."""
 
     yx: float
     zx: float
     zy: float
     pivots: Row
-    """Above 0, all of them."""
+    """The diagonal of D; all are positive."""
 
     @property
     def determinant(self) -> float:
@@ -29,8 +29,8 @@ class Factors(NamedTuple):
         x, y, z = self.pivots
         return x * y * z
 
-    def squared(self, vector: Sequence[float]) -> float:
-        """Return vᵀ A⁻¹ v of a vector (3)."""
+    def quadratic(self, vector: Sequence[float]) -> float:
+        """Return vᵀ A⁻¹ v for a vector v (3)."""
         x, y, z = vector
         y -= self.yx * x
         z -= self.zx * x + self.zy * y
@@ -40,7 +40,7 @@ class Factors(NamedTuple):
     def inverse(self) -> tuple[Row, Row, Row]:
         """Return A⁻¹."""
         yx, zx, zy, (dx, dy, dz) = self
-        zx = zy * yx - zx  # of the inverse of L
+        zx = zy * yx - zx  # of L⁻¹
         zz = 1.0 / dz
         xz, yz = zx * zz, -zy * zz
         yy, xy = 1.0 / dy - zy * yz, -yx / dy - zy * xz
@@ -48,7 +48,7 @@ class Factors(NamedTuple):
 
 
 def factors(matrix: Rows) -> Factors:
-    """Return the factors of a symmetric matrix (3, 3), of which the lower triangle is read.
+    """Return the factors of a symmetric matrix (3, 3); only the lower triangle is read.
 
     Raises:
         ValueError: It is not positive definite.
@@ -64,3 +64,12 @@ def factors(matrix: Rows) -> Factors:
             if zz > 0.0:
                 return Factors(l_yx, l_zx, l_zy, (xx, yy, zz))
     raise ValueError("matrix must be positive definite")
+
+
+def is_positive(matrix: Rows) -> bool:
+    """Return whether a symmetric matrix (3, 3) is positive definite."""
+    try:
+        factors(matrix)
+    except ValueError:
+        return False
+    return True

@@ -1,12 +1,11 @@
-"""Constant turn rate and velocity (CTRV): people walk where they look.
+"""Constant turn rate and velocity (CTRV): people walk in the direction of their heading.
 
 The state is (x, y, yaw, v, w) in odom: position [m], heading [rad], speed along the heading
-[m/s] and turn rate [rad/s]; the heading is not wrapped, so that means of states are means.
-What ties position and heading together is what a filter of independent axes does not know:
-the direction of the motion tells the heading, and the heading the motion.
+[m/s] and turn rate [rad/s]. The heading is not wrapped, so that states can be averaged. The
+model couples position and heading: the direction of motion determines the heading.
 
-The model is of Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and
-Navigation, section 11.7, written with the chord of the arc that is walked:
+The model is from Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and
+Navigation, section 11.7, written with the chord of the arc:
 x += c·cos(yaw + w dt/2), y += c·sin(yaw + w dt/2), c = v dt·sin(w dt/2)/(w dt/2).
 """
 
@@ -22,33 +21,33 @@ from mecazen_follower.estimators.base import Array, Estimate
 SIZE = 5
 X, Y, YAW, V, W = range(SIZE)
 SEEN = 3
-"""The observation is the first three of the state."""
+"""Size of the observation: the first three components of the state."""
 
 Walks = tuple[float, float, float, float, float]
-"""Random walks, see `process_noise`."""
+"""Standard deviations of the random walks, see `process_noise`."""
 State = tuple[float, ...]
-"""A state (5) in plain numbers: NumPy takes longer to be called than these to compute."""
+"""A state (5) as plain floats: the overhead of NumPy would exceed the computation."""
 Triangle = tuple[float, ...]
 """The upper triangle of a covariance (5, 5), row by row: 15 numbers."""
 UPPER = np.triu_indices(SIZE)
 
 IDENTITY: Array = np.eye(SIZE)
-SEES: Array = np.eye(SEEN, SIZE)
-"""What turns a state into what is seen of it (3, 5)."""
-NEAR_0 = 1e-3
-"""Angle [rad] below which the derivative of sin(a)/a is the first term of its series."""
+OBSERVATION: Array = np.eye(SEEN, SIZE)
+"""The observation matrix H (3, 5)."""
+SMALL_ANGLE = 1e-3
+"""Angle [rad] below which the derivative of sin(a)/a is computed by its series."""
 
 
 def arc(state: State, dt: float) -> tuple[float, ...]:
-    """Return the way walked from `state` (5) in `dt` [s], and how it depends on it.
+    """Return the displacement from `state` (5) in `dt` [s], and its derivatives.
 
-    They are x, y [m], and their derivatives by speed and turn rate: x_v, y_v, x_w, y_w. The
-    heading turns the way as a whole.
+    They are x, y [m] and their derivatives by speed and turn rate: x_v, y_v, x_w, y_w. The
+    derivative by the heading is (-y, x).
     """
     _, _, yaw, v, w = state
     half = w * dt / 2.0
     sinc = math.sin(half) / half if half else 1.0
-    slope = -half / 3.0 if abs(half) < NEAR_0 else (math.cos(half) - sinc) / half
+    slope = -half / 3.0 if abs(half) < SMALL_ANGLE else (math.cos(half) - sinc) / half
     c, s = math.cos(yaw + half), math.sin(yaw + half)
     chord, bend = v * dt * sinc, v * dt * dt / 2.0
     return (
@@ -69,7 +68,7 @@ def move(state: Array, dt: float) -> Array:
 
 
 def jacobian(state: Array, dt: float) -> Array:
-    """Return the derivatives (5, 5) of `move` by the state."""
+    """Return the Jacobian (5, 5) of `move` by the state."""
     dx, dy, x_v, y_v, x_w, y_w = arc(tuple(state.tolist()), dt)
     F = IDENTITY.copy()
     F[:SEEN, YAW:] = (-dy, x_v, x_w), (dx, y_v, y_w), (1.0, 0.0, dt)
@@ -77,7 +76,7 @@ def jacobian(state: Array, dt: float) -> Array:
 
 
 def noise(walks: Walks, state: State, dt: float) -> tuple[float, ...]:
-    """Return what of the upper triangle of `process_noise` is not 0, row by row."""
+    """Return the entries of the upper triangle of `process_noise` that are not 0, row by row."""
     sway, step, heading, speed, rate = walks
     sway, step, heading = sway * sway * dt, step * step * dt, heading * heading * dt
     speed, rate = speed * speed * dt, rate * rate * dt
@@ -98,19 +97,17 @@ def process_noise(walks: Walks, state: Array, dt: float) -> Array:
     """Return the covariance (5, 5) that random walks add in `dt` [s].
 
     Args:
-        walks: What disturbs position, heading, speed and turn rate, each as the
-            standard deviation that its random walk has after 1 s. That of the position, to
-            all sides, comes twice: after 1 m walked, since who walks faster sways more
-            often, and after 1 s.
-        state: Where the walks begin (5).
-        dt: Time [s]; to first order in it.
+        walks: Standard deviations of the random walks of the position (isotropic) after 1 m
+            walked, and of position, heading, speed and turn rate after 1 s.
+        state: The state (5) at which they start.
+        dt: Time [s]; the result is of first order in it.
     """
     xx, xy, xv, yy, yv, aa, aw, vv, ww = noise(walks, tuple(state.tolist()), dt)
     return matrix((xx, xy, 0.0, xv, 0.0, yy, 0.0, yv, 0.0, aa, 0.0, aw, vv, 0.0, ww))
 
 
 def matrix(covariance: Triangle) -> Array:
-    """Return a covariance as a matrix (5, 5)."""
+    """Return the symmetric matrix (5, 5) of an upper triangle."""
     P = np.empty((SIZE, SIZE))
     P[UPPER] = P.T[UPPER] = covariance
     return P
@@ -121,15 +118,17 @@ def triangle(covariance: Array) -> Triangle:
     return tuple(covariance[UPPER].tolist())
 
 
-def carry(state: State, covariance: Triangle, walks: Walks, dt: float) -> tuple[State, Triangle]:
+def propagate(
+    state: State, covariance: Triangle, walks: Walks, dt: float
+) -> tuple[State, Triangle]:
     """Return a state and its covariance P after `dt` [s]: `move`, and F P Fᵀ + Q.
 
-    F is the `jacobian`, of which ones and zeros are left out here, and Q the `process_noise`.
+    F is the `jacobian`, whose ones and zeros are not multiplied here, and Q the `process_noise`.
     """
     x, y, yaw, v, w = state
     xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
     dx, dy, x_v, y_v, x_w, y_w = arc(state, dt)
-    # F P, where it is not P: rows x, y and a, the heading
+    # the rows of F P that differ from P: x, y and a, the heading
     fxx = xx - dy * xa + x_v * xv + x_w * xw
     fxy = xy - dy * ya + x_v * yv + x_w * yw
     fxa = xa - dy * aa + x_v * av + x_w * aw
@@ -161,8 +160,8 @@ def carry(state: State, covariance: Triangle, walks: Walks, dt: float) -> tuple[
     )
 
 
-def near(yaw: float, observation: Pose2D) -> Array:
-    """Return an observation (3) with the turn of its yaw that is nearest to `yaw`."""
+def unwrap_yaw(yaw: float, observation: Pose2D) -> Array:
+    """Return an observation (3) with its yaw unwrapped to within pi of `yaw`."""
     return np.array([observation.x, observation.y, yaw + wrap(observation.yaw - yaw)])
 
 

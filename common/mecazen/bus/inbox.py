@@ -1,0 +1,150 @@
+"""What Zenoh's threads receive waits here until the service's thread takes it.
+
+`receive` and `add` run on Zenoh's threads. They put into a queue what the service's thread is
+to call.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Sized
+from functools import partial
+from typing import Generic, Protocol, TypeVar
+
+SAMPLE_BYTES = 500
+"""About what a sample that waits needs besides its payload."""
+BACKLOG_BYTES = 1 << 26
+"""So much waits at most of a topic of which every sample is wanted."""
+WAITING_SAMPLES = 16
+"""So many wait at most of any other: the newest that is good is taken."""
+
+Queue = queue.SimpleQueue[Callable[[], None]]
+
+
+class Sample(Protocol):
+    """A sample as it arrived."""
+
+    @property
+    def payload(self) -> Sized:
+        """Its bytes."""
+
+
+SampleT = TypeVar("SampleT", bound=Sample)
+
+
+class Refusals:
+    """Counts what Zenoh's threads refuse, and reports the counts on the service's thread.
+
+    Args:
+        ready: Takes the call that reports.
+        report: Called with a key, a reason, and how many were refused for it.
+    """
+
+    def __init__(self, ready: Queue, report: Callable[[str, str, int], None]) -> None:
+        self._ready = ready
+        self._report = report
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._lock = threading.Lock()
+
+    def add(self, key: str, reason: str) -> None:
+        """Count one more."""
+        with self._lock:
+            if not self._counts:
+                self._ready.put(self._deliver)
+            self._counts[key, reason] += 1
+
+    def _deliver(self) -> None:
+        with self._lock:
+            counts, self._counts = self._counts, Counter()
+        for (key, reason), count in counts.items():
+            self._report(key, reason, count)
+
+
+class Inbox(Generic[SampleT]):
+    """Keeps the newest samples of a topic that wait; the newest good one of them is taken.
+
+    A malformed sample never displaces a good one: where `WAITING_SAMPLES` wait already, the
+    next is let in only if it is good.
+
+    Args:
+        ready: Takes the call that delivers.
+        take: Delivers a sample; returns whether it was good.
+        is_good: Returns whether a sample can be delivered; runs on Zenoh's threads.
+    """
+
+    def __init__(
+        self, ready: Queue, take: Callable[[SampleT], bool], is_good: Callable[[SampleT], bool]
+    ) -> None:
+        self._ready = ready
+        self._take = take
+        self._is_good = is_good
+        self._samples: deque[SampleT] = deque(maxlen=WAITING_SAMPLES)
+        self._announced = False
+        self._lock = threading.Lock()
+
+    def receive(self, sample: SampleT) -> None:
+        """Keep a sample."""
+        if not self._keep(sample, displace=False) and self._is_good(sample):
+            self._keep(sample, displace=True)
+
+    def _keep(self, sample: SampleT, *, displace: bool) -> bool:
+        """Keep a sample if there is room, or the oldest may be displaced."""
+        with self._lock:
+            if len(self._samples) == WAITING_SAMPLES and not displace:
+                return False
+            self._samples.append(sample)
+            if not self._announced:
+                self._announced = True
+                self._ready.put(self._deliver)
+            return True
+
+    def _deliver(self) -> None:
+        with self._lock:
+            samples, self._samples = self._samples, deque(maxlen=WAITING_SAMPLES)
+            self._announced = False
+        while samples and not self._take(samples.pop()):
+            pass
+
+
+class Backlog(Generic[SampleT]):
+    """Keeps every sample of a subscription that waits, up to a number of bytes.
+
+    Args:
+        ready: Takes the calls that deliver.
+        take: Delivers a sample.
+        limit: How many bytes may wait.
+        refuse: Called for a sample beyond that; runs on Zenoh's threads.
+    """
+
+    def __init__(
+        self,
+        ready: Queue,
+        take: Callable[[SampleT], object],
+        limit: float,
+        refuse: Callable[[], None],
+    ) -> None:
+        self._ready = ready
+        self._take = take
+        self._limit = limit
+        self._refuse = refuse
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    def receive(self, sample: SampleT) -> None:
+        """Keep a sample if there is room for it."""
+        size = SAMPLE_BYTES + len(sample.payload)
+        with self._lock:
+            has_room = self._bytes + size <= self._limit
+            if has_room:
+                self._bytes += size
+        if has_room:
+            self._ready.put(partial(self._deliver, sample, size))
+        else:
+            self._refuse()
+
+    def _deliver(self, sample: SampleT, size: int) -> None:
+        with self._lock:
+            self._bytes -= size
+        self._take(sample)

@@ -1,0 +1,218 @@
+"""Zenoh sessions: their configuration, certificates, and the refusal of strangers."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import zenoh
+
+from mecazen.bus.endpoints import is_open
+from mecazen.config import BusConfig, join_key
+from mecazen.errors import BusError
+from mecazen.keys import TOPICS
+from mecazen.wire import MAX_SAMPLE_BYTES
+
+logger = logging.getLogger(__name__)
+
+Mode = Literal["router", "peer", "client"]
+
+RUNTIME_THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
+"""Zenoh's threads: a service receives little, in turns, and more threads only wake each other."""
+
+SHARED_MEMORY = False
+"""It pays from a megabyte on, and has a thread that wakes twenty times a second."""
+
+CONNECT_MS = 10_000
+"""A service that works through the router alone waits this long for it; tools try once."""
+
+AUTHORITY = "ca"
+"""The name of the certificate authority's own certificate, in a folder of keys."""
+OPERATOR = "operator"
+"""The name of the certificate of the tools."""
+
+
+def session_config(
+    config: BusConfig,
+    mode: Mode,
+    name: str = OPERATOR,
+    *,
+    most_hz: float | None = None,
+    robots: Sequence[str] = ("",),
+) -> zenoh.Config:
+    """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
+
+    A router listens at the endpoints that the others connect to. A peer listens on a free port
+    of loopback, and others find it by gossip through the router. A client only connects.
+
+    Args:
+        config: Endpoints, namespace, keys, and perhaps a Zenoh configuration to start from.
+        mode: Of the session.
+        name: Whose certificate the session shows, where `config.keys` holds certificates.
+        most_hz: A router takes no more samples a second of each topic from each link [1/s].
+        robots: The names of several robots, each of which has its own topics.
+
+    Raises:
+        BusError: A file can't be read, or strangers would get in.
+    """
+    listen = config.listen
+    if config.zenoh_config is None:
+        base = zenoh.Config()
+        listen = listen or ("tls/127.0.0.1:0" if config.keys else "tcp/127.0.0.1:0",)
+    else:
+        try:
+            base = zenoh.Config.from_file(str(config.zenoh_config))
+        except zenoh.ZError as error:
+            problem = f"not a Zenoh configuration: {reason_of(error)}"
+            raise BusError(f"{config.zenoh_config}: {problem}") from None
+    settings: dict[str, Any] = {
+        "mode": mode,
+        "scouting/multicast/enabled": config.multicast_scouting,
+        "scouting/delay": 0,
+        "transport/shared_memory/enabled": SHARED_MEMORY,
+    }
+    if mode == "router":
+        settings["listen/endpoints"] = config.router_endpoints
+        settings |= _filters(most_hz, robots)
+    else:
+        settings["connect/endpoints"] = config.router_endpoints
+        # a router that starts late or comes back is found again within 0.2 s
+        settings["connect/retry"] = {
+            "period_init_ms": 50,
+            "period_max_ms": 200,
+            "period_increase_factor": 1.5,
+        }
+        settings["listen/endpoints"] = listen if mode == "peer" else ()
+        settings["namespace"] = config.namespace
+        if config.mode == "client" and name != OPERATOR:
+            settings["connect/timeout_ms"] = CONNECT_MS
+    if config.keys is not None:
+        settings["transport/link/protocols"] = ["tls"]
+        settings["transport/link/tls"] = _certificates(config.keys, name)
+    for key, value in settings.items():
+        if value is not None:
+            base.insert_json5(key, json.dumps(value))
+    if mode != "client":
+        _refuse_strangers(base, mode, insecure=config.insecure)
+    return base
+
+
+def _filters(most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
+    """Return a router's settings that drop oversized samples, and those beyond a rate."""
+    at_entry = {"flows": ["ingress"], "messages": ["put"]}
+    too_long = {
+        "id": "size of samples",
+        "key_exprs": [f"**/{topic.key}" for topic in TOPICS],
+        "size_limit": MAX_SAMPLE_BYTES,
+    }
+    settings: dict[str, Any] = {"low_pass_filter": [at_entry | too_long]}
+    if most_hz is not None:
+        # two keys of one rule would share its rate: physics publishes for all robots at once
+        rules = [
+            {"key_expr": f"**/{join_key(topic.key, robot)}", "freq": most_hz}
+            for robot in robots
+            for topic in TOPICS
+        ]
+        settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rules}]
+    return settings
+
+
+def _certificates(folder: Path, name: str) -> dict[str, Any]:
+    """Return Zenoh's settings by which both ends of a link show certificates.
+
+    Raises:
+        BusError: The folder has none for `name`.
+    """
+    authority, certificate, key = (
+        folder / file for file in (f"{AUTHORITY}.crt", f"{name}.crt", f"{name}.key")
+    )
+    for file in (authority, certificate, key):
+        if not os.access(file, os.R_OK):
+            raise BusError(f"{file}: can't be read; `mecazen keys create` makes such files")
+    return {
+        "root_ca_certificate": str(authority),
+        "enable_mtls": True,
+        "listen_certificate": str(certificate),
+        "listen_private_key": str(key),
+        "connect_certificate": str(certificate),
+        "connect_private_key": str(key),
+    }
+
+
+def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
+    """Check that a peer or a router meets others only on loopback or by certificates.
+
+    Raises:
+        BusError: It meets them elsewhere, and `insecure` does not allow that.
+    """
+    mutual_tls = base.get_json("transport/link/tls/enable_mtls") == "true"
+    for way in ("listen", "connect"):
+        endpoints = json.loads(base.get_json(f"{way}/endpoints"))
+        if isinstance(endpoints, dict):
+            endpoints = endpoints.get(mode) or ()
+        for endpoint in endpoints:
+            if not is_open(endpoint, mutual_tls=mutual_tls):
+                continue
+            what = f"{way} endpoint {endpoint} of a {mode} is beyond loopback and without TLS"
+            if not insecure:
+                raise BusError(
+                    f"{what}: give bus.keys and take tls/…, or allow it by bus.insecure = true"
+                )
+            logger.warning("msg=%r", f"{what}: whoever reaches it drives the robot")
+
+
+def open_session(
+    config: BusConfig,
+    mode: Mode,
+    name: str = OPERATOR,
+    *,
+    most_hz: float | None = None,
+    robots: Sequence[str] = ("",),
+) -> zenoh.Session:
+    """Open a Zenoh session; see `session_config`.
+
+    Raises:
+        BusError: A port is taken, or a client finds nobody to connect to.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME_THREADS)  # read by the first session
+    try:
+        return zenoh.open(session_config(config, mode, name, most_hz=most_hz, robots=robots))
+    except zenoh.ZError as error:
+        endpoints = ", ".join(config.router_endpoints or (str(config.zenoh_config),))
+        reason = reason_of(error)
+        if mode == "router" and "Address already in use" in reason:
+            raise BusError(
+                f"can't listen on {endpoints}: the port is taken, by another `mecazen up` or "
+                "router? (--set bus.connect='[\"tcp/127.0.0.1:PORT\"]' takes another)"
+            ) from None
+        if mode == "client" and "Unable to connect" in reason:
+            raise BusError(f"nothing answers at {endpoints}: is `mecazen up` running?") from None
+        where = f"listen on {endpoints}" if mode == "router" else "open the Zenoh session"
+        raise BusError(f"can't {where}: {reason}") from None
+
+
+def includes(expression: str, key: str) -> bool:
+    """Return whether a key expression holds a key.
+
+    Raises:
+        BusError: It is no key expression.
+    """
+    try:
+        return bool(zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key)))
+    except zenoh.ZError as error:
+        raise BusError(f"{expression!r} is not a key expression: {reason_of(error)}") from None
+
+
+def reason_of(error: zenoh.ZError) -> str:
+    """Return an error of Zenoh in one line, without the places in its sources."""
+    text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
+    parsing = re.search(r"-->\s*(\d+):(\d+)\s.*=\s+(.*)", text, re.DOTALL)
+    if parsing:
+        return f"line {parsing[1]}, column {parsing[2]}: {' '.join(parsing[3].split())}"
+    quoted = re.search(r'msg: "((?:[^"\\]|\\.)*)"', text)
+    return " ".join((quoted[1] if quoted else text).split())

@@ -1,0 +1,30 @@
+"""Covariances: ROS's row-major 6x6, and the planar 3x3 over (x, y, yaw) in it."""
+
+from __future__ import annotations
+
+from operator import itemgetter
+
+PlanarCovariance = tuple[tuple[float, ...], ...]
+"""3x3 over x [m], y [m] and yaw [rad], row by row."""
+
+_planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+
+
+def planar_covariance(covariance: tuple[float, ...]) -> PlanarCovariance:
+    """Return the 3x3 over (x, y, yaw) of ROS's row-major 6x6."""
+    xx, xy, xw, yx, yy, yw, wx, wy, ww = _planar_entries(covariance)
+    return (xx, xy, xw), (yx, yy, yw), (wx, wy, ww)
+
+
+def ros_covariance(planar: PlanarCovariance) -> tuple[float, ...]:
+    """Return ROS's row-major 6x6 of a 3x3 over (x, y, yaw); 0 where nothing is known."""
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = planar
+    zeros = 0.0, 0.0, 0.0
+    return (xx, xy, *zeros, xw, yx, yy, *zeros, yw, *6 * zeros, wx, wy, *zeros, ww)
+
+
+def diagonal_covariance(variances: tuple[float, ...]) -> tuple[float, ...]:
+    """Return ROS's row-major 6x6 with the six variances of x, y, z, roll, pitch and yaw."""
+    return tuple(
+        variances[row] if row == column else 0.0 for row in range(6) for column in range(6)
+    )

@@ -1,0 +1,103 @@
+"""Which numbers are plausible: the one table of limits of what comes from outside.
+
+A sample or a request beyond its limits is refused where its bytes are decoded, before any node
+sees it. Within a process nothing is decoded: there only nodes of one's own are checked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter, itemgetter
+from typing import Any, NamedTuple
+
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.wire import RefusedError
+
+FARTHEST_M = 1e6
+"""The largest coordinate: beyond it the arithmetic of poses loses millimetres."""
+FARTHEST_START_M = 1e5
+"""The largest coordinate that odometry can be set to: it leaves room to drive on."""
+FASTEST = 1e6
+"""The largest component of a velocity of the robot or its joints [m/s, rad/s]."""
+FASTEST_PERSON = 10.0
+"""The largest component of a velocity of the person [m/s, rad/s]."""
+
+
+class Limit(NamedTuple):
+    """The largest magnitude that some numbers of a message may have."""
+
+    what: str
+    unit: str
+    most: float
+    part: Callable[[Any], Any]
+    """Takes the part of a message that holds them ..."""
+    numbers: Callable[[Any], Sequence[float]]
+    """... and the numbers from that part."""
+
+
+def _xyz(vector: m.Vector3 | m.Point) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+_planar = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+"""Takes the entries of x, y and yaw from a row-major 6x6; others may say "unknown" by 1e99."""
+
+
+def _position(path: str, farthest_m: float = FARTHEST_M) -> Limit:
+    return Limit("position", "m", farthest_m, attrgetter(f"{path}position"), _xyz)
+
+
+def _twist(path: str, linear: float = FASTEST, angular: float = FASTEST) -> tuple[Limit, ...]:
+    return (
+        Limit("linear velocity", "m/s", linear, attrgetter(f"{path}linear"), _xyz),
+        Limit("angular velocity", "rad/s", angular, attrgetter(f"{path}angular"), _xyz),
+    )
+
+
+def _each(path: str, limit: Limit) -> Limit:
+    """Return the limit of a message whose parts at `path` all have that limit."""
+    return limit._replace(
+        part=attrgetter(path),
+        numbers=lambda parts: [n for part in parts for n in limit.numbers(limit.part(part))],
+    )
+
+
+BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
+    m.Twist: _twist(""),
+    m.Odometry: (_position("pose.pose."), *_twist("twist.twist.")),
+    m.OdometryRequest: (_position("pose.", FARTHEST_START_M),),
+    m.JointState: (Limit("joint velocity", "rad/s", FASTEST, attrgetter("velocity"), tuple),),
+    m.Observation: (
+        _each("poses", _position("pose.")),
+        _each("poses", Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar)),
+    ),
+    m.FollowerState: (
+        _each("estimate", _position("pose.pose.")),
+        _each("goal", _position("")),
+    ),
+}
+"""The limits of a message, whichever key carries it; a quaternion may have any length."""
+
+BY_KEY: Mapping[str, tuple[Limit, ...]] = {
+    keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON, FASTEST_PERSON),
+    keys.TARGET_ODOM.key: (_position("pose.pose."), *_twist("twist.twist.", FASTEST_PERSON)),
+}
+"""The limits of a key that has others."""
+
+
+def refuse_implausible(key: str, message: m.Message) -> None:
+    """Check a message that came on `key`, without a robot's namespace.
+
+    Raises:
+        RefusedError: A number is beyond its limit.
+    """
+    for what, unit, most, part, numbers in BY_KEY.get(key) or BY_TYPE.get(type(message), ()):
+        values = numbers(part(message))
+        # where the norm is within the limit each number is, and none is NaN; quicker than each
+        if not math.hypot(*values) <= most:
+            for value in values:
+                if not abs(value) <= most:
+                    at_most = f"{most:g} {unit}".rstrip()
+                    raise RefusedError(f"{what} {value} is out of range, at most {at_most}")

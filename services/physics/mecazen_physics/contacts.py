@@ -1,0 +1,140 @@
+"""What can touch what soon: footprints, and the rollers that need collision detection."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from mecazen.geometry import Pose2D
+from mecazen.robot import WHEELS, Robot
+from mecazen.world import Box, Cylinder
+
+from mecazen_physics.config import PhysicsConfig
+
+MARGIN_RAD = 0.2
+"""Beyond its arc a roller is clear of the ground: by R (1 - cos 0.2), 1 mm at R = 50 mm."""
+MAX_TILT_RAD = 0.05
+"""A base that leans more may touch the ground with any roller."""
+SPEED_MARGIN = 1.5
+"""How much faster than its present and its commanded speed a wheel may become within a tick."""
+HORIZON_S = 0.02
+"""Contact candidates are updated at least this often: farther ahead nothing is predictable."""
+CLEARANCE_M = 0.02
+"""Added to the distance that two footprints can travel within the horizon."""
+MAX_ACCELERATION_M_S2 = 10.0
+"""No robot on the ground accelerates more."""
+
+
+def horizon_steps(physics: PhysicsConfig) -> int:
+    """Return the most steps that are simulated between two updates of the candidates."""
+    return max(1, round(HORIZON_S / physics.dt_s))
+
+
+class Footprint(NamedTuple):
+    """An upright body seen from above: a rectangle with a rim round it, in the world frame.
+
+    The centre (x, y), half the length, along `yaw` [rad], half the width, and the rim are in
+    [m]; no point of it moves faster than `speed` [m/s].
+    """
+
+    x: float
+    y: float
+    yaw: float = 0.0
+    half_length: float = 0.0
+    half_width: float = 0.0
+    rim: float = 0.0
+    speed: float = 0.0
+
+    @classmethod
+    def of_robot(
+        cls, extents: tuple[float, float], pose: Pose2D, speed: float, yaw_rate: float
+    ) -> Footprint:
+        """Return the footprint of a robot with `Robot.footprint` = `extents`.
+
+        Its base_link is at `pose` in the world frame and moves with `speed` [m/s] and
+        `yaw_rate` [rad/s].
+        """
+        gain = MAX_ACCELERATION_M_S2 * HORIZON_S
+        return cls(*pose, *extents, speed=speed + abs(yaw_rate) * math.hypot(*extents) + gain)
+
+    @classmethod
+    def of_obstacle(cls, obstacle: Box | Cylinder) -> Footprint:
+        """Return the footprint of an obstacle."""
+        if isinstance(obstacle, Cylinder):
+            return cls(*obstacle.position_m, rim=obstacle.size_m[0])
+        length, width, _ = obstacle.size_m
+        yaw = math.radians(obstacle.yaw_deg)
+        return cls(*obstacle.position_m, yaw, length / 2, width / 2)
+
+    @property
+    def radius(self) -> float:
+        """Radius of the circle round it [m]."""
+        return math.hypot(self.half_length, self.half_width) + self.rim
+
+    def gap(self, other: Footprint) -> float:
+        """Return a lower bound of the distance between the two [m].
+
+        It is that of each from the other's circle, the larger of both; where one is a circle,
+        it is the distance itself.
+        """
+        return max(self._gap_to_circle(other), other._gap_to_circle(self))
+
+    def may_touch(self, other: Footprint, margin: float = 1.0) -> bool:
+        """Return whether the two may touch within the horizon, with a factor on that distance."""
+        travel = margin * (CLEARANCE_M + (self.speed + other.speed) * HORIZON_S)
+        return self._gap_to_circle(other) <= travel and other._gap_to_circle(self) <= travel
+
+    def _gap_to_circle(self, other: Footprint) -> float:
+        x, y = other.x - self.x, other.y - self.y
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        ahead = max(abs(cos * x + sin * y) - self.half_length, 0.0)
+        aside = max(abs(cos * y - sin * x) - self.half_width, 0.0)
+        return math.hypot(ahead, aside) - self.rim - other.radius
+
+
+class ContactCandidates:
+    """Leaves rollers out of collision detection while they can touch nothing.
+
+    This changes no contact, only the time it takes to find them (and their order, so the last
+    bits of a sum): a roller whose arc is not near the bottom is above the ground. Every roller
+    is a candidate as soon as the robot leans or something else is close. The angle of a roller
+    is counted from the bottom, where roller 0 of a wheel at 0 is.
+
+    Args:
+        robot: The robot.
+        rollers: DART's bodies of its rollers, wheel by wheel.
+    """
+
+    def __init__(self, robot: Robot, rollers: Sequence[Any]) -> None:
+        count = robot.rollers.count
+        self._pitch = math.tau / count
+        self._arc = math.pi / count + MARGIN_RAD + MAX_TILT_RAD
+        self._wheels = [rollers[first : first + count] for first in range(0, len(rollers), count)]
+        self._candidates = [[True] * count for _ in WHEELS]
+
+    def update(
+        self,
+        angles: Sequence[float],
+        speeds: Sequence[float],
+        duration: float,
+        *,
+        isolated: bool,
+    ) -> None:
+        """Choose the candidates of the next `duration` [s].
+
+        Args:
+            angles: Of the wheels [rad].
+            speeds: The magnitude of each wheel's present or commanded speed, the larger [rad/s].
+            duration: Until the next update [s].
+            isolated: Whether the robot is upright and nothing but the ground can touch it.
+        """
+        for rollers, candidates, angle, speed in zip(
+            self._wheels, self._candidates, angles, speeds, strict=True
+        ):
+            arc = self._arc + SPEED_MARGIN * speed * duration if isolated else math.inf
+            for index, roller in enumerate(rollers):
+                candidate = abs(math.remainder(angle + index * self._pitch, math.tau)) < arc
+                if candidate != candidates[index]:
+                    candidates[index] = candidate
+                    roller.setCollidable(candidate)

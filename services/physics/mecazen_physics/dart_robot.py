@@ -1,0 +1,153 @@
+"""A robot of the world: it switches between the models of its rollers."""
+
+from __future__ import annotations
+
+import math
+
+from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.robot import Robot
+from mecazen.world import WorldConfig
+
+from mecazen_physics import bodies
+from mecazen_physics.body import AllRollersBody, RobotBody
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.contacts import MAX_TILT_RAD, Footprint, horizon_steps
+from mecazen_physics.dart_world import DartWorld, MovingPerson
+from mecazen_physics.motors import Motors, Push, WheelCommand
+from mecazen_physics.near_rollers import NearRollersBody
+from mecazen_physics.state import RobotState, check_converged
+
+HYSTERESIS = 1.5
+"""A robot is isolated again at so many times the distance at which it ceases to be."""
+
+
+class DartRobot:
+    """A robot at rest at `start`, its motors, and the people round it.
+
+    With `physics.rollers` = "near" its body has the rollers near the ground while it is
+    isolated: upright, simulated by itself, with no obstacle or person close. Else it has all of
+    them. The motion passes from one body to the other.
+
+    Raises:
+        UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low
+            that the robot could drive onto it, a roller's bearing too stiff for the step, or
+            the rollers too many for `NearRollersBody`.
+    """
+
+    def __init__(
+        self, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
+    ) -> None:
+        bodies.check_bearings(robot, physics)
+        self._dt = physics.dt_s
+        self._horizon = horizon_steps(physics)
+        self._extents = robot.footprint
+        self._bearing_friction = robot.rollers.bearing_friction_nms
+        # base_link's origin is the mean of the wheels' lowest points, which no attitude of a
+        # robot above the ground brings below it.
+        self._max_depth = robot.rollers.max_radius_m
+        # Nothing that a robot touches makes it ten times as fast as its motors can.
+        self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
+        """A robot that is faster [m/s] has diverged."""
+        self._all = AllRollersBody(robot, start, physics, world)
+        self._isolated_body: RobotBody = self._all
+        if physics.rollers == "near":
+            self._isolated_body = NearRollersBody(robot, start, physics, world)
+        self.body: RobotBody = self._isolated_body
+        """The body that is simulated now."""
+        self.isolated = True
+        self.joint_names = self._all.joint_names
+        self._own_world = self._all.world
+        self._shared_world: DartWorld | None = None
+        self._motors = Motors(robot, physics)
+        self._obstacles = [Footprint.of_obstacle(obstacle) for obstacle in world.obstacles]
+        self._person_radius = world.person.radius_m
+        self._people: dict[int, MovingPerson] = {}
+        self.close_people: dict[int, MovingPerson] = {}
+        """Those who may touch the robot soon, by their numbers."""
+        self._steps = 0
+        self._state = self._read()
+
+    def state(self) -> RobotState:
+        """Return the present state."""
+        return self._state
+
+    def footprint(self) -> Footprint:
+        """Return the robot seen from above."""
+        x, y, _ = self._state.position
+        speed = math.hypot(*self._state.linear[:2])
+        pose = Pose2D(x, y, self._state.yaw)
+        return Footprint.of_robot(self._extents, pose, speed, self._state.angular[2])
+
+    def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
+        """Put a person at `pose` in the world frame, moving with `velocity` in their own."""
+        person = MovingPerson(pose.x, pose.y, rotate(velocity.x, velocity.y, pose.yaw))
+        self._people[number] = person
+        self.body.world.place_person(number, person)
+
+    def share(self, world: DartWorld | None) -> None:
+        """Be in a world together with other robots from now on; in one's own with None."""
+        self._shared_world = world
+
+    def update_contact_candidates(self) -> None:
+        """Find what may touch the robot soon, and take the body that suits it."""
+        footprint = self.footprint()
+        # With hysteresis the robot does not switch back and forth at the border.
+        margin = 1.0 if self.isolated else HYSTERESIS
+        self.close_people = {
+            number: person
+            for number, person in self._people.items()
+            if footprint.may_touch(self._person_footprint(person), margin)
+        }
+        self.isolated = (
+            self._shared_world is None
+            and not self.close_people
+            and margin * self._state.tilt < MAX_TILT_RAD
+            and not any(footprint.may_touch(obstacle, margin) for obstacle in self._obstacles)
+        )
+        before = self.body.world
+        self._all.move_to(self._shared_world or self._own_world)
+        body = self._isolated_body if self.isolated else self._all
+        if body is not self.body:
+            body.write(self.body.read())
+            self.body = body
+        if body.world is not before:
+            # People are not placed in the world that was left: whoever returns is placed anew.
+            before.set_present({})
+
+    def prepare(self, command: WheelCommand, steps: int) -> tuple[int, Push | None]:
+        """Give the motors a command.
+
+        Returns:
+            How many of `steps` steps can be simulated before the next call, and what is to be
+            called before each of them, if anything.
+        """
+        steps = min(steps, self._horizon)
+        speeds, push = self._motors.apply(
+            command, self.body, self._state, steps, isolated=self.isolated
+        )
+        return self.body.prepare(speeds, steps, isolated=self.isolated), push
+
+    def settle(self, steps: int) -> None:
+        """Take over the state after `steps` steps that were simulated.
+
+        Raises:
+            DivergedError: if it is no longer one of a robot on the ground; the last good state
+                stays.
+        """
+        self.body.settle(steps)
+        duration = steps * self._dt
+        for number, (x, y, velocity) in self._people.items():
+            vx, vy = velocity
+            self._people[number] = MovingPerson(x + vx * duration, y + vy * duration, velocity)
+        self._steps += steps
+        state = self._read()
+        check_converged(state, self._state, self._max_depth, self.max_speed)
+        self._state = state
+
+    def _person_footprint(self, person: MovingPerson) -> Footprint:
+        speed = math.hypot(*person.velocity)
+        return Footprint(person.x, person.y, rim=self._person_radius, speed=speed)
+
+    def _read(self) -> RobotState:
+        time = self._steps * self._dt
+        return RobotState.of(time, self.body.read(), self.body.torques(), self._bearing_friction)

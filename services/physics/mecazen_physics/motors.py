@@ -1,0 +1,135 @@
+"""The wheels' motors: from commands of speed or torque to commands of DART's joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+from mecazen.robot import WHEELS, Robot
+
+from mecazen_physics import model
+from mecazen_physics.body import Drive, RobotBody
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.pid import WheelPid
+from mecazen_physics.state import RobotState
+
+TORQUE_HEADROOM = 0.8
+"""Motors that need less than this share of their torque are simulated without its limit."""
+
+Push = Callable[[], object]
+"""Sets the wheels' commands before a step."""
+
+
+class WheelCommand(NamedTuple):
+    """What the motors are to do: speeds [rad/s], or torques [N·m], in the order of `WHEELS`."""
+
+    values: Sequence[float]
+    is_effort: bool = False
+
+
+class Motors:
+    """The four motors of a robot.
+
+    Speeds and torques beyond the motor's limits are taken as the limits, and a wheel at its
+    highest speed is not driven further by a torque.
+    """
+
+    def __init__(self, robot: Robot, physics: PhysicsConfig) -> None:
+        self._dt = physics.dt_s
+        self._max_torque = robot.wheels.max_torque_nm
+        self._max_speed = robot.wheels.max_speed_rad_s
+        self._hub_inertia = model.links(robot)[0].moments[1]
+        self._torque_per_change = model.driven_inertia(robot) / physics.dt_s
+        """Torque [N·m] for each rad/s by which a wheel's speed changes in one step."""
+        self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
+        self._has_pids = physics.drive == "effort"
+        self._by_torque = self._has_pids
+
+    def apply(
+        self,
+        command: WheelCommand,
+        body: RobotBody,
+        state: RobotState,
+        steps: int,
+        *,
+        isolated: bool,
+    ) -> tuple[list[tuple[float, float]], Push | None]:
+        """Give the motors of `body` a command for the next `steps` steps.
+
+        Returns:
+            The lowest and the highest speed that each wheel should have in them [rad/s], and
+            what is to be called before each step, if anything.
+        """
+        speeds = state.joint_velocity[: len(WHEELS)]
+        if command.is_effort:
+            gain = steps * self._dt / self._hub_inertia
+            changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
+            ranges = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+            self._use("torque", body)
+            return ranges, partial(self._push, body.wheels, command.values)
+        limit = self._max_speed
+        target = [min(max(speed, -limit), limit) for speed in command.values]
+        ranges = [
+            (now, goal) if now < goal else (goal, now)
+            for now, goal in zip(speeds, target, strict=True)
+        ]
+        if self._has_pids:
+            self._use("torque", body)
+            return ranges, partial(self._control, body.wheels, target)
+        rise = self._steps_within_headroom(target, state) if isolated else math.inf
+        self._use("speed" if rise <= steps else "servo", body)
+        if 1.0 < rise <= steps:
+            ramp = _ramp(body.wheels, speeds, target, math.ceil(rise))
+            return ranges, partial(next, ramp, None)
+        for wheel, speed in zip(body.wheels, target, strict=True):
+            wheel.setCommand(0, speed)
+        return ranges, None
+
+    def _steps_within_headroom(self, target: Sequence[float], state: RobotState) -> float:
+        """Return in how many steps the wheels reach `target` [rad/s] within the headroom."""
+        if state.time == 0.0:
+            return math.inf  # the first torque is not known yet
+        torque = max(map(abs, state.joint_effort[: len(WHEELS)]))
+        left = TORQUE_HEADROOM * self._max_torque - torque
+        if left <= 0.0:
+            return math.inf
+        speeds = state.joint_velocity
+        change = max(abs(goal - speed) for goal, speed in zip(target, speeds, strict=False))
+        return self._torque_per_change * change / left
+
+    def _use(self, drive: Drive, body: RobotBody) -> None:
+        body.use(drive)
+        if self._by_torque != (drive == "torque"):
+            self._by_torque = drive == "torque"
+            for pid in self._pids:
+                pid.reset()
+
+    def _control(self, wheels: Sequence[Any], target: Sequence[float]) -> None:
+        """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
+        torques = [
+            pid.update(goal - wheel.getVelocity(0))
+            for pid, goal, wheel in zip(self._pids, target, wheels, strict=True)
+        ]
+        self._push(wheels, torques)
+
+    def _push(self, wheels: Sequence[Any], torques: Sequence[float]) -> None:
+        """Set the wheels' torques [N·m], as far as motors give them at their speeds."""
+        limit, fastest = self._max_torque, self._max_speed
+        for wheel, torque in zip(wheels, torques, strict=True):
+            speed = wheel.getVelocity(0)
+            upper = limit if speed < fastest else 0.0
+            lower = -limit if speed > -fastest else 0.0
+            wheel.setCommand(0, min(max(torque, lower), upper))
+
+
+def _ramp(
+    wheels: Sequence[Any], speeds: Sequence[float], target: Sequence[float], steps: int
+) -> Iterator[None]:
+    """Bring wheels from `speeds` to `target` [rad/s] in `steps` equal steps, one at each `next`."""
+    for step in range(1, steps + 1):
+        part = step / steps
+        for wheel, begin, end in zip(wheels, speeds, target, strict=True):
+            wheel.setCommand(0, begin + part * (end - begin))
+        yield

@@ -1,0 +1,156 @@
+"""The robot's body with the rollers near the ground alone: two a wheel.
+
+A wheel that turns by a pitch p = 2π/N looks the same. So its joint keeps an angle q within
+about [0, p), the real one less k pitches, and the bodies are the rollers in two *places*: at q
+and q - p from the bottom, the only ones near the ground. When q leaves that range it is
+brought back by a pitch and every roller moves on by one place: one of the two bodies gets the
+angle and spin of the other, which is at the bottom in both cases, and the other those of an
+airborne roller. No geometry and no inertia of the bodies changes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+from mecazen.geometry import Pose2D
+from mecazen.robot import WHEELS, Robot
+from mecazen.world import WorldConfig
+
+from mecazen_physics import bodies
+from mecazen_physics.airborne import AirborneRollers
+from mecazen_physics.body import RobotBody
+from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
+from mecazen_physics.dart_world import DartWorld
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.model import near_tree
+from mecazen_physics.state import BASE_DOFS, Motion
+
+CLEAR_RAD = 0.1
+"""Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
+PULL_RAD_S2 = 200.0
+"""Acceleration of a wheel by weight and grip beside its motor: 1 g at R = 50 mm."""
+SLACK_RAD = 0.02
+"""How far beyond its range a wheel may be expected before it is brought back: one that rests
+on the border is not brought back and forth."""
+
+_WHEELS = len(WHEELS)
+_ON_AXLE = [wheel.startswith("front") for wheel in WHEELS]
+_FIRST_ROLLER = BASE_DOFS + _WHEELS
+
+
+class NearRollersBody(RobotBody):
+    """A robot that nothing but the ground can touch, with two rollers a wheel as bodies.
+
+    Raises:
+        UnsupportedError: if the rollers are too many for the fastest wheel in a step, or as of
+            `RobotBody`.
+    """
+
+    def __init__(
+        self, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
+    ) -> None:
+        bare = DartWorld(robot, physics, msgspec.structs.replace(world, obstacles=()))
+        skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, physics, world)
+        super().__init__(bare, skeleton, joints, physics.dt_s)
+        count = robot.rollers.count
+        self._pitch = math.tau / count
+        # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
+        self._travel = self._pitch - 2.0 * (CLEAR_RAD + MAX_TILT_RAD + SLACK_RAD)
+        if self._travel < robot.wheels.max_speed_rad_s * physics.dt_s:
+            raise UnsupportedError(
+                f'physics.rollers = "near" needs fewer than {count} rollers a wheel, or '
+                f"physics.dt_s = {physics.dt_s} or wheels.max_speed_rad_s = "
+                f"{robot.wheels.max_speed_rad_s} smaller: a wheel must not pass a roller in a step"
+            )
+        self._base = self.skeleton.getBodyNode(0)
+        self.airborne = AirborneRollers(robot, physics.dt_s)
+        self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
+        """Indices that do as `np.roll` does, which takes ten times as long."""
+        self._order = np.arange(_WHEELS * count).reshape(_WHEELS, count)
+        """The column of `AirborneRollers.state` of each roller."""
+        self._pitches = [0] * _WHEELS
+        self._position: list[float] = self.skeleton.getPositions().tolist()
+        self._velocity: list[float] = self.skeleton.getVelocities().tolist()
+
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, isolated: bool) -> int:
+        """Bring back the wheels whose rollers move on; see `RobotBody`."""
+        del isolated
+        pull = PULL_RAD_S2 * self._dt * steps
+        ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
+        widest = SPEED_MARGIN * self._dt * max(high - low for low, high in ahead)
+        if steps * widest > self._travel:
+            steps = max(1, int(self._travel / widest))
+        moved = False
+        half_way = 0.5 * SPEED_MARGIN * self._dt * steps
+        angles = self._position[BASE_DOFS:_FIRST_ROLLER]
+        for wheel, ((low, high), angle) in enumerate(zip(ahead, angles, strict=True)):
+            middle = angle + half_way * (low + high)
+            if not -SLACK_RAD <= middle <= self._pitch + SLACK_RAD:
+                pitches = math.floor(middle / self._pitch)
+                self._turn_back(wheel, pitches)
+                places = self.airborne.places[:, wheel]
+                places[:] = places[:, self._rolls[pitches % len(self._rolls)]]
+                moved = True
+        if moved:
+            self._write_bodies()
+        for hub, torque in zip(self._hubs, self.airborne.torques(steps), strict=True):
+            hub.setExtTorque(torque, True)
+        return steps
+
+    def settle(self, steps: int) -> None:
+        """Advance the airborne rollers; see `RobotBody`."""
+        position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
+        self._position, self._velocity = position.tolist(), velocity.tolist()
+        self.airborne.advance(steps, self._rates())
+        self.airborne.body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
+        self.airborne.body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
+
+    def read(self) -> Motion:
+        """See `RobotBody`."""
+        angles, spins = self.airborne.state[:2, self._order.ravel()].tolist()
+        position = self._position[:_FIRST_ROLLER] + angles
+        for wheel, pitches in enumerate(self._pitches):
+            position[BASE_DOFS + wheel] += pitches * self._pitch
+        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins)
+
+    def write(self, motion: Motion) -> None:
+        """See `RobotBody`."""
+        self._position[:_FIRST_ROLLER] = motion.position[:_FIRST_ROLLER]
+        self._velocity[:_FIRST_ROLLER] = motion.velocity[:_FIRST_ROLLER]
+        self._pitches = [0] * _WHEELS
+        for wheel, angle in enumerate(motion.position[BASE_DOFS:_FIRST_ROLLER]):
+            self._turn_back(wheel, math.floor(angle / self._pitch))
+        self.airborne.state[0, self._order.ravel()] = motion.position[_FIRST_ROLLER:]
+        self.airborne.state[1, self._order.ravel()] = motion.velocity[_FIRST_ROLLER:]
+        self._write_bodies()
+        self.airborne.set_rates(self._rates())
+
+    def _turn_back(self, wheel: int, pitches: int) -> None:
+        """Take whole pitches off a wheel's angle; its rollers' places are others then."""
+        self._position[BASE_DOFS + wheel] -= pitches * self._pitch
+        self._pitches[wheel] += pitches
+        count = len(self._rolls)
+        self._order[wheel] = wheel * count + self._rolls[-self._pitches[wheel] % count]
+
+    def _write_bodies(self) -> None:
+        """Write positions and velocities, the bodies' from the rollers in their places."""
+        self._position[_FIRST_ROLLER:] = self.airborne.body_angles.ravel().tolist()
+        self._velocity[_FIRST_ROLLER:] = self.airborne.body_spins.ravel().tolist()
+        self.skeleton.setPositions(self._position)
+        self.skeleton.setVelocities(self._velocity)
+
+    def _rates(self) -> list[float]:
+        """Return the wheels' rates as `AirborneRollers` takes them [rad/s]."""
+        x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
+        rolls = (x, x + self._velocity[BASE_DOFS - 1])
+        angles = self._position[BASE_DOFS:_FIRST_ROLLER]
+        speeds = self._velocity[BASE_DOFS:_FIRST_ROLLER]
+        rates: list[float] = []
+        for on_axle, angle, speed in zip(_ON_AXLE, angles, speeds, strict=True):
+            cos, sin, roll = math.cos(angle), math.sin(angle), rolls[on_axle]
+            rates += (roll * cos - z * sin, y + speed, roll * sin + z * cos)
+        return rates

@@ -1,0 +1,134 @@
+"""A robot's motion in DART's coordinates, and its state in ROS's."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from mecazen.robot import WHEELS
+
+from mecazen_physics.errors import DivergedError
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+BASE_DOFS = 7
+"""Of the base in space, and of its front axle."""
+
+
+class Motion(NamedTuple):
+    """Positions and velocities of a robot in DART's coordinates.
+
+    Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
+    [rad], and their rates, in world axes [rad/s, m/s, rad/s]; then of the joints, wheels and
+    every roller, [rad] and [rad/s].
+    """
+
+    position: list[float]
+    velocity: list[float]
+
+
+class RobotState(NamedTuple):
+    """A robot at one instant.
+
+    `position` (3,) [m] and `orientation`, a quaternion (x, y, z, w), place base_link in the
+    world frame. `linear` (3,) [m/s] and `angular` (3,) [rad/s] are the velocity of
+    base_link's origin relative to the world, in the axes of base_link. The joints' lists go
+    with `DartRobot.joint_names`: [rad], not wrapped, [rad/s], and [N·m]: what the motor of a
+    wheel applied in the last step, and the bearing's friction on a roller.
+    """
+
+    time: float
+    position: Vector
+    orientation: Quaternion
+    linear: Vector
+    angular: Vector
+    joint_position: list[float]
+    joint_velocity: list[float]
+    joint_effort: list[float]
+
+    @classmethod
+    def of(
+        cls, time: float, motion: Motion, torques: list[float], bearing_friction: float
+    ) -> RobotState:
+        """Return the state at `time` [s].
+
+        `torques` are those of the wheels' motors [N·m]; the viscous friction of a roller's
+        bearing is in [N·m·s/rad].
+        """
+        position, velocity = motion
+        orientation = _quaternion(*position[:3])
+        x, y, z = position[3:6]
+        speeds = velocity[BASE_DOFS:]
+        rollers = [-bearing_friction * speed for speed in speeds[len(WHEELS) :]]
+        return cls(
+            time=time,
+            position=(x, y, z),
+            orientation=orientation,
+            linear=_unrotate(orientation, *velocity[3:6]),
+            angular=_unrotate(orientation, *velocity[:3]),
+            joint_position=position[BASE_DOFS:],
+            joint_velocity=speeds,
+            joint_effort=torques + rollers,
+        )
+
+    @property
+    def tilt(self) -> float:
+        """Angle between base_link's z axis and that of the world [rad]."""
+        return 2.0 * math.asin(min(1.0, math.hypot(*self.orientation[:2])))
+
+    @property
+    def yaw(self) -> float:
+        """Heading in the world frame [rad], of a robot that hardly leans."""
+        return 2.0 * math.atan2(*self.orientation[2:])
+
+
+def check_converged(state: RobotState, before: RobotState, depth: float, speed: float) -> None:
+    """Refuse a state that a robot on the ground cannot reach from that `before`.
+
+    Its base_link is at most `depth` [m] below the ground, and at most as fast as `speed` [m/s]:
+    DART puts a body whose pose is not a number to the origin.
+
+    Raises:
+        DivergedError: It is none; the message has the last good state.
+    """
+    everything = sum(state.joint_position) + sum(state.joint_velocity)
+    everything += sum(state.position) + sum(state.linear) + sum(state.angular)
+    moved = math.dist(state.position, before.position)
+    duration = state.time - before.time
+    if not math.isfinite(everything):
+        reason = "its numbers are not finite"
+    elif state.position[2] < -depth:
+        reason = f"the robot is {-state.position[2]:.3g} m below the ground"
+    elif moved > speed * duration:
+        reason = f"the robot moved {moved:.3g} m in {duration:.3g} s"
+    else:
+        return
+    raise DivergedError(
+        f"physics diverged before {state.time:.3f} s: {reason}; last good state at "
+        f"{before.time:.3f} s: position {before.position} m, orientation "
+        f"{before.orientation}, velocity {before.linear} m/s, {before.angular} rad/s, "
+        f"wheels {before.joint_velocity[: len(WHEELS)]} rad/s"
+    )
+
+
+def _quaternion(x: float, y: float, z: float) -> Quaternion:
+    """Return the quaternion (x, y, z, w) of a rotation vector [rad]."""
+    angle = math.hypot(x, y, z)
+    scale = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
+    return scale * x, scale * y, scale * z, math.cos(angle / 2)
+
+
+def _unrotate(q: Quaternion, x: float, y: float, z: float) -> Vector:
+    """Return the vector (x, y, z) in the axes of the frame that is rotated by `q`."""
+    qx, qy, qz, w = q
+    # v + 2·p×(p×v + w·v) for the inverse rotation: its quaternion is (p, w), p = -(qx, qy, qz).
+    cx = qz * y - qy * z + w * x
+    cy = qx * z - qz * x + w * y
+    cz = qy * x - qx * y + w * z
+    return (
+        x + 2.0 * (qz * cy - qy * cz),
+        y + 2.0 * (qx * cz - qz * cx),
+        z + 2.0 * (qy * cx - qx * cy),
+    )

@@ -1,0 +1,140 @@
+"""Numbers beyond their limit are refused where bytes are decoded, in one line that says which."""
+
+import math
+
+import pytest
+from mecazen import keys
+from mecazen.bus import LocalBus
+from mecazen.bus.base import decode_sample
+from mecazen.errors import BusError
+from mecazen.messages import (
+    FollowerState,
+    JointState,
+    Observation,
+    Odometry,
+    OdometryRequest,
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
+from mecazen.wire import RefusedError, encode
+
+
+def at(x):
+    return Odometry(pose=PoseWithCovariance(pose=Pose(position=Point(x=x))))
+
+
+def moving(speed):
+    return Odometry(twist=TwistWithCovariance(twist=Twist(linear=Vector3(y=speed))))
+
+
+def turning(speed):
+    return Odometry(twist=TwistWithCovariance(twist=Twist(angular=Vector3(z=speed))))
+
+
+def forward(speed):
+    return Twist(linear=Vector3(x=speed))
+
+
+def spinning(speed):
+    return Twist(angular=Vector3(z=speed))
+
+
+def seen_at(x):
+    return Observation(poses=(PoseWithCovariance(), at(x).pose))
+
+
+def seen_with(variance):
+    return Observation(poses=(PoseWithCovariance(covariance=(*35 * (0.0,), variance)),))
+
+
+def estimated_at(x):
+    return FollowerState(estimate=(at(x),))
+
+
+def bound_for(x):
+    return FollowerState(goal=(Pose(position=Point(y=x)),))
+
+
+def joints(speed):
+    return JointState(velocity=(*60 * (0.0,), speed))
+
+
+LIMITS = [
+    (keys.GROUND_TRUTH, at, "position", 1e6, " m"),
+    (keys.ODOM, at, "position", 1e6, " m"),
+    (keys.ODOM, moving, "linear velocity", 1e6, " m/s"),
+    (keys.ODOM, turning, "angular velocity", 1e6, " rad/s"),
+    (keys.TARGET_ODOM, at, "position", 1e6, " m"),
+    (keys.TARGET_ODOM, moving, "linear velocity", 10.0, " m/s"),
+    (keys.TARGET_ODOM, turning, "angular velocity", 1e6, " rad/s"),
+    (keys.CMD_VEL, forward, "linear velocity", 1e6, " m/s"),
+    (keys.CMD_VEL, spinning, "angular velocity", 1e6, " rad/s"),
+    (keys.TARGET_CMD_VEL, forward, "linear velocity", 10.0, " m/s"),
+    (keys.TARGET_CMD_VEL, spinning, "angular velocity", 10.0, " rad/s"),
+    (keys.JOINT_STATES, joints, "joint velocity", 1e6, " rad/s"),
+    (keys.JOINT_COMMAND, joints, "joint velocity", 1e6, " rad/s"),
+    (keys.OBSERVATION, seen_at, "position", 1e6, " m"),
+    (keys.OBSERVATION, seen_with, "covariance", 1e12, ""),
+    (keys.FOLLOWER_STATE, estimated_at, "position", 1e6, " m"),
+    (keys.FOLLOWER_STATE, bound_for, "position", 1e6, " m"),
+]
+
+
+@pytest.mark.parametrize(
+    ("topic", "message", "what", "most", "unit"),
+    LIMITS,
+    ids=[f"{topic.key} {message.__name__}" for topic, message, *_ in LIMITS],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(
+    topic, message, what, most, unit, sign
+):
+    good = message(sign * most)
+    assert decode_sample(topic, encode(good, "json"), "", None) == (good, None)
+    number = math.nextafter(most, math.inf) * sign
+    with pytest.raises(RefusedError) as refusal:
+        decode_sample(topic, encode(message(number), "json"), "", None)
+    assert str(refusal.value) == f"{what} {number} is out of range, at most {most:g}{unit}"
+
+
+@pytest.mark.parametrize(
+    "harmless",
+    [
+        JointState(position=(1e300,), effort=(1e300,)),
+        Odometry(pose=PoseWithCovariance(pose=Pose(orientation=Quaternion(w=1e300)))),
+        # not planar, and so of no use to anybody
+        Observation(poses=(PoseWithCovariance(covariance=(*14 * (0.0,), 1e99, *21 * (0.0,))),)),
+    ],
+)
+def test_other_numbers_may_be_of_any_size(harmless):
+    topic = next(topic for topic in keys.TOPICS if topic.type is type(harmless))
+    assert decode_sample(topic, encode(harmless, "json"), "", None) == (harmless, None)
+
+
+def test_a_request_beyond_its_limit_is_refused_and_counted():
+    bus, asked = LocalBus(), []
+    bus.serve(
+        keys.SET_ODOMETRY,
+        lambda request, reply: (asked.append(request), reply.answer(Odometry())),
+    )
+    near, far = (OdometryRequest(pose=Pose(position=Point(x=x))) for x in (1e5, 100000.1))
+    bus.call_bytes(keys.SET_ODOMETRY, encode(near, "json"))
+    with pytest.raises(BusError, match=r"^set_odometry: position 100000\.1 is out of range, "):
+        bus.call_bytes(keys.SET_ODOMETRY, encode(far, "json"))
+    assert asked == [near]
+    assert bus.refused == {"set_odometry": 1}
+
+
+def test_a_sample_beyond_its_limit_is_counted_and_reaches_nobody(caplog):
+    bus = LocalBus()
+    robot = bus.namespaced("one")
+    robot.subscribe(keys.TARGET_CMD_VEL, lambda *_: pytest.fail("delivered"))
+    robot.put_bytes("target/cmd_vel", encode(forward(11.0), "msgpack"))
+    bus.spin()
+    assert bus.refused == {"one/target/cmd_vel": 1}
+    assert "linear velocity 11.0 is out of range, at most 10 m/s" in caplog.text

@@ -1,0 +1,218 @@
+"""Robots in one world: those apart move as if each were the only one, those in contact push."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from harness import load_robot
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.robot import Robot
+from mecazen.world import Cylinder
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.motors import WheelCommand
+from mecazen_physics.near_rollers import NearRollersBody
+from mecazen_physics.state import RobotState
+from mecazen_physics.world import World
+from msgspec.structs import replace
+from physics_rig import STEPS, Rig, world_of
+
+FORWARD = WheelCommand([6.0] * 4)  # 0.3 m/s of nexus
+BACKWARD = WheelCommand([-6.0] * 4)
+STAND = WheelCommand([0.0] * 4)
+ROLL = WheelCommand([0.0] * 4, is_effort=True)
+"""Wheels without a motor."""
+BRAKE = WheelCommand([-0.05] * 4, is_effort=True)
+"""Motors that push back with 4 N."""
+CLOSEST, TOUCHING = 0.38 - 1e-3, 0.40 + 0.05
+"""Between nexus and nexus, one behind the other [m]: the boxes of their bases touch, and their
+wheels; between these a roller may reach into the gap of two others. A millimetre is a facet's, and
+within 5 cm who is pushed is met again: contacts judder, as rollers pass."""
+
+
+JUDDER = 0.15
+"""A robot that is pushed runs ahead and is met again; so much a mean over a second may be off."""
+
+
+def world_with(robot: Robot, *starts: Pose2D, **settings: Any) -> World:
+    return world_of([(robot, start) for start in starts], **settings)
+
+
+def drive(world: World, ticks: int, *commands: WheelCommand) -> list[list[RobotState]]:
+    """The states of all robots at every tick; the first half second brings the wheels up."""
+    states = []
+    for tick in range(ticks):
+        scale = min(1.0, tick / 50)
+        scaled = [
+            WheelCommand([scale * value for value in command.values], command.is_effort)
+            for command in commands
+        ]
+        world.advance(scaled, STEPS)
+        states.append([robot.state() for robot in world.robots])
+    return states
+
+
+def throw(world: World, number: int, speed: float) -> None:
+    """Give a robot a speed along world x."""
+    body = world.robots[number].body
+    motion = body.read()
+    motion.velocity[3] = speed
+    body.write(motion)
+
+
+def along_x(state: RobotState) -> float:
+    """A robot's velocity along world x [m/s]."""
+    return state.linear[0] * math.cos(state.yaw) - state.linear[1] * math.sin(state.yaw)
+
+
+def speeds(states: list[list[RobotState]]) -> list[float]:
+    """Along world x, of each in the last second [m/s]: in contact they judder."""
+    pairs = zip(states[-101], states[-1], strict=True)
+    return [late.position[0] - early.position[0] for early, late in pairs]
+
+
+@pytest.mark.parametrize("rollers", ["near", "all"])
+def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus: Robot, rollers: str) -> None:
+    starts = [Pose2D(), Pose2D(0.0, 1.0, 1.0), Pose2D(5.0, -3.0, -2.0)]
+    commands = [FORWARD, WheelCommand([6.0, -6.0, -6.0, 6.0]), WheelCommand([-3.0, 5.0, -4.0, 9.0])]
+    together = drive(world_with(nexus, *starts, rollers=rollers), 150, *commands)
+    for number, (start, command) in enumerate(zip(starts, commands, strict=True)):
+        by_itself = drive(world_with(nexus, start, rollers=rollers), 150, command)
+        assert [states[number] for states in together] == [states[0] for states in by_itself]
+
+
+def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_itself(
+    nexus: Robot,
+) -> None:
+    starts = [Pose2D(), Pose2D(0.0, 3.0)]
+    obstacle = Cylinder(size_m=(0.1, 0.5), position_m=(0.6, 3.0))
+    walk = Twist2D(x=0.4)
+
+    def pushed(*numbers: int) -> list[RobotState]:
+        world = world_with(nexus, *(starts[number] for number in numbers), obstacles=(obstacle,))
+        for tick in range(200):
+            for place, number in enumerate(numbers):
+                if number == 0:  # the other has nobody, and meets the obstacle
+                    world.place_person(place, Pose2D(-1.0 + 0.004 * tick), walk)
+            world.advance([(STAND, FORWARD)[number] for number in numbers], STEPS)
+        return [robot.state() for robot in world.robots]
+
+    together = pushed(0, 1)
+    assert together == [*pushed(0), *pushed(1)]
+    assert together[0].position[0] > 0.0  # by the person
+    assert together[1].position[0] < 0.35  # where the obstacle stops it
+
+
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi])
+def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus: Robot, yaw: float) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(0.7, 0.0, yaw), ground_friction=0.0)
+    throw(world, 0, 0.5)
+    before = drive(world, 1, STAND, STAND)[-1]
+    assert [along_x(state) for state in before] == pytest.approx([0.5, 0.0], abs=1e-6)
+    slow, fast = (along_x(state) for state in drive(world, 150, STAND, STAND)[-1])
+    # 1 % is for what turns: the bases' own velocity is not quite that of all of their mass
+    assert slow + fast == pytest.approx(0.5, rel=0.01)
+    # contacts hardly bounce: less than 4 % of the energy comes back; in contact they turn a bit
+    assert -0.01 <= fast - slow < 0.2 * 0.5
+
+
+def test_a_robot_pushes_one_whose_motors_are_weaker(nexus: Robot) -> None:
+    states = drive(world_with(nexus, Pose2D(), Pose2D(0.6)), 300, FORWARD, BRAKE)
+    # as fast as without a load, which its servos hold, but for slip
+    assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)
+    pusher, pushed = states[-1]
+    assert CLOSEST <= pushed.position[0] - pusher.position[0] <= TOUCHING
+
+
+def test_a_robot_that_is_hit_rolls_on_without_its_motors(nexus: Robot) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(0.6))
+    _, hit = drive(world, 300, FORWARD, ROLL)[-1]
+    assert hit.linear[0] > 0.25
+
+
+def test_robots_driven_against_each_other_hold_each_other_up(nexus: Robot) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(1.2, 0.0, math.pi))
+    one, other = drive(world, 250, FORWARD, FORWARD)[-1]
+    # without the other each would have come 0.67 m far
+    assert one.position[0] < 0.55
+    assert other.position[0] > 0.65
+    assert CLOSEST <= math.dist(one.position[:2], other.position[:2]) <= TOUCHING
+
+
+def test_robots_that_have_touched_and_separated_are_isolated_again(nexus: Robot) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(0.9))
+    first, second = world.robots
+
+    def isolated() -> list[bool]:
+        return [isinstance(robot.body, NearRollersBody) for robot in world.robots]
+
+    drive(world, 10, STAND, STAND)
+    assert isolated() == [True, True]
+    drive(world, 150, FORWARD, STAND)
+    assert isolated() == [False, False]
+    assert first.body.world is second.body.world
+    drive(world, 250, BACKWARD, STAND)
+    assert isolated() == [True, True]
+    assert second.state().position[:2] == pytest.approx((0.9, 0.0), abs=1e-3)
+    assert first.state().linear[0] == pytest.approx(-0.3, rel=0.01)
+
+
+def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus: Robot) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(0.5), Pose2D(1.0))
+    states = drive(world, 300, FORWARD, BRAKE, BRAKE)
+    assert speeds(states) == pytest.approx([0.3] * 3, rel=JUDDER)
+    gaps = [b.position[0] - a.position[0] for a, b in pairwise(states[-1])]
+    assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []
+
+
+def test_a_robot_is_pushed_by_the_person_of_another(nexus: Robot) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
+    for tick in range(300):
+        world.place_person(1, Pose2D(-1.0 + 0.004 * tick), Twist2D(x=0.4))
+        world.advance([ROLL, STAND], STEPS)
+    # the person's middle is at 0.2 m, and their body of 0.2 m before it
+    assert world.robots[0].state().position[0] > 0.5
+    assert world.robots[1].state().position[:2] == pytest.approx((0.0, 3.0), abs=1e-3)
+
+
+def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus: Robot) -> None:
+    rig = Rig(nexus)
+    for x in (0.6, 5.0):  # close, and away
+        rig.place_person(Pose2D(x=x))
+        rig.advance([0.0] * 4)
+    rig.place_person(Pose2D(x=-0.6))
+    for _ in range(60):
+        rig.advance([-12.0] * 4)
+    # 0.35 m back without them; their side is at -0.4 m, and the robot's rear 0.2 m behind it
+    assert rig.state().position[0] == pytest.approx(-0.2, abs=0.02)
+
+
+def test_people_walk_through_each_other(nexus: Robot) -> None:
+    world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
+    for _ in range(2):
+        world.place_person(0, Pose2D(0.45), Twist2D())
+        world.place_person(1, Pose2D(0.45, 0.1), Twist2D())
+        world.advance([STAND, STAND], STEPS)
+    assert math.dist(world.robots[0].state().position, (0.0, 0.0, 0.0)) < 1e-3
+
+
+def test_the_same_collision_again_gives_the_same_to_the_bit(nexus: Robot) -> None:
+    def collide() -> list[list[RobotState]]:
+        world = world_with(nexus, Pose2D(), Pose2D(1.0, 0.05, 3.0), Pose2D(1.0, 1.0, -1.5))
+        return drive(world, 250, FORWARD, FORWARD, FORWARD)
+
+    assert collide() == collide()
+
+
+def test_robots_of_different_rollers_can_not_share_a_ground(nexus: Robot) -> None:
+    slippery = replace(nexus, rollers=replace(nexus.rollers, contact_friction=0.5))
+    with pytest.raises(UnsupportedError, match=r"same rollers\.contact_friction"):
+        world_of([(nexus, Pose2D()), (slippery, Pose2D(2.0))])
+
+
+def test_robots_of_two_sizes_push_each_other(nexus: Robot) -> None:
+    world = world_of([(nexus, Pose2D()), (load_robot("artbul"), Pose2D(0.8))])
+    states = drive(world, 350, FORWARD, BRAKE)
+    assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)

@@ -1,0 +1,88 @@
+"""The examples: nodes of one's own, by one file and one line of a scenario."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from harness import mecazen
+from mecazen.errors import ConfigError
+from mecazen.loading import load_scenario
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recompute import recompute
+from mecazen_tools.simulate import InProcess, simulate, simulate_distributed
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+RANGE = EXAMPLES / "range_sensor.toml"
+SHORT = ("sim.duration_s=2.0",)
+
+
+@pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
+def test_an_example_gives_the_same_in_one_process_and_in_many(name: str) -> None:
+    path = EXAMPLES / f"{name}.toml"
+    alone = simulate(load_scenario(path, SHORT), name)[0]
+    apart = simulate_distributed(path, SHORT, name)[0]
+    assert alone.trajectory_sha256 == apart.trajectory_sha256
+
+
+def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance() -> None:
+    settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
+    run = InProcess(load_scenario(RANGE, settings))
+    measured: list[tuple[float, float]] = []
+    (topic,) = (t for t in run.members[-1].nodes[0].row.outputs)  # type: ignore[attr-defined]
+    run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
+    run.begin()
+    for _ in range(199):
+        run.step()
+    run.end()
+    assert [time_s for time_s, _ in measured] == pytest.approx([0.02 * n for n in range(100)])
+    rows = {row[0]: row for row in run.trajectory.rows()}
+    x, tx = (run.trajectory.columns.index(f"{who}_x_m") for who in ("robot", "target"))
+    time_s, distance = measured[-1]
+    row = rows[time_s]
+    # both go along x: y differs by less than the rounding of a centimetre
+    assert distance == pytest.approx(float(row[tx]) - float(row[x]), abs=0.01)  # type: ignore[arg-type]
+
+
+def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    done = mecazen("simulate", RANGE, "--record", file, "--set", SHORT[0])
+    assert done.returncode == 0, done.stderr
+    again = recompute(Recording(file), "range")
+    assert again.counts == {"range": 40}
+    assert again.difference is None
+    shown = mecazen("topics", RANGE).stdout
+    assert re.search(r"range .*mecazen_examples/msg/Range .*range.rate_hz .*range", shown)
+    assert "range_sensor.py" not in mecazen("graph", RANGE).stderr
+
+
+def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:
+    (tmp_path / "blind.py").write_text(
+        "from mecazen.node import Node\n"
+        "from mecazen.graph import Row, every\n"
+        "from mecazen.keys import GROUND_TRUTH\n"
+        "class Blind(Node):\n"
+        "    ROW = Row('range', inputs=(every(GROUND_TRUTH),))\n"
+        "    def reset(self, seed): pass\n"
+        "    def step(self, tick, inputs): return {}\n"
+    )
+    text = RANGE.read_text().replace("range_sensor.py:RangeSensor", "blind.py:Blind")
+    text = text.partition("[range]")[0].replace("../configs", str(EXAMPLES.parent / "configs"))
+    (tmp_path / "blind.toml").write_text(text)
+    assert simulate(load_scenario(tmp_path / "blind.toml", SHORT), "blind")[0].ticks == 200
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("range.rte_hz=3", "unknown key; did you mean rate_hz?"),
+        ("range.rate_hz=33.0", "range.rate_hz = 33 must divide the tick rate of 100 Hz"),
+        ("range.std_m=-1.0", "range.std_m"),
+    ],
+)
+def test_the_sensors_section_is_checked_as_strictly_as_ours(setting: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        InProcess(load_scenario(RANGE, (*SHORT, setting)))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,189 @@
+"""The target: the person's truth at every tick, and what the sensor saw of them."""
+
+import math
+
+import pytest
+from harness import Steps, load_robot
+from mecazen import keys
+from mecazen.config import Scenario, SensorConfig, SimConfig
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import Time, Twist, planar_odometry
+from mecazen.wire import encode
+from mecazen_target.config import Circle, Driven, Gait, Recorded, Standing, Straight, TargetConfig
+from mecazen_target.node import TargetNode
+
+NEXUS = load_robot()
+STANDING = Standing(x_m=2.0, y_m=1.0, yaw_deg=90.0)
+DRIVEN = Driven(timeout_s=0.05)
+
+
+class Target(Steps):
+    """A person on a path; the sensor is exact unless told otherwise."""
+
+    def __init__(self, path, gait=None, tick_s=0.01, seed=1, **sensor):
+        scenario = Scenario(
+            robot=NEXUS,
+            seed=seed,
+            sim=SimConfig(tick_s=tick_s),
+            sensor=SensorConfig(**{"position_std_m": 0.0, "yaw_std_deg": 0.0, **sensor}),
+            sections={"target": TargetConfig(path=path, gait=gait)},
+        )
+        super().__init__(TargetNode, scenario)
+
+    def tick(self, tick, robot=Pose2D(), command=None):  # noqa: B008  # immutable
+        """Return the outputs of a tick in which the robot truly is at a pose."""
+        samples = {keys.GROUND_TRUTH: planar_odometry(Time(), "world", "x", robot, Twist2D())}
+        if command is not None:
+            samples[keys.TARGET_CMD_VEL] = Twist.planar(command)
+        return self.step(tick, samples)
+
+    def person(self, tick, command=None):
+        """Return where the person is at a tick."""
+        return pose_of(self.tick(tick, command=command)[keys.TARGET_ODOM])
+
+    def seen(self, tick, robot=Pose2D()):  # noqa: B008
+        """Return what the frame of a tick shows."""
+        poses = self.tick(tick, robot)[keys.OBSERVATION].poses
+        return poses[0].pose.to_planar() if poses else None
+
+    def bytes(self, ticks):
+        """Return all that is published in some ticks."""
+        return b"".join(encode(m, "json") for k in range(ticks) for m in self.tick(k).values())
+
+
+def pose_of(odom):
+    return odom.pose.pose.to_planar()
+
+
+def test_every_tick_has_the_truth_and_each_fourth_a_frame():
+    target = Target(STANDING)
+    for tick in range(9):
+        outputs = target.tick(tick)
+        assert list(outputs) == [keys.TARGET_ODOM, keys.OBSERVATION][: 1 + (tick % 4 == 0)]
+        odom = outputs[keys.TARGET_ODOM]
+        assert odom.header.stamp == Time(nanosec=tick * 10_000_000)
+        assert (odom.header.frame_id, odom.child_frame_id) == ("world", "person")
+        assert pose_of(odom) == pytest.approx((2.0, 1.0, math.pi / 2))
+
+
+def test_a_frame_shows_the_person_in_base_link_or_in_world_with_the_covariance_of_its_noise():
+    # the person, at (2, 1) with heading 90°, is 1 m behind a robot that looks back along x
+    seen = {"base_link": (-1.0, 0.0, -math.pi / 2), "world": (2.0, 1.0, math.pi / 2)}
+    for frame_id, pose in seen.items():
+        frame = Target(STANDING, frame=frame_id).tick(0, Pose2D(1.0, 1.0, math.pi))
+        assert frame[keys.OBSERVATION].header.frame_id == frame_id
+        assert frame[keys.OBSERVATION].poses[0].pose.to_planar() == pytest.approx(pose)
+        assert frame[keys.OBSERVATION].poses[0].covariance == (0.0,) * 36
+    noisy = Target(STANDING, position_std_m=0.1, yaw_std_deg=math.degrees(0.2)).tick(0)
+    covariance = noisy[keys.OBSERVATION].poses[0].covariance
+    assert covariance[::7] == pytest.approx((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+
+
+def test_a_frame_in_which_nothing_was_seen_is_sent_empty():
+    occluded = Target(STANDING, occlusions_s=((0.04, 0.08),))
+    assert [occluded.seen(tick) is None for tick in (0, 4, 8)] == [False, True, False]
+    dropped = Target(STANDING, dropout_probability=1.0)
+    assert [dropped.seen(tick) for tick in (0, 4, 8)] == [None] * 3
+    short = Target(STANDING, max_range_m=2.0)
+    assert short.seen(0) is None
+    assert short.seen(4, Pose2D(1.0, 1.0)) is not None
+    narrow = Target(STANDING, fov_deg=90.0)
+    assert narrow.seen(0) is not None  # at 27°
+    assert narrow.seen(4, Pose2D(yaw=-math.pi / 4)) is None
+
+
+def test_a_late_frame_is_stamped_with_its_capture_and_shows_the_poses_of_then():
+    target = Target(Straight(speed_m_s=1.0), latency_s=0.03)
+    frames = {}
+    for tick in range(9):
+        outputs = target.tick(tick, Pose2D(x=-0.5 * tick))
+        frames[tick] = outputs.get(keys.OBSERVATION)
+        assert pose_of(outputs[keys.TARGET_ODOM]).x == pytest.approx(0.01 * tick)
+    assert frames[0].poses == ()  # taken before anything was
+    for tick in (4, 8):
+        assert frames[tick].header.stamp == Time(nanosec=(tick - 3) * 10_000_000)
+        assert frames[tick].poses[0].pose.position.x == pytest.approx(0.51 * (tick - 3))
+
+
+def test_what_is_not_in_whole_ticks_is_one_clear_error():
+    with pytest.raises(ConfigError, match=r"^sensor.latency_s: 0.015 s is not a whole number .*$"):
+        Target(STANDING, latency_s=0.015)
+    with pytest.raises(ConfigError, match=r"^sensor.rate_hz = 30 must divide the tick rate .*$"):
+        Target(STANDING, rate_hz=30.0)
+
+
+def test_each_run_walks_anew_with_the_noise_of_its_own_seed_to_the_byte():
+    walk = {"path": Circle(speed_m_s=1.0), "gait": Gait(), "dropout_probability": 0.2}
+    walk |= {"position_std_m": 0.05, "yaw_std_deg": 5.0}
+    target = Target(**walk)
+    runs = {}
+    for seed in (1, 2, 1):
+        target.reset(seed)
+        ran = target.bytes(200)
+        assert ran == runs.setdefault(seed, ran) == Target(**walk, seed=seed).bytes(200)
+    assert runs[1] != runs[2]
+
+
+def test_at_another_period_the_person_is_at_the_same_place_at_the_same_time():
+    walk = Circle(speed_m_s=1.0), Gait()
+    coarse = Target(*walk, tick_s=0.0123, rate_hz=1.0 / 0.0246)
+    fine, coarse = (target.tick(tick) for target, tick in ((Target(*walk), 123), (coarse, 100)))
+    assert pose_of(coarse[keys.TARGET_ODOM]) == pytest.approx(pose_of(fine[keys.TARGET_ODOM]))
+    assert coarse[keys.TARGET_ODOM].header.stamp == Time(1, 230_000_000)
+    assert keys.OBSERVATION in coarse
+    driven = Target(Driven(timeout_s=1.0), tick_s=0.0123, rate_hz=1.0 / 0.0246)
+    driven.person(0)
+    driven.person(1, Twist2D(1.0))
+    assert driven.person(51).x == pytest.approx(51 * 0.0123)
+
+
+def test_a_driven_person_moves_by_the_commands_and_stops_when_they_end():
+    target = Target(DRIVEN)
+    assert target.person(0) == Pose2D()
+    walked = [target.tick(1, command=Twist2D(1.0)), *map(target.tick, range(2, 9))]
+    odoms = [outputs[keys.TARGET_ODOM] for outputs in walked]
+    # 5 ticks of 10 mm, then the timeout
+    expected = [0.01, 0.02, 0.03, 0.04, 0.05, 0.05, 0.05, 0.05]
+    assert [pose_of(odom).x for odom in odoms] == pytest.approx(expected)
+    assert [odom.twist.twist.linear.x for odom in odoms] == [1.0] * 5 + [0.0] * 3
+    turn = Twist2D(0.0, 1.0, 2.0)
+    assert target.person(9, turn) == pytest.approx(Pose2D(0.05).integrate(turn, 0.01))
+
+
+def test_a_driven_person_makes_up_for_missed_ticks_but_not_beyond_the_timeout():
+    target = Target(DRIVEN)
+    target.person(0)
+    assert target.person(3, Twist2D(1.0)).x == pytest.approx(0.03)
+    odom = target.tick(100)[keys.TARGET_ODOM]
+    assert pose_of(odom).x == pytest.approx(0.05)
+    assert odom.twist.twist.linear.x == 0.0
+    assert target.person(200_000_000).x == pytest.approx(0.05)  # 23 days later, at once
+
+
+def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
+    target = Target(Straight(speed_m_s=1.0, length_m=3.0))
+    assert target.person(100, Twist2D(-1.0)).x == pytest.approx(1.0)
+    assert target.node.diagnostics() == {"time_s": 1.0, "x_m": 1.0, "y_m": 0.0, "walked_m": 1.0}
+    assert target.person(1000).x == pytest.approx(3.0)
+
+
+def test_a_recorded_track_that_cant_be_used_is_one_line_with_file_and_place(tmp_path):
+    file = tmp_path / "walk.csv"
+    file.write_text("t_s,x_m,y_m\n0,0,0\n1,east,0\n")
+    for path, problem in (
+        (file, "walk.csv: line 3: x_m must be a number .* is 'east'"),
+        (tmp_path / "none.csv", "none.csv: can't be read: No such .*"),
+    ):
+        with pytest.raises(ConfigError, match=rf"^target.path: [^\n]*{problem}$") as error:
+            Target(Recorded(file=path))
+        assert "\n" not in str(error.value)
+
+
+def test_a_recorded_track_is_walked_from_the_start_pose(tmp_path):
+    file = tmp_path / "walk.csv"
+    rows = [f"{5 + 0.1 * i},{100 + 0.1 * i},7" for i in range(41)]
+    file.write_text("\n".join(["t_s,x_m,y_m", *rows]))
+    target = Target(Recorded(file=file, x_m=1.0, yaw_deg=90.0))
+    for tick, y in ((0, 0.0), (200, 2.0), (9000, 4.0)):
+        assert target.person(tick) == pytest.approx((1.0, y, math.pi / 2))

@@ -1,0 +1,58 @@
+"""What repeats the graph does so truly: documents, access rules, compose file, folders."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from mecazen.bus.session import session_config
+from mecazen.config import BusConfig
+from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
+from mecazen.loading import load_scenario
+from mecazen_tools.generated import files
+
+ROOT = Path(__file__).parents[2]
+SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
+OURS = sorted(set(SERVICES) - {COLLECTOR})
+
+
+@pytest.mark.parametrize(
+    ("path", "text"), [pytest.param(*made, id=made[0].name) for made in files(ROOT)]
+)
+def test_a_file_that_is_made_from_the_graph_is_up_to_date(path: Path, text: str):
+    assert path.read_text() == text, "`make graph` writes it anew"
+
+
+def test_zenoh_reads_the_access_rules():
+    config = session_config(BusConfig(zenoh_config=SECURE), "client")
+    assert config.get_json("access_control/enabled") == "true"
+
+
+def test_each_service_has_a_folder_and_each_folder_a_service():
+    folders = sorted(path.name for path in (ROOT / "services").iterdir() if path.is_dir())
+    assert folders == OURS
+
+
+def test_each_service_has_a_container_that_runs_it_and_asks_for_its_health():
+    compose = (ROOT / "docker-compose.yml").read_text()
+    for service in OURS:
+        blocks = [b for b in compose.split("\n\n") if f"image: mecazen-{service}\n" in b]
+        assert len(blocks) == 1, service
+        assert f"SERVICE: {service}" in blocks[0]
+        assert f"mecazen.health, {service}]" in blocks[0]
+        assert f"run, {service}]" in blocks[0] or f"mecazen run {service}" in blocks[0]
+
+
+def test_the_containers_of_each_profile_are_the_services_of_its_scenario():
+    compose = (ROOT / "docker-compose.yml").read_text()
+    names = re.findall(r"^  (?:(teleop|lockstep)-)?(\w+): \{<<: \[\*container", compose, re.M)
+    by_profile = {
+        profile: {name for prefix, name in names if prefix == profile and name not in OBSERVERS}
+        for profile in ("", "teleop", "lockstep")
+    }
+    scenarios = ROOT / "configs" / "scenarios"
+    back, teleop = (
+        set(load_scenario(scenarios / f"{n}.toml").services) for n in ("back", "teleop")
+    )
+    assert by_profile == {"": back, "teleop": teleop, "lockstep": back}
