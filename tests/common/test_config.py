@@ -14,7 +14,6 @@ from mecazen.config import BusConfig, Scenario, whole_ticks
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, scenario_path
-from mecazen.runtime import exit_with
 from mecazen.schema import Folder, Section
 
 
@@ -404,16 +403,6 @@ def test_when_there_are_no_scenarios_expect_that_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^back: no such file, and no configs/scenarios here"):
         scenario_path("back")
-
-
-def test_when_a_scenario_is_wrong_expect_one_line_and_exit_code_2(write_scenario, capsys):
-    path = write_scenario("[sim]\ntick_s = 5.0")
-    with pytest.raises(SystemExit) as caught:
-        exit_with(lambda: load_scenario(path))
-    assert caught.value.code == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err == f"error: {path}: sim.tick_s: got 5.0; allowed: {NUMBER_OF_TICKS}\n"
 
 
 def test_a_process_with_a_wrong_scenario_prints_one_line_and_exits_with_2(write_scenario):

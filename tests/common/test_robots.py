@@ -11,7 +11,7 @@ from mecazen.config import BusConfig, seed_of, split_key
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
 from mecazen.loading import effective, load_scenario, robots_in, to_toml
-from mecazen.runtime import part_of
+from mecazen.runtime.host import part_of
 from mecazen.schema import Section
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
