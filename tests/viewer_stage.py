@@ -61,7 +61,9 @@ class Stage:
             RobotConfig(name=name, start=StartConfig(y_m=float(number)))
             for number, name in enumerate(robots)
         )
-        self.viewer = ViewerService(self.bus, Scenario(robot=load_robot(), robots=members))
+        self.viewer = ViewerService(
+            "viewer", self.bus, Scenario(robot=load_robot(), robots=members)
+        )
 
     def play(self, run: int, ticks: int, begin: int = 0) -> None:
         """Publish ticks of a run, one after the other."""

@@ -82,7 +82,6 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
 
 BY_KEY: Mapping[str, tuple[Limit, ...]] = {
     keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON, FASTEST_PERSON),
-    keys.TARGET_ODOM.key: (_position("pose.pose."), *_twist("twist.twist.", FASTEST_PERSON)),
 }
 """The limits of a key that has others."""
 

@@ -150,10 +150,12 @@ def _own_sections(raw: dict[str, Any]) -> dict[str, type[Section]]:
         ConfigError: A program that only the scenario knows can't be imported.
     """
     sections: dict[str, type[Section]] = {}
-    programs = raw.get("programs")
-    for name in programs if isinstance(programs, dict) else ():
+    given = raw.get("programs")
+    tables = given if isinstance(given, dict) else {}
+    programs = {name: program for name, program in tables.items() if isinstance(program, str)}
+    for name in programs:
         try:
-            kind = find(name, cast(dict[str, str], programs))
+            kind = find(name, programs)
         except ConfigError:
             # who plays a part of the table is needed only where it runs, and is refused there
             if name in TABLE:

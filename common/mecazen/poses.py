@@ -23,6 +23,11 @@ class PoseHistory:
         """Return how many poses are kept."""
         return len(self._poses)
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """The times of the oldest and the newest of at least one pose [ns]."""
+        return self._times_ns[0], self._times_ns[-1]
+
     def add(self, time_ns: int, pose: Pose2D) -> None:
         """Add a pose that is newer than all others."""
         self._times_ns.append(time_ns)

@@ -239,7 +239,7 @@ def test_when_nobody_answers_expect_that_said(pair):
 
 def test_who_is_alive_is_present_and_told_of(pair, wait_until):
     told = []
-    pair.near.presence.on_change = lambda: told.append(set(pair.near.presence.names))
+    pair.near.presence.on_change.append(lambda: told.append(set(pair.near.presence.names)))
     pair.far.declare_alive("physics")
     pair.far.declare_alive("physics/ready")
     wait_until(pair.near, lambda: {"physics", "physics/ready"} <= pair.near.presence.names)

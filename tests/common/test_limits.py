@@ -70,7 +70,7 @@ LIMITS = [
     (keys.ODOM, moving, "linear velocity", 1e6, " m/s"),
     (keys.ODOM, turning, "angular velocity", 1e6, " rad/s"),
     (keys.TARGET_ODOM, at, "position", 1e6, " m"),
-    (keys.TARGET_ODOM, moving, "linear velocity", 10.0, " m/s"),
+    (keys.TARGET_ODOM, moving, "linear velocity", 1e6, " m/s"),
     (keys.TARGET_ODOM, turning, "angular velocity", 1e6, " rad/s"),
     (keys.CMD_VEL, forward, "linear velocity", 1e6, " m/s"),
     (keys.CMD_VEL, spinning, "angular velocity", 1e6, " rad/s"),

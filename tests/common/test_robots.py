@@ -39,7 +39,7 @@ def installed(monkeypatch):
 def test_a_scenario_without_robots_is_that_of_its_only_one(scenario):
     assert scenario.names == ("",)
     assert scenario.of("") is scenario
-    assert scenario.processes == tuple((part, "") for part in scenario.services)
+    assert scenario.parts == tuple((part, "") for part in scenario.services)
 
 
 def test_each_robot_has_its_start_namespace_seed_and_services(write_scenario):
@@ -51,7 +51,7 @@ def test_each_robot_has_its_start_namespace_seed_and_services(write_scenario):
     assert len({loaded.seed, one.seed, two.seed}) == 3
     assert (one.seed, two.seed) == (seed_of(7, "one"), seed_of(7, "two"))
     assert one.names == ("",)
-    assert loaded.processes == (
+    assert loaded.parts == (
         ("physics", ""),
         ("target", "one"),
         ("target", "two"),

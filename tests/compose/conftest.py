@@ -22,7 +22,7 @@ GUARD_S = 120.0
 """Far beyond what anything here takes: only a hang gets there."""
 
 STOP_S = 10.0
-"""The limit for stopping everything; what it takes stands in docs/deploy.md."""
+"""The limit for stopping everything, which takes 3 s on an idle machine."""
 
 BUILT = ("router", "physics", "controller", "target", "follower", "viewer", "recorder", "score")
 """Services of docker-compose.yml, one for each image."""

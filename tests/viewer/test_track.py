@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen_viewer.track import Track
@@ -11,21 +9,13 @@ from mecazen_viewer.track import Track
 S = 10**9
 
 
-def test_in_between_it_was_where_even_motion_would_have_it_the_short_way_round() -> None:
-    track = Track()
-    track.add(0, Pose2D(0.0, 0.0, math.pi - 0.1))
-    track.add(S, Pose2D(1.0, 2.0, -math.pi + 0.1))
-    pose = track.at(S // 4)
-    assert pose is not None
-    assert pose == pytest.approx((0.25, 0.5, math.pi - 0.05))
-
-
-def test_outside_of_what_is_known_it_is_at_the_nearest_pose() -> None:
+def test_outside_of_what_is_known_it_is_at_the_nearest_pose_and_between_interpolated() -> None:
     track = Track()
     assert track.at(0) is None
     track.add(5 * S, Pose2D(1.0))
     track.add(6 * S, Pose2D(2.0))
     assert track.at(0) == Pose2D(1.0)
+    assert track.at(11 * S // 2) == Pose2D(1.5)
     assert track.at(9 * S) == track.newest == Pose2D(2.0)
 
 

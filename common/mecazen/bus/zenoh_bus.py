@@ -20,8 +20,6 @@ from mecazen.keys import Call, Topic
 from mecazen.messages import Message
 from mecazen.wire import ENCODINGS, MAX_SAMPLE_BYTES, Format, RefusedError, Stamp, encode
 
-__all__ = ["ZenohBus", "open_session"]
-
 MessageT = TypeVar("MessageT", bound=Message)
 RequestT = TypeVar("RequestT", bound=Message)
 AnswerT = TypeVar("AnswerT", bound=Message)

@@ -8,7 +8,7 @@ import signal
 from collections.abc import Callable
 
 from mecazen import log
-from mecazen.bus.zenoh_bus import open_session
+from mecazen.bus.session import open_session
 from mecazen.config import Scenario
 from mecazen.runtime.report import Report, Reporter
 

@@ -1,4 +1,4 @@
-"""Feeds a service or a node with its recorded inputs and compares its outputs with the recording."""
+"""Feeds nodes with their recorded inputs and compares their outputs with the recording."""
 
 from __future__ import annotations
 

@@ -23,21 +23,19 @@ class Line(NamedTuple):
     width: float = 1.5
 
 
+def _error_lines(band: str) -> tuple[Line, ...]:
+    return (
+        Line(band, e.GREY, 1.0),
+        Line(band, e.GREY, 1.0),
+        Line("reference", e.GREEN),
+        Line("as estimated", e.PURPLE, 1.0),
+        Line("true", e.BLUE, 2.0),
+    )
+
+
 LINES: dict[str, tuple[Line, ...]] = {
-    e.DISTANCE: (
-        Line("± 0.1 m", e.GREY, 1.0),
-        Line("± 0.1 m", e.GREY, 1.0),
-        Line("reference", e.GREEN),
-        Line("as estimated", e.PURPLE, 1.0),
-        Line("true", e.BLUE, 2.0),
-    ),
-    e.ANGLE: (
-        Line("± 10°", e.GREY, 1.0),
-        Line("± 10°", e.GREY, 1.0),
-        Line("reference", e.GREEN),
-        Line("as estimated", e.PURPLE, 1.0),
-        Line("true", e.BLUE, 2.0),
-    ),
+    e.DISTANCE: _error_lines("± 0.1 m"),
+    e.ANGLE: _error_lines("± 10°"),
     f"{e.VELOCITY}/commanded": (
         Line("x commanded", e.ORANGE, 3.0),
         Line("y commanded", e.SKY, 3.0),

@@ -1,4 +1,4 @@
-"""The viewer: everything that is published, to a picture that is served."""
+"""The viewer: draws everything that is published, and serves it."""
 
 from __future__ import annotations
 
@@ -33,21 +33,22 @@ logger = logging.getLogger(__name__)
 
 FRAME_S = 1 / 30
 BATCH_S = 0.1
-"""What is logged in this time is sent together: each batch costs as much as a few frames."""
+"""Period of sending logged data: a batch costs as much as a few frames."""
 DESCRIPTION_TIMEOUT_S = 2.0
 
 
 class ViewerService(Observer):
-    """Shows every run, with all its robots, as a recording of its own. Nobody waits for it."""
+    """Shows every run, with all its robots, as a recording of its own."""
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.section(ViewerConfig, "viewer")
         self.runs = 0
         self.send: Callable[[rr.RecordingStream], None] = lambda _: None
-        """Takes the recording of each run before anything is logged in it."""
+        """Called with the recording of each run before anything is logged in it."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
         super().__init__(name, bus, scenario)
+        self.reset(scenario.seed)
         for robot in scenario.names:
             self.show(robot, keys.GROUND_TRUTH, Picture.on_ground_truth)
             self.show(robot, keys.JOINT_STATES, Picture.on_joint_states)
@@ -61,7 +62,7 @@ class ViewerService(Observer):
             self.show(robot, keys.diagnostics(part), Picture.on_diagnostics)
 
     def reset(self, seed: int) -> None:
-        """Begin new pictures: one for each robot, and one for what several share."""
+        """Begin new pictures: one for each robot, and one for what they share."""
         del seed
         self.end()
         scenario, health = self.scenario, Health()
@@ -71,7 +72,7 @@ class ViewerService(Observer):
         }
 
     def run(self) -> None:
-        """Show what is newest, 30 times a second."""
+        """Show the newest samples, 30 times a second."""
         with serving(self.config, blueprint(self.scenario.names)) as server:
             self.send = server.take
             logger.info("msg=serving url=%s", server.url)
@@ -81,7 +82,7 @@ class ViewerService(Observer):
                     self.bus.spin_once()
                     self.bus.drain()
                     server.check()
-                    # what comes meanwhile is replaced by what is newer, and not even decoded
+                    # meanwhile newer samples replace older ones, which are not decoded
                     time.sleep(FRAME_S)
             finally:
                 self.end()
@@ -92,11 +93,11 @@ class ViewerService(Observer):
         topic: Topic[MessageT],
         draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
     ) -> None:
-        """Log what `draw` makes of each sample of a robot's topic, at the time of its tick."""
+        """Log the entities that `draw` makes of a robot's topic, at the time of the tick."""
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is None and self.recording is None:
-                return  # an outsider speaks before there is a run
+                return  # an unstamped sample before the first run
             time_ns = (self.stamp if stamp is None else stamp).time_ns
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
@@ -108,7 +109,7 @@ class ViewerService(Observer):
         self.subscribe(topic, deliver, robot=robot)
 
     def log(self, robot: str, entities: Iterable[Entity], time_ns: int) -> None:
-        """Log a robot's entities at a simulated time, in the recording of this run."""
+        """Log a robot's entities at a simulated time in the recording of this run."""
         if self.recording is None:
             self.recording = self.begin()
         if time_ns != self.logged_ns:
@@ -120,7 +121,7 @@ class ViewerService(Observer):
             self.recording.log(of_robot(path, robot), archetype, static=True)
 
     def begin(self) -> rr.RecordingStream:
-        """Return the recording of a new run, with all that never changes."""
+        """Return the recording of a new run, with all static entities."""
         self.runs += 1
         recording = rr.RecordingStream(
             application(self.scenario.names),
@@ -143,11 +144,11 @@ class ViewerService(Observer):
     def end(self) -> None:
         """End the recording of a run."""
         self.recording, self.logged_ns = None, -1
-        # a recording that nobody holds any more keeps its threads until then
+        # an orphaned recording keeps its threads until this call
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
     def robot(self, name: str) -> Iterable[Entity]:
-        """Ask for a robot; return nothing where nobody describes it."""
+        """Return the static entities of a robot; none if nobody describes it."""
         try:
             description = ask_description(self.bus.namespaced(name), DESCRIPTION_TIMEOUT_S)
             return self.pictures[name].robot_shapes(description)
