@@ -293,25 +293,23 @@ def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
     assert (process.returncode, err) == (code, "")
 
 
-def test_who_waits_for_others_is_ready_when_all_are_alive(start, settings, tester, wait_until):
-    with start("toy", [*settings, 'services=["toy","target"]']) as process:
-        await_start(process)
-        wait_until(tester, lambda: "toy" in tester.presence.names)
-        assert "toy/ready" not in tester.presence.names
-        tester.declare_alive("target")
-        wait_until(tester, lambda: "toy/ready" in tester.presence.names)
-
-
-@pytest.mark.parametrize(("mode", "waits"), [("real_time", False), ("lockstep", True)])
-def test_observers_are_waited_for_in_lockstep_alone(
-    start, settings, tester, wait_until, mode, waits
+@pytest.mark.parametrize(
+    ("mode", "others", "awaited"),
+    [
+        ("real_time", ["target"], ["target"]),
+        ("real_time", ["recorder", "viewer"], []),
+        ("lockstep", ["recorder", "viewer"], ["recorder", "viewer"]),
+    ],
+)
+def test_it_is_ready_when_all_others_are_alive_in_real_time_without_observers(
+    start, settings, tester, wait_until, mode, others, awaited
 ):
-    services = ['services=["toy","recorder","viewer"]', f"sim.mode={mode}"]
-    with start("toy", [*settings, *services]) as process:
+    with start(
+        "toy", [*settings, f"services={json.dumps(['toy', *others])}", f"sim.mode={mode}"]
+    ) as process:
         await_start(process)
         wait_until(tester, lambda: "toy" in tester.presence.names)
-        if waits:
+        for name in awaited:
             assert "toy/ready" not in tester.presence.names
-            tester.declare_alive("recorder")
-            tester.declare_alive("viewer")
+            tester.declare_alive(name)
         wait_until(tester, lambda: "toy/ready" in tester.presence.names)
