@@ -2,11 +2,10 @@
 
 import math
 
-from mecazen.geometry import Pose2D, Twist2D
-from mecazen.graph import Row, due, every
+from mecazen.geometry import Twist2D
 from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
 from mecazen.messages import Twist
-from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.node import Inputs, Node, Outputs, Row, Tick, due, every
 
 
 class MyFollower(Node):
@@ -15,14 +14,12 @@ class MyFollower(Node):
     ROW = Row("follower", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
 
     def reset(self, seed: int) -> None:
-        """Begin a run: nobody seen yet."""
-        self.person = Pose2D(x=1.0)
+        """Begin a run: as if the person were in place."""
+        self.x, self.y = 1.0, 0.0
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the velocity wanted in this tick: forward, left, turn."""
-        frame = inputs.get(OBSERVATION)
-        if frame and frame.poses:  # no frame in most ticks; empty if unseen
-            self.person = frame.poses[0].pose.to_planar()  # seen from the robot
-        distance = math.hypot(self.person.x, self.person.y)
-        bearing = math.atan2(self.person.y, self.person.x)
-        return {CMD_VEL: Twist.planar(Twist2D(x=1.5 * (distance - 1.0), yaw=1.5 * bearing))}
+        if (frame := inputs.get(OBSERVATION)) and frame.poses:
+            self.x, self.y, _ = frame.poses[0].pose.to_planar()  # seen from the robot
+        ahead = 1.5 * (math.hypot(self.x, self.y) - 1.0)
+        return {CMD_VEL: Twist.planar(Twist2D(x=ahead, yaw=1.5 * math.atan2(self.y, self.x)))}

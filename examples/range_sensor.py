@@ -2,10 +2,9 @@
 
 import numpy as np
 from mecazen.config import Scenario
-from mecazen.graph import Row, every
 from mecazen.keys import GROUND_TRUTH, TARGET_ODOM, Topic
 from mecazen.messages import Float, Header, Message
-from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.node import Inputs, Node, Outputs, Row, Tick, every
 from mecazen.schema import NonNegative, Positive, Section
 
 

@@ -86,21 +86,8 @@ class Row:
         key = self.remap.get(topic.key, topic.key)
         return topic if key == topic.key else replace(topic, key=key)
 
-    def placed(self, place: Row, program: str) -> Row:
-        """Return what a class says of itself in its row, in the place of another row.
-
-        Raises:
-            ConfigError: It does not give what others wait for.
-        """
-        if place not in GRAPH:
-            return replace(self, name=place.name)
-        awaited = {i.topic.key for row in GRAPH for i in row.inputs if i.rule != "latest"}
-        given = {topic.key for topic in self.outputs}
-        for topic in place.outputs:
-            if topic.key in awaited - given:
-                raise ConfigError(
-                    f"{program}: takes the place of {place.name}, so it must give {topic.key}"
-                )
+    def placed(self, place: Row) -> Row:
+        """Return what a class says of itself in its row, in the place of a row of the table."""
         return replace(
             self,
             name=place.name,
@@ -109,10 +96,6 @@ class Row:
             observes=place.observes,
             priority=place.priority,
         )
-
-    def without(self, topic: Topic[Any]) -> Row:
-        """Return the row without one of its inputs."""
-        return replace(self, inputs=tuple(i for i in self.inputs if i.topic is not topic))
 
 
 GRAPH: tuple[Row, ...] = (
@@ -146,7 +129,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "odometry",
         "where the robot is, from its wheels or from the truth",
-        inputs=(every(keys.JOINT_STATES), every(keys.GROUND_TRUTH)),
+        inputs=(every(keys.JOINT_STATES),),
         outputs=(keys.ODOM,),
         calls=(keys.SET_ODOMETRY,),
         rates={keys.ODOM.key: "controller.update_rate_hz"},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -90,7 +91,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
             table count as they stand there; a node that only the scenario knows is loaded.
 
     Raises:
-        ConfigError: A node is unknown, or two of them give the same topic.
+        ConfigError: A node is unknown, gives what another gives, or not what others wait for.
     """
     known = graph.services()
     rows: list[Row] = []
@@ -98,30 +99,41 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
         for row in known.get(service) or (own_row(service, scenario),):
             kind = (hosted or {}).get(row.name)
             rows.append(row if kind is None else _placed(row, kind, scenario))
-    return Graph(rows)
+    found = Graph(rows)
+    names = {row.name for row in rows}
+    for row in rows:
+        for key in (i.topic.key for i in row.inputs if i.rule != "latest"):
+            giver = _TABLE.giver(key)
+            if giver is not None and giver.name in names and found.giver(key) is None:
+                program = scenario.programs.get(giver.name, giver.name)
+                raise ConfigError(
+                    f"{program}: in the place of {giver.name} it must give {key}, which "
+                    f"{row.name} waits for"
+                )
+    return found
+
+
+_TABLE = Graph(graph.GRAPH)
 
 
 def own_row(name: str, scenario: Scenario) -> Row:
     """Return the row of a node that is not in the table.
 
     Raises:
-        ConfigError: There is no such node, or it owns time.
+        ConfigError: There is no such node, or it is none.
     """
     kind = find(name, scenario.programs)
     if not issubclass(kind, Node):
         raise ConfigError(f"{name}: a world or an observer takes the place of one in the table")
-    return _placed(Row(name), kind, scenario)
+    return replace(kind.row(scenario), name=name)
 
 
 def _placed(row: Row, kind: Kind, scenario: Scenario) -> Row:
-    """Return what a class says of itself, in the place of `row`.
-
-    Raises:
-        ConfigError: It does not give what others wait for.
-    """
+    """Return what a class says of itself, in the place of `row`."""
     if issubclass(kind, Observer):
         return row
-    return kind.row(scenario).placed(row, scenario.programs.get(row.name, row.name))
+    own = kind.row(scenario)
+    return own.placed(row) if row.name in graph.TABLE else replace(own, name=row.name)
 
 
 def classes(service: str, scenario: Scenario) -> dict[str, Kind]:

@@ -4,20 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mecazen import keys
-
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
-
-
-def test_every_key_is_in_its_table_as_it_is_in_the_code() -> None:
-    for topic in keys.TOPICS:
-        kind = topic.type.ROS_TYPE.replace("/msg", "")
-        row = f"| `{topic.key}` | {kind} | {topic.rate} | {topic.publisher} | {topic.meaning} |"
-        assert row in README
-    for call in keys.CALLS:
-        kinds = [kind.ROS_TYPE.replace("/msg", "") for kind in (call.request, call.answer)]
-        assert f"| `{call.key}` | {' → '.join(kinds)} | query |" in README
 
 
 def test_the_example_shown_is_the_example_that_is_tested() -> None:

@@ -11,7 +11,7 @@ from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
-from mecazen.graph import TABLE, Row
+from mecazen.graph import TABLE, Row, every
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, JOINT_COMMAND, JOINT_STATES, ODOM, Call
 from mecazen.messages import (
     Header,
@@ -51,10 +51,10 @@ class OdometryNode(Node):
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
-        """Return the row with the one input that the configuration asks for."""
+        """Return the row with the input and the key that the configuration asks for."""
         config = scenario.section(ControllerConfig, "controller")
-        other = GROUND_TRUTH if config.odometry == "wheel" else JOINT_STATES
-        return replace(cls.ROW.without(other), remap={ODOM.key: config.odometry_key})
+        inputs = cls.ROW.inputs if config.odometry == "wheel" else (every(GROUND_TRUTH),)
+        return replace(cls.ROW, inputs=inputs, remap={ODOM.key: config.odometry_key})
 
     def reset(self, seed: int) -> None:
         """Stand at the start."""

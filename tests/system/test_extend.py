@@ -1,0 +1,65 @@
+"""What docs/extend.md shows is what runs: its files are written and its commands tried."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from harness import mecazen
+from mecazen.keys import ODOM
+from mecazen.loading import load_scenario
+from mecazen_tools.simulate import InProcess
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "extend.md").read_text()
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
+SHORT = ("--set", "sim.duration_s=1.0")
+COMMANDS = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All files of the page, and the robot file that they name."""
+    made = tmp_path_factory.mktemp("extend")
+    robot = (ROOT / "configs" / "robots" / "nexus.toml").read_text()
+    (made / "nexus.toml").write_text(robot)
+    for kind, block in BLOCKS:
+        if kind != "sh":
+            (made / block.partition("\n")[0].removeprefix("# ")).write_text(block)
+    return made
+
+
+def test_each_section_is_one_screen():
+    for section in TEXT.split("\n## ")[1:]:
+        assert len(section.splitlines()) <= 75, section.partition("\n")[0]
+
+
+@pytest.mark.parametrize("line", [line for line in COMMANDS if "mecazen up" not in line])
+def test_a_command_of_the_page_works(folder: Path, line: str):
+    words = [
+        str(folder / word.removeprefix("robot=")) if (folder / word).exists() else word
+        for word in shlex.split(line)[1:]
+    ]
+    words = [w if not w.startswith("robot=") else f"robot={folder / w[6:]}" for w in words]
+    if "--record" in words:
+        words[-1] = str(folder / words[-1])
+    short = SHORT if words[0] == "simulate" else ()
+    done = mecazen(*words, *short)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(folder: Path):
+    assert any("mecazen up my_hardware.toml" in line for line in COMMANDS)
+    run = InProcess(load_scenario(folder / "my_hardware.toml"))
+    moved: list[float] = []
+    run.bus.subscribe(ODOM, lambda odom, _: moved.append(odom.pose.pose.position.x))
+    run.begin()
+    for tick in range(300):
+        if tick < 100:
+            run.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+        run.step()
+    # 0.2 m/s for 1 s, and on until the command is stale, less what starting takes
+    assert 0.2 < moved[-1] < 0.35
+    assert moved[-1] == moved[-50]
