@@ -26,7 +26,7 @@ from mecazen.world import WorldConfig
 SectionT = TypeVar("SectionT", bound=Section)
 
 ROUTER = "tcp/127.0.0.1:7447"
-"""Where processes and tools meet unless the scenario says otherwise."""
+"""The router's endpoint unless the scenario names another."""
 SECURE_ROUTER = "tls/127.0.0.1:7447"
 """The same where there are certificates."""
 

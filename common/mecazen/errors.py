@@ -2,7 +2,7 @@
 
 
 class MecazenError(Exception):
-    """A failure that the user is told of in one line; the process exits with `exit_code`."""
+    """A failure that is shown in one line; the process exits with `exit_code`."""
 
     exit_code = 1
 

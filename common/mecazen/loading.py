@@ -207,7 +207,7 @@ def _laid_over(below: Any, above: Any) -> Any:
 
 
 def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
-    """Load the section `[bus]` alone, which takes no service's code and a tenth of the time.
+    """Load only the section `[bus]`: no service's code is imported.
 
     Raises:
         ConfigError: One line with the file, the key and what is allowed.

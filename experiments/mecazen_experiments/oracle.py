@@ -1,4 +1,4 @@
-"""A follower that is told the truth: what its errors are is the share of control and robot."""
+"""A follower that knows the true person: its errors are those of control and robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 
 
 class Truth(Estimator):
-    """The person as they are; told, not estimated."""
+    """The true person in place of an estimate."""
 
     def __init__(self) -> None:
         super().__init__(Params())
@@ -32,7 +32,7 @@ class Truth(Estimator):
         self._person = Estimate(pose, velocity, CERTAIN)
 
     def predict(self, dt: float) -> None:
-        """Wait to be told."""
+        """Do nothing: `tell` sets the estimate."""
 
     def _observe(self, observation: Pose2D, noise: Array) -> None:
         """Know better."""

@@ -65,11 +65,11 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     reads = [call for row in GRAPH for call in row.calls if not call.changes]
     rules = [call for row in GRAPH for call in row.calls if call.changes]
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
-    told = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token"]
+    sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ANYONE, _rule("anyone subscribes to everything", hears, EVERYTHING)
     yield (
         ANYONE,
-        _rule("anyone is sent everything", [*told, *hears], EVERYTHING, flow="egress"),
+        _rule("anyone is sent everything", [*sent, *hears], EVERYTHING, flow="egress"),
     )
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], _call_keys(reads))
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]

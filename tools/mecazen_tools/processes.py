@@ -36,7 +36,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 
 
 ROUTER = Process(("router",))
-"""Where processes and tools meet."""
+"""The Zenoh router."""
 
 
 class Line(NamedTuple):
@@ -114,7 +114,7 @@ class Supervisor:
         return {name: part.process.pid for name, part in self._parts.items()}
 
     def works(self, name: str) -> bool:
-        """Return whether a process has told, as of the last `poll`, that it works."""
+        """Return whether a process has reported, as of the last `poll`, that it works."""
         return self._parts[name].begin_s < math.inf
 
     def start(self, process: Process, *, needed: bool = True) -> None:
@@ -127,17 +127,17 @@ class Supervisor:
 
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "mecazen.runtime", *arguments, *self._arguments]
-        reports, told = os.pipe()
+        reports, report_end = os.pipe()
         process = subprocess.Popen(
-            [*command, "--until-orphaned", f"--report={told}"],
+            [*command, "--until-orphaned", f"--report={report_end}"],
             stdin=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
             env=ONE_THREAD | os.environ,
-            pass_fds=(told,),
+            pass_fds=(report_end,),
         )
-        os.close(told)
+        os.close(report_end)
         watcher = threading.Thread(target=self._watch, args=(name, process, reports), daemon=True)
         watcher.start()
         self._watchers = [other for other in self._watchers if other.is_alive()]
@@ -264,7 +264,7 @@ def _how(event: Ended, error: str) -> str:
 
 
 def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
-    """Return settings by which processes meet at a free port, under a namespace of their own.
+    """Return settings for a router at a free port and a namespace of its own.
 
     Several runs, and one that is `up`, then do not hear each other.
     """

@@ -32,7 +32,7 @@ from mecazen_tools.processes import (
 from mecazen_tools.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
-"""Is told, now and then, how many ticks are done."""
+"""Called now and then with the number of ticks done."""
 
 PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
@@ -287,14 +287,14 @@ def _collect(
 
     Again and again it calls `check`, which raises where the run can't go on.
     """
-    begin, told = time.perf_counter(), 0
+    begin, reported = time.perf_counter(), 0
     while not trajectory.complete:
         bus.spin_once(PATIENCE_S)
         if trajectory.done == 0:
             begin = time.perf_counter()
-        if trajectory.done >= told + PROGRESS_TICKS:
-            told = trajectory.done
-            progress(told)
+        if trajectory.done >= reported + PROGRESS_TICKS:
+            reported = trajectory.done
+            progress(reported)
         check()
     progress(trajectory.done)
     return time.perf_counter() - begin

@@ -145,10 +145,10 @@ def _certificates(folder: Path, name: str) -> dict[str, Any]:
 
 
 def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
-    """Check that a peer or a router meets others only on loopback or by certificates.
+    """Check that a peer or a router links with others only on loopback or by certificates.
 
     Raises:
-        BusError: It meets them elsewhere, and `insecure` does not allow that.
+        BusError: It links with them elsewhere, and `insecure` does not allow that.
     """
     mutual_tls = base.get_json("transport/link/tls/enable_mtls") == "true"
     for way in ("listen", "connect"):

@@ -48,7 +48,7 @@ class Participant:
         self.stamp = Stamp(0, 0, scenario.seed)
         """The newest tick that it has heard of."""
         self.announce: Callable[[str], None] = lambda _: None
-        """Is told the address of what the service serves."""
+        """Takes the address of a page that the service serves."""
         self._ended_runs: deque[int] = deque(maxlen=16)
         self._heard: dict[str, _Heard] = {}
         self._reported = self.stamp

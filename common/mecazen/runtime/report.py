@@ -26,7 +26,7 @@ class Reporter:
 
     @property
     def log_level(self) -> int:
-        """What is worth logging: all that happens, unless somebody else is told of it."""
+        """The level of logs: warnings only where the starting process gets reports."""
         return logging.INFO if self.descriptor is None else logging.WARNING
 
     def tell(self, report: Report) -> None:

@@ -1,4 +1,4 @@
-"""The Zenoh router where processes and tools meet."""
+"""The Zenoh router that processes and tools connect to."""
 
 from __future__ import annotations
 
@@ -58,6 +58,6 @@ class _StopFlag:
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
-    """Call `stop` on Ctrl-C, and when the process is told to end."""
+    """Call `stop` on Ctrl-C, and on the signals that end a process."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop())

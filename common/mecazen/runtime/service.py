@@ -53,7 +53,7 @@ class Service(Participant):
                 bus.serve(call, partial(self._answer, node, call))
         lockstep = scenario.sim.mode == "lockstep"
         for topic, nodes in takers.items():
-            # in lockstep a publisher that takes part speaks alone
+            # in lockstep only the node of the graph is heard on its topics
             only_stamped = lockstep and graph.giver(topic.key) is not None
             deliver = _deliver(topic, nodes, only_stamped=only_stamped)
             self.subscribe(nodes[0].row.on_bus(topic), deliver)

@@ -47,7 +47,7 @@ def run_up(
 
     With `restart` a process that fails is started again instead. All services but the
     observers are `together` in one process, or in those of the scenario. The viewer, where it is
-    installed, is started beside them; onlookers may fail in any case.
+    installed, is started beside them; observers may fail in any case.
 
     Raises:
         MecazenError: What is wrong with the scenario, or the error of the process that failed.
@@ -182,7 +182,7 @@ def _number(values: Mapping[str, str], name: str) -> float | None:
 def _work(process: str, scenario: Scenario) -> str:
     """Return what a process does, by the nodes of its services."""
     if process == "router":
-        return "where processes and tools meet"
+        return "connects processes and tools"
     table = services()
     return "; ".join(
         scenario.programs.get(row.name, row.summary)
