@@ -17,7 +17,7 @@ import msgspec
 
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
-from mecazen.graph import OBSERVERS, SHARED
+from mecazen.graph import OBSERVERS, SERVICES, SHARED
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
@@ -279,10 +279,14 @@ class Scenario(Section):
         return ticks_per_sample(key, float(cast(float, rate_hz)), self.sim.tick_s)
 
     def _setting(self, key: str) -> Any:
-        """Return the value of `section.key`; None where neither says one."""
+        """Return the value of `section.key`; None where that service is not installed here."""
         name, _, field = key.partition(".")
         section = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
-        return section.get(field) if isinstance(section, dict) else getattr(section, field, None)
+        if isinstance(section, dict):
+            return section.get(field)
+        if not hasattr(section, field) and (section is not None or name not in SERVICES):
+            raise ConfigError(f"{key}: a node's rate that is no key of the configuration")
+        return getattr(section, field, None)
 
     def of(self, name: str) -> Scenario:
         """Return the scenario as the services of the robot `name` see it.

@@ -87,8 +87,8 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
 
     Args:
         scenario: Names its services, and its own programs.
-        hosted: Classes whose own rows count, by the names of the nodes. Other nodes of the
-            table count as they stand there; a node that only the scenario knows is loaded.
+        hosted: Classes of this process, by the names of their nodes: their own rows count, and
+            those of the scenario's programs. All other nodes are as they stand in the table.
 
     Raises:
         ConfigError: A node is unknown, gives what another gives, or not what others wait for.
@@ -97,7 +97,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
     rows: list[Row] = []
     for service in scenario.services:
         for row in known.get(service) or (own_row(service, scenario),):
-            kind = (hosted or {}).get(row.name)
+            kind = (hosted or {}).get(row.name) or _program(row.name, scenario)
             rows.append(row if kind is None else _placed(row, kind, scenario))
     found = Graph(rows)
     names = {row.name for row in rows}
@@ -114,6 +114,17 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
 
 
 _TABLE = Graph(graph.GRAPH)
+
+
+def _program(name: str, scenario: Scenario) -> Kind | None:
+    """Return the class that a program puts in a node's place.
+
+    Where it can't be imported, as in a container of another service, the row of the table counts.
+    """
+    try:
+        return find(name, scenario.programs) if name in scenario.programs else None
+    except ConfigError:
+        return None
 
 
 def own_row(name: str, scenario: Scenario) -> Row:

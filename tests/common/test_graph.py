@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from typing import get_type_hints
 
@@ -11,8 +10,8 @@ import pytest
 from mecazen import keys
 from mecazen.config import Scenario, SimConfig
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph, Row, due, every, latest
-from mecazen.keys import CMD_VEL, ODOM, TARGET_ODOM
+from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph, Row, every, latest
+from mecazen.keys import CMD_VEL, ODOM
 from mecazen.loading import installed_sections
 from mecazen.programs import graph_of
 
@@ -103,32 +102,20 @@ def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None
     assert alone.giver(CMD_VEL.key) is None
 
 
-@pytest.mark.parametrize(
-    ("place", "outputs", "missing"),
-    [
-        ("follower", (keys.FOLLOWER_STATE,), "cmd_vel"),
-        ("controller", (), "joint_command"),
-        ("target", (TARGET_ODOM,), "target/observation"),
-    ],
-)
-def test_what_takes_a_place_must_give_what_others_wait_for(
-    place: str, outputs: tuple[keys.Topic[msgspec.Struct], ...], missing: str
-) -> None:
-    message = f"my.py:Mine: takes the place of {place}, so it must give {missing}"
-    with pytest.raises(ConfigError, match=f"^{re.escape(message)}$"):
-        Row("mine", outputs=outputs).placed(TABLE[place], "my.py:Mine")
-
-
 def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest() -> None:
     mine = Row("mine", inputs=(latest(ODOM),), outputs=(CMD_VEL,), priority=50, shared=True)
-    placed = mine.placed(TABLE["follower"], "my.py:Mine")
+    placed = mine.placed(TABLE["follower"])
     assert (placed.name, placed.part_of, placed.priority) == ("follower", "follower", 2)
     assert (placed.inputs, placed.outputs) == (mine.inputs, mine.outputs)
     assert not placed.shared
-    assert mine.placed(Row("new"), "my.py:Mine").priority == 50
 
 
-def test_a_row_without_an_input_and_with_another_key_on_the_bus() -> None:
-    row = Row("mine", inputs=(every(ODOM), due(CMD_VEL)), remap={ODOM.key: "odom2"})
-    assert row.without(CMD_VEL).inputs == (every(ODOM),)
+def test_a_row_with_another_key_on_the_bus() -> None:
+    row = Row("mine", remap={ODOM.key: "odom2"})
     assert (row.on_bus(ODOM).key, row.on_bus(CMD_VEL)) == ("odom2", CMD_VEL)
+
+
+def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario: Scenario) -> None:
+    for key in ("sensor.rate", "nobody.rate_hz"):
+        with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no key"):
+            scenario.ticks_per(key)

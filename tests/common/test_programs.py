@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mecazen import programs
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import TABLE, every
-from mecazen.keys import ODOM
+from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
 from mecazen.loading import load_scenario
+from mecazen.node import Inputs, Node, Outputs, Row, Tick
 from mecazen.programs import find, graph_of, installed_nodes
 
 NODE = """
@@ -103,7 +106,9 @@ def test_a_class_of_ones_own_is_found_beside_the_scenario_and_takes_a_nodes_plac
     scenario = load_scenario(path)
     leader = find("follower", scenario.programs)
     assert leader.__name__ == find(f"{tmp_path / 'my.py'}:Leader", {}).__name__ == "Leader"
-    # only where it runs its own row counts: elsewhere its file need not be
+    assert graph_of(scenario).row("follower").inputs == leader.ROW.inputs
+    # where its file can't be imported, as in a container of another service, the table counts
+    scenario.programs["follower"] = str(tmp_path / "elsewhere.py:Leader")
     assert graph_of(scenario).row("follower") is TABLE["follower"]
     assert graph_of(scenario, {"follower": leader}).row("follower").inputs == (every(ODOM),)
 
@@ -139,3 +144,27 @@ def test_a_world_has_no_place_of_its_own(write_scenario: WriteScenario) -> None:
 
 def test_installed_nodes_have_rows_of_the_table() -> None:
     assert set(installed_nodes()) <= set(TABLE)
+
+
+@pytest.mark.parametrize(
+    ("place", "outputs", "missing"),
+    [
+        ("follower", (FOLLOWER_STATE,), "cmd_vel, which controller"),
+        ("controller", (), "joint_command, which physics"),
+        ("target", (TARGET_ODOM,), "target/observation, which follower"),
+    ],
+)
+def test_what_takes_a_place_must_give_what_others_wait_for(
+    scenario: Scenario, place: str, outputs: tuple[Topic[Any], ...], missing: str
+) -> None:
+    class Mine(Node):
+        ROW = Row(place, outputs=outputs)
+
+        def reset(self, seed: int) -> None: ...
+
+        def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+            return {}
+
+    expected = f"{place}: in the place of {place} it must give {missing} waits for"
+    with pytest.raises(ConfigError, match=f"^{re.escape(expected)}$"):
+        graph_of(scenario, {place: Mine})

@@ -61,6 +61,11 @@ class Link:
         self._awaited = set(self._givers)
 
     @property
+    def awaits(self) -> bool:
+        """Whether any node of the scenario answers its ticks."""
+        return bool(self._givers)
+
+    @property
     def answered(self) -> bool:
         """Whether all answers to the tick have come."""
         return not self._awaited
