@@ -56,7 +56,9 @@ class Service(Participant):
             # in lockstep a publisher that takes part speaks alone
             only_stamped = lockstep and graph.giver(topic.key) is not None
             deliver = _deliver(topic, nodes, only_stamped=only_stamped)
-            self.subscribe(nodes[0].row.on_bus(topic), deliver)
+            # so that a node that nobody waits for makes every step, however slow it is
+            every = only_stamped and any(node.join.awaits(topic) for node in nodes)
+            self.subscribe(nodes[0].row.on_bus(topic), deliver, every=every)
         self._resets_with = {part for node in self.nodes for part in node.row.resets_with}
         bus.presence.on_return.append(self._on_return)
         self.reset(scenario.seed)
@@ -108,7 +110,7 @@ class _Stepped:
             for i in inputs
             if i.rule == "due"
         }
-        self.join = Join(inputs, periods_ns)
+        self.join = Join(inputs, periods_ns, whole=scenario.sim.mode == "lockstep")
         self._publishers: dict[Topic[Any], Publisher[Any]] = {
             topic: service.bus.publisher(row.on_bus(topic)) for topic in row.outputs
         }
