@@ -82,6 +82,20 @@ def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path
     assert [sample.time_ns for sample in samples] == [n * 50_000_000 for n in range(20)]
 
 
+def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_path: Path) -> None:
+    (tmp_path / "wrong.py").write_text(
+        "from range_sensor import RangeSensor\n"
+        "class Wrong(RangeSensor):\n"
+        "    def step(self, tick, inputs):\n"
+        "        return {} / 2\n"
+    )
+    program = ("--set", f"programs.range={tmp_path}/wrong.py:Wrong", "--duration", "1")
+    path = f"{EXAMPLES}:{os.environ.get('PYTHONPATH', '')}"
+    done = mecazen("simulate", RANGE, "--distributed", *program, PYTHONPATH=path)
+    assert 'wrong.py", line 4, in step' in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("error: range: TypeError: ")
+
+
 def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:
     (tmp_path / "blind.py").write_text(
         "from mecazen.node import Node\n"

@@ -11,7 +11,6 @@ from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.wire import Stamp
 
-
 AHEAD_AT_MOST = 10_000
 """So many samples of a topic are held back at most: far more than one sender gets ahead by."""
 
