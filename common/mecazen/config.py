@@ -282,7 +282,12 @@ class Scenario(Section):
         """Return the value of `section.key`; None where neither says one."""
         name, _, field = key.partition(".")
         section = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
-        return section.get(field) if isinstance(section, dict) else getattr(section, field, None)
+        if isinstance(section, dict):
+            return section.get(field)
+        value = getattr(section, field, None if section is None else "none")
+        if not isinstance(value, int | float | None):
+            raise ConfigError(f"{key}: is no rate")
+        return value
 
     def of(self, name: str) -> Scenario:
         """Return the scenario as the services of the robot `name` see it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -129,6 +130,14 @@ def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section
 def test_where_services_name_it_a_program_takes_part_once(write_scenario: WriteScenario) -> None:
     path = write_scenario("services = ['mine', 'physics']\n[programs]\nmine = '../my.py:Mine'\n")
     assert load_scenario(path).services == ("mine", "physics")
+
+
+@pytest.mark.parametrize("name", ["clock", "collector", "router", "sim", "a/b", "a+b", "é", ""])
+def test_a_name_that_means_something_else_is_no_nodes(
+    write_scenario: WriteScenario, name: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"programs: {name!r} can't be")):
+        load_scenario(write_scenario(), (f'programs={{"{name}"="{Path.cwd()}/my.py:Mine"}}',))
 
 
 def test_a_world_has_no_place_of_its_own(write_scenario: WriteScenario) -> None:

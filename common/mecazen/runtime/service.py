@@ -104,6 +104,8 @@ class _Stepped:
         self.node = node
         self._bus = service.bus
         self._tick_ns = service.tick_ns
+        for rate in row.rates.values():
+            scenario.ticks_per(rate)  # refuses one that does not suit the tick
         inputs = graph.resolved(row)
         periods_ns = {
             i.topic: scenario.ticks_per(graph.rate(i.topic.key)) * service.tick_ns
