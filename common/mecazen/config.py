@@ -284,9 +284,10 @@ class Scenario(Section):
         section = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
         if isinstance(section, dict):
             return section.get(field)
-        if not hasattr(section, field) and (section is not None or name not in SERVICES):
-            raise ConfigError(f"{key}: a node's rate that is no key of the configuration")
-        return getattr(section, field, None)
+        value = getattr(section, field, None if section is None and name in SERVICES else "none")
+        if not isinstance(value, int | float | None):
+            raise ConfigError(f"{key}: a node's rate that is no number of the configuration")
+        return value
 
     def of(self, name: str) -> Scenario:
         """Return the scenario as the services of the robot `name` see it.

@@ -76,6 +76,28 @@ class Row:
     remap: Mapping[str, str] = field(default_factory=dict)
     """Keys on the bus, by the keys of its topics, where they differ."""
 
+    def __post_init__(self) -> None:
+        """Check it, as anyone may write one.
+
+        Raises:
+            ConfigError: A field is of another type, a topic is there twice, or a rate is of
+                no output.
+        """
+        for name, kind in (("inputs", Input), ("outputs", Topic), ("calls", Call)):
+            values = getattr(self, name)
+            if not isinstance(values, tuple) or not all(isinstance(v, kind) for v in values):
+                raise ConfigError(f"row {self.name}: {name} must be a tuple, each {kind.__name__}")
+        for name, topics in (("inputs", [i.topic for i in self.inputs]), ("outputs", self.outputs)):
+            given = [topic.key for topic in topics]
+            if len(set(given)) != len(given):
+                raise ConfigError(f"row {self.name}: {name}: each topic at most once")
+        for key, rate in self.rates.items():
+            positive = isinstance(rate, int | float) and rate > 0.0
+            if key not in {topic.key for topic in self.outputs}:
+                raise ConfigError(f"row {self.name}: rates: {key!r} is no key of its outputs")
+            if not positive and not isinstance(rate, str):
+                raise ConfigError(f"row {self.name}: rates: {key} must be positive, or name a key")
+
     @property
     def part_of(self) -> str:
         """The name of its service."""

@@ -15,7 +15,7 @@ import tomli_w
 from mecazen.config import RESERVED, BusConfig, Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
-from mecazen.graph import SERVICES, SHARED, TABLE
+from mecazen.graph import COLLECTOR, SERVICES, SHARED, TABLE
 from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
@@ -133,7 +133,13 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
     programs = raw.get("programs")
     if not isinstance(programs, dict):
         return
+    taken = ("router", "clock", COLLECTOR, *Scenario.__struct_fields__)
     for part, program in programs.items():
+        if part in taken or not re.fullmatch("[A-Za-z0-9_-]+", part):
+            raise ConfigError(
+                f"{path}: programs: {part!r} can't be a node's name; a name of its own, of "
+                "letters, digits, _ and -, can"
+            )
         if isinstance(program, str) and ".py:" in program:
             # a file of one's own lies beside the scenario, wherever the process is started
             programs[part] = str((path.parent / program).resolve())

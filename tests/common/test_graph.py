@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 import pytest
@@ -56,6 +56,23 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist() -> None:
                 assert setting in sections[section].__struct_fields__
 
 
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({"inputs": every(keys.ODOM)}, "inputs must be a tuple, each Input"),
+        ({"inputs": (keys.ODOM,)}, "inputs must be a tuple, each Input"),
+        ({"outputs": ("odom",)}, "outputs must be a tuple, each Topic"),
+        ({"inputs": (every(keys.ODOM), latest(keys.ODOM))}, "inputs: each topic at most once"),
+        ({"outputs": (keys.ODOM, keys.ODOM)}, "outputs: each topic at most once"),
+        ({"rates": {"odom": 10.0}}, "rates: 'odom' is no key of its outputs"),
+        ({"outputs": (keys.ODOM,), "rates": {"odom": 0}}, "rates: odom must be positive"),
+    ],
+)
+def test_a_row_that_makes_no_sense_is_refused(fields: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ConfigError, match=f"^row mine: {expected}"):
+        Row("mine", **fields)
+
+
 def test_two_nodes_that_give_one_topic_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"^follower and mine both give cmd_vel$"):
         Graph((*GRAPH, Row("mine", outputs=(CMD_VEL,))))
@@ -94,6 +111,12 @@ def test_rates_are_whole_ticks_of_the_scenario(scenario: Scenario) -> None:
         scenario.ticks_per(300.0)
 
 
+@pytest.mark.parametrize("rate", ["sim.mode", "sim.rate_hz"])
+def test_a_setting_that_is_no_rate_is_refused(scenario: Scenario, rate: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{rate}: is no rate$"):
+        scenario.ticks_per(rate)
+
+
 def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None:
     inputs = TABLE["controller"].inputs
     alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
@@ -117,5 +140,5 @@ def test_a_row_with_another_key_on_the_bus() -> None:
 
 def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario: Scenario) -> None:
     for key in ("sensor.rate", "nobody.rate_hz"):
-        with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no key"):
+        with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no number"):
             scenario.ticks_per(key)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -19,11 +20,10 @@ TICK_NS = 10_000_000
 A, B, D, E, L = (Topic(key, String, "") for key in "abdel")
 
 
-def join_of(*inputs: Input, **periods: int) -> Join:
+def join_of(*inputs: Input, whole: bool = False, **periods: int) -> Join:
     """`periods` are those of the due topics, in ticks."""
-    return Join(
-        inputs, {i.topic: periods[i.topic.key] * TICK_NS for i in inputs if i.rule == "due"}
-    )
+    periods_ns = {i.topic: periods[i.topic.key] * TICK_NS for i in inputs if i.rule == "due"}
+    return Join(inputs, periods_ns, whole=whole)
 
 
 def feed(join: Join, script: str) -> list[str]:
@@ -88,6 +88,31 @@ def test_each_step_is_made_of_what_its_rules_ask_for(
 
 
 @pytest.mark.parametrize(
+    ("inputs", "script", "steps"),
+    [
+        # one sender is ahead of the other by some ticks: no tick is lost
+        (BOTH, "a0 a1 a2 b0 b1 a3 b2 b3", ["0: a0 b0", "1: a1 b1", "2: a2 b2", "3: a3 b3"]),
+        # senders of different rates meet at the ticks of both
+        (BOTH, "a0 a1 a2 a3 a4 b0 b2 b4", ["0: a0 b0", "2: a2 b2", "4: a4 b4"]),
+        (BOTH, "b0 b2 b4 a0 a1 a2 a3 a4", ["0: a0 b0", "2: a2 b2", "4: a4 b4"]),
+        # what is due is used at its tick, however much later or earlier it comes
+        (DUE, "a0 a1 a2 d0 d2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
+        (DUE, "d0 d2 d4 a0 a1 a2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
+        # what never came is no more awaited when a later one has come
+        (DUE, "a0 d0 a1 a2 a3 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
+        # who joins late, in the middle of a tick
+        (BOTH, "b5 a6 b6", ["6: a6 b6"]),
+        (REVISED, "a0 d0 d0x d a1", ["0: a0 d0", "0 again: d0x", "0 again: d", "1: a1"]),
+        ((latest(L),), "l0 l1", []),
+    ],
+)
+def test_where_every_sample_comes_each_tick_makes_its_step_in_order(
+    inputs: Sequence[Input], script: str, steps: list[str]
+) -> None:
+    assert feed(join_of(*inputs, d=2, whole=True), script) == steps
+
+
+@pytest.mark.parametrize(
     ("script", "late"),
     [
         ("a0 d0 e0 a1 a2 d2 a3 a4 d4 e4", {"d": 0, "e": 0}),
@@ -133,10 +158,18 @@ PERIOD = st.integers(1, 4)
     first=st.integers(0, 5),
     order=st.randoms(use_true_random=False),
 )
-def test_whatever_order_the_samples_of_a_tick_come_in_the_steps_are_the_same(
-    triggers: int, step: int, dues: list[tuple[int, bool]], first: int, order: random.Random
+@pytest.mark.parametrize("whole", [False, True])
+def test_whatever_order_the_samples_come_in_the_steps_are_the_same(
+    whole: bool,
+    triggers: int,
+    step: int,
+    dues: list[tuple[int, bool]],
+    first: int,
+    order: random.Random,
 ) -> None:
-    # the promise of determinism: a tick's samples may overtake each other, ticks may not
+    # the promise of determinism: a tick's samples may overtake each other; ticks only in a
+    # whole join, and there too each sender's samples come in their order
+    first = 0 if whole else first  # who joins late misses what was due before, in any order
     periods = {Topic(f"every{number}", String, ""): step for number in range(triggers)}
     inputs = [every(topic) for topic in periods]
     for number, (period, revises) in enumerate(dues):
@@ -145,12 +178,19 @@ def test_whatever_order_the_samples_of_a_tick_come_in_the_steps_are_the_same(
         inputs.append(due(topic, revises=revises))
 
     def steps(shuffle: Callable[[list[Topic[String]]], None]) -> list[Joined]:
-        join = Join(inputs, {topic: period * TICK_NS for topic, period in periods.items()})
+        periods_ns = {topic: period * TICK_NS for topic, period in periods.items()}
+        join = Join(inputs, periods_ns, whole=whole)
         made: list[Joined] = []
-        for tick in range(first, first + 12):
-            topics = [topic for topic, period in periods.items() if tick % period == 0]
+        last = first + 12
+        for begin, end in [(first, last)] if whole else pairwise(range(first, last + 1)):
+            ticks = {
+                topic: [tick for tick in range(begin, end) if tick % period == 0]
+                for topic, period in periods.items()
+            }
+            topics = [topic for topic, given in ticks.items() for _ in given]
             shuffle(topics)
             for topic in topics:
+                tick = ticks[topic].pop(0)
                 made += join.put(topic, String(data=f"{tick}"), Stamp(tick * TICK_NS, 1, 9))
         assert not any(join.late.values())
         return made

@@ -136,6 +136,14 @@ def test_where_services_name_it_a_program_takes_part_once(write_scenario: WriteS
     assert load_scenario(path).services == ("mine", "physics")
 
 
+@pytest.mark.parametrize("name", ["clock", "collector", "router", "sim", "a/b", "a+b", "é", ""])
+def test_a_name_that_means_something_else_is_no_nodes(
+    write_scenario: WriteScenario, name: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"programs: {name!r} can't be")):
+        load_scenario(write_scenario(), (f'programs={{"{name}"="{Path.cwd()}/my.py:Mine"}}',))
+
+
 def test_a_world_has_no_place_of_its_own(write_scenario: WriteScenario) -> None:
     scenario = load_scenario(write_scenario("[programs]\nearth = '../my.py:Earth'\n"))
     with pytest.raises(ConfigError, match=r"^earth: a world or an observer takes the place of one"):

@@ -132,7 +132,9 @@ def test_a_refused_sample_is_counted_and_as_if_it_never_came(rig):
 
 
 @pytest.mark.parametrize(
-    ("mode", "ages_s"), [("lockstep", [float("inf")] * 2), ("real_time", [0.0, 0.01])]
+    # in lockstep no step is made without the frame of the node that takes part
+    ("mode", "ages_s"),
+    [("lockstep", []), ("real_time", [0.0, 0.01])],
 )
 def test_an_outsider_speaks_for_a_node_that_takes_part_in_real_time_only(rig, mode, ages_s):
     rig = rig(mode=mode)
@@ -158,7 +160,7 @@ def test_a_node_begins_anew_with_each_run_and_with_a_service_that_it_depends_on(
 
 
 def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
-    rig = rig()
+    rig = rig(mode="real_time")
     heard = []
     for tick in (0, 1, 2, 8, 9, 100):
         stamp = rig.at(tick)

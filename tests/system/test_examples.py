@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -55,6 +56,44 @@ def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path: Path) -
     shown = mecazen("topics", RANGE).stdout
     assert re.search(r"range .*mecazen_examples/msg/Range .*range.rate_hz .*range", shown)
     assert "range_sensor.py" not in mecazen("graph", RANGE).stderr
+
+
+def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path: Path) -> None:
+    # it is slower than the others, so samples wait for it; all that it gives is recorded
+    (tmp_path / "slow.py").write_text(
+        "import time\n"
+        "from range_sensor import RANGE, RangeSensor\n"
+        "class Slow(RangeSensor):\n"
+        "    def step(self, tick, inputs):\n"
+        "        time.sleep(0.015)\n"
+        "        return super().step(tick, inputs)\n"
+    )
+    settings = (
+        "sim.duration_s=1.0",
+        f"programs.range={tmp_path}/slow.py:Slow",
+        'services=["physics","target","controller","recorder"]',
+        f"recorder.file={tmp_path}/run.mcap",
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", f"{EXAMPLES}:{os.environ.get('PYTHONPATH', '')}")
+        patch.syspath_prepend(EXAMPLES)
+        simulate_distributed(RANGE, settings, "slow")
+        samples = [s for s in Recording(tmp_path / "run.mcap").samples() if s.key == "range"]
+    assert [sample.time_ns for sample in samples] == [n * 50_000_000 for n in range(20)]
+
+
+def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_path: Path) -> None:
+    (tmp_path / "wrong.py").write_text(
+        "from range_sensor import RangeSensor\n"
+        "class Wrong(RangeSensor):\n"
+        "    def step(self, tick, inputs):\n"
+        "        return {} / 2\n"
+    )
+    program = ("--set", f"programs.range={tmp_path}/wrong.py:Wrong", "--duration", "1")
+    path = f"{EXAMPLES}:{os.environ.get('PYTHONPATH', '')}"
+    done = mecazen("simulate", RANGE, "--distributed", *program, PYTHONPATH=path)
+    assert 'wrong.py", line 4, in step' in done.stderr
+    assert done.stderr.splitlines()[-1].startswith("error: range: TypeError: ")
 
 
 def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:

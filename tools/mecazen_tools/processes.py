@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Literal, NamedTuple
 import msgspec
 from mecazen.config import Process
 from mecazen.errors import MecazenError
+from mecazen.graph import OBSERVERS
 from mecazen.runtime.report import Report
 
 STOP_TIMEOUT_S = 5.0
@@ -218,8 +219,18 @@ class Supervisor:
         return Line(event.name, f"{event.name}: {how}; it is started again {when}")
 
     def stop(self) -> list[str]:
-        """End all processes; return the names of those that had to be killed."""
-        processes = {name: part.process for name, part in self._parts.items()}
+        """End all processes; return the names of those that had to be killed.
+
+        Who observes ends after all others, with what they have published to the last.
+        """
+        last = {ROUTER.name, *OBSERVERS}
+        killed = [*self._stop(self._parts.keys() - last), *self._stop(self._parts.keys() & last)]
+        for watcher in self._watchers:
+            watcher.join()
+        return killed
+
+    def _stop(self, names: Set[str]) -> list[str]:
+        processes = {name: self._parts[name].process for name in sorted(names)}
         for process in processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
@@ -231,8 +242,6 @@ class Supervisor:
                 process.kill()
                 process.wait()
                 killed.append(name)
-        for watcher in self._watchers:
-            watcher.join()
         return killed
 
     def _watch(self, name: str, process: subprocess.Popen[str], reports: int) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -225,7 +227,7 @@ def simulate_distributed(
                 with beside_that_core() if observes else on_one_core():
                     supervisor.start(process)
             with beside_that_core():
-                wall_s = _collect(trajectory, bus, lambda: supervisor.poll(0.0), progress)
+                wall_s = _collect(trajectory, bus, partial(_pass_on, supervisor), progress)
     finally:
         supervisor.stop()
     return result(scenario, name, trajectory, wall_s), trajectory
@@ -266,6 +268,16 @@ def collect(
         trajectory = _join(bus, scenario)
         wall_s = _collect(trajectory, bus, check, progress)
     return result(scenario, name, trajectory, wall_s), trajectory
+
+
+def _pass_on(supervisor: Supervisor) -> None:
+    """Show what the processes have written meanwhile.
+
+    Raises:
+        ProcessError: One of them has ended.
+    """
+    while (line := supervisor.poll(0.0)) is not None:
+        sys.stderr.write(f"{line.text}\n")
 
 
 def _collected(scenario: Scenario) -> list[str]:

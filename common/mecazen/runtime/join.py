@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -9,6 +10,9 @@ from mecazen.graph import Input
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.wire import Stamp
+
+AHEAD_AT_MOST = 10_000
+"""So many samples of a topic are held back at most: far more than one sender gets ahead by."""
 
 
 class Joined(NamedTuple):
@@ -24,15 +28,25 @@ class Join:
     """Collects the samples of a node's inputs until they make up a step.
 
     A tick is open from the arrival of its samples of rule "every" until what is due in it has
-    come. Where the next tick comes first, the open one is closed with what there is.
+    come. Where the next tick comes first, the open one is closed with what there is; or, where
+    the join is `whole`, the next is held back, so the steps don't depend on whose samples come
+    first.
 
     Args:
         inputs: The node's inputs, as `Graph.resolved` has them.
         periods_ns: Of inputs of rule "due": from one sample to the next [ns].
+        whole: Whether every sample comes, and each sender's in their order, as in lockstep.
     """
 
-    def __init__(self, inputs: Iterable[Input], periods_ns: Mapping[Topic[Any], int]) -> None:
+    def __init__(
+        self,
+        inputs: Iterable[Input],
+        periods_ns: Mapping[Topic[Any], int],
+        *,
+        whole: bool = False,
+    ) -> None:
         inputs = tuple(inputs)
+        self._whole = whole
         self._triggers = tuple(i.topic for i in inputs if i.rule == "every")
         self._due = {i.topic: periods_ns[i.topic] for i in inputs if i.rule == "due"}
         self._revising = {i.topic for i in inputs if i.revises}
@@ -49,9 +63,44 @@ class Join:
         self._open: Stamp | None = None
         self._last: Stamp | None = None
         self._period_ns = 0
+        awaited = (*self._due, *self._triggers)
+        # one topic alone is never ahead of another
+        holds = self._whole and self._triggers and len(awaited) > 1
+        self._held: dict[Topic[Any], deque[tuple[Message, Stamp]]] = {
+            topic: deque(maxlen=AHEAD_AT_MOST) for topic in (awaited if holds else ())
+        }
+
+    def awaits(self, topic: Topic[Any]) -> bool:
+        """Return whether steps wait for a topic's samples."""
+        return topic in self._due or topic in self._triggers
 
     def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Iterator[Joined]:
         """Take a sample of this run; yield the steps that can be made now."""
+        last_ns = -1 if self._last is None else self._last.time_ns
+        if stamp is None or topic not in self._held or stamp.time_ns <= last_ns:
+            yield from self._put(topic, message, stamp)
+            return
+        self._held[topic].append((message, stamp))
+        while (tick_ns := self._next_whole_ns()) is not None:
+            # what is due comes before what makes the step
+            for given, held in self._held.items():
+                while held and held[0][1].time_ns <= tick_ns:
+                    yield from self._put(given, *held.popleft())
+
+    def _next_whole_ns(self) -> int | None:
+        """Return the next tick [ns] of which all has come; None: it is still awaited."""
+        heads = [self._held[topic] for topic in self._triggers]
+        while all(heads):
+            stamps = [held[0][1] for held in heads]
+            newest = max(stamps, key=lambda stamp: stamp.time_ns)
+            behind = [h for h in heads if h[0][1].time_ns < newest.time_ns]
+            if not behind:
+                return None if self._missing(newest) else newest.time_ns
+            for held in behind:
+                held.popleft()
+        return None
+
+    def _put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Iterator[Joined]:
         if topic in self._triggers:
             if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
                 return
@@ -89,7 +138,9 @@ class Join:
         missing = []
         for topic, period_ns in self._due.items():
             due_ns = stamp.time_ns - stamp.time_ns % period_ns
-            if last_ns < due_ns and self._newest_ns.get(topic, -1) < due_ns:
+            held = self._held.get(topic)
+            newest_ns = held[-1][1].time_ns if held else self._newest_ns.get(topic, -1)
+            if last_ns < due_ns and newest_ns < due_ns:
                 missing.append(topic)
         return missing
 

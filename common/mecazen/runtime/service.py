@@ -56,7 +56,9 @@ class Service(Participant):
             # in lockstep only the node of the graph is heard on its topics
             only_stamped = lockstep and graph.giver(topic.key) is not None
             deliver = _deliver(topic, nodes, only_stamped=only_stamped)
-            self.subscribe(nodes[0].row.on_bus(topic), deliver)
+            # so that a node that nobody waits for makes every step, however slow it is
+            every = only_stamped and any(node.join.awaits(topic) for node in nodes)
+            self.subscribe(nodes[0].row.on_bus(topic), deliver, every=every)
         self._resets_with = {part for node in self.nodes for part in node.row.resets_with}
         bus.presence.on_return.append(self._on_return)
         self.reset(scenario.seed)
@@ -102,13 +104,15 @@ class _Stepped:
         self.node = node
         self._bus = service.bus
         self._tick_ns = service.tick_ns
+        for rate in row.rates.values():
+            scenario.ticks_per(rate)  # refuses one that does not suit the tick
         inputs = graph.resolved(row)
         periods_ns = {
             i.topic: scenario.ticks_per(graph.rate(i.topic.key)) * service.tick_ns
             for i in inputs
             if i.rule == "due"
         }
-        self.join = Join(inputs, periods_ns)
+        self.join = Join(inputs, periods_ns, whole=scenario.sim.mode == "lockstep")
         self._publishers: dict[Topic[Any], Publisher[Any]] = {
             topic: service.bus.publisher(row.on_bus(topic)) for topic in row.outputs
         }
