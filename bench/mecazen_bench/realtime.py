@@ -88,12 +88,7 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
         # python -m mecazen.runtime NAME …
         usage = Usage({child.cmdline()[3]: child for child in up.children()} | {"up": up})
         arrivals = receiver.submit(_receive, scenario, window_s).result()
-        cpu, memory = usage.core_percent(), usage.memory_mb()
-    rows = [
-        Row(name, {"% of a core": Figure.of(cpu[name], "less"), "MB": Figure.of(size, MEMORY_MB)})
-        for name, size in memory.items()
-    ]
-    rows.append(Row("all", {"% of a core": Figure.of(sum(cpu.values()), CPU_PERCENT)}))
+        rows = usage.rows(CPU_PERCENT, MEMORY_MB)
     half, most = arrivals.jitter_ms()
     schedule = {
         "first odom s": Figure.of(first_odom_s - begin, FIRST_ODOM_S),
