@@ -11,7 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
-from mecazen_follower.tracking import TrackingState
+from mecazen_follower.tracking import Tracker, TrackingState
 
 MAX_STEP = 0.5
 """A pose that changes by more than this [m, rad] in a tick ..."""
@@ -51,7 +51,7 @@ class Following:
     def __init__(self, config: FollowerConfig, latency: float) -> None:
         self.estimator = config.make_estimator()
         self._controller = config.make_controller()
-        self._tracker = config.make_tracker()
+        self._tracker = Tracker(config.coast_after_s, config.lost_after_s)
         self._standoff = config.standoff
         self._latency = latency
         self._response = config.response_s

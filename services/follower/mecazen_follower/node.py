@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from mecazen.config import Scenario
-from mecazen.covariance import ros_covariance
-from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
+from mecazen.geometry import Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
 from mecazen.messages import (
@@ -24,7 +26,6 @@ from mecazen.wire import NS_PER_S
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Measurement, Step
-from mecazen_follower.observation import in_odom
 
 HISTORY_S = 5.0
 """For so long odometry is kept, besides the sensor's latency, for observations that come late."""
@@ -74,15 +75,19 @@ class FollowerNode(Node):
     def _measurement(self, frame: Observation | None) -> Measurement | None:
         """Return the person in a frame in odom, if it shows one.
 
+        A pose in another frame than `base_link` (world, odom) is taken to be in odom already.
+
         Raises:
             ValueError: It was captured when the robot's pose is not known, or is no pose.
         """
         if frame is None or not frame.poses:
             return None
-        # only what is seen from the robot needs to know where it was
-        seen_from_robot = frame.header.frame_id == "base_link"
-        robot = self.robot.at(frame.header.stamp.ns) if seen_from_robot else Pose2D()
-        return in_odom(frame.poses[0], frame.header.frame_id, robot)
+        pose = frame.poses[0].pose.to_planar()
+        covariance = planar_covariance(frame.poses[0].covariance)
+        if frame.header.frame_id != "base_link":
+            return Measurement(pose, covariance)
+        robot = self.robot.at(frame.header.stamp.ns)
+        return Measurement(robot.compose(pose), _rotated(covariance, robot.yaw))
 
     def diagnostics(self) -> dict[str, object]:
         """Return how well it follows, and the filter's consistency."""
@@ -118,3 +123,16 @@ def _odometry(header: Header, person: Estimate) -> Odometry:
     )
     twist = TwistWithCovariance(twist=Twist.planar(Twist2D(vx, vy, person.velocity.yaw)))
     return Odometry(header=header, child_frame_id="person", pose=pose, twist=twist)
+
+
+def _rotated(covariance: PlanarCovariance, yaw: float) -> PlanarCovariance:
+    """Return a 3x3 covariance C of (x, y, yaw) as R C Rᵀ, R the rotation by `yaw` [rad]."""
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+    c, s = math.cos(yaw), math.sin(yaw)
+    # first R C over x and y, then the product
+    cxx, cxy, cyx, cyy = c * xx - s * yx, c * xy - s * yy, s * xx + c * yx, s * xy + c * yy
+    return (
+        (c * cxx - s * cxy, s * cxx + c * cxy, c * xw - s * yw),
+        (c * cyx - s * cyy, s * cyx + c * cyy, s * xw + c * yw),
+        (c * wx - s * wy, s * wx + c * wy, ww),
+    )
