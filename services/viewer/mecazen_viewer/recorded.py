@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -54,7 +54,11 @@ def draw(file: Path, folder: Path) -> list[Path]:
     Raises:
         MecazenError: It is another kind of file, or has no configuration of its run.
     """
-    recording = _reader(file)(file)
+    entries = entry_points(group="mecazen.recordings")
+    reader = next((one.load() for one in entries if f".{one.name}" == file.suffix), None)
+    if reader is None:
+        raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
+    recording: Recording = reader(file)
     bus = LocalBus()
     for robot, description in recording.descriptions().items():
         serve_description(bus.namespaced(robot), description)
@@ -76,13 +80,6 @@ def draw(file: Path, folder: Path) -> list[Path]:
         raise ConfigError(f"{file}: holds no run")
     viewer.end()
     return files
-
-
-def _reader(file: Path) -> Callable[[Path], Recording]:
-    for entry in entry_points(group="mecazen.recordings"):
-        if f".{entry.name}" == file.suffix:
-            return cast(Callable[[Path], Recording], entry.load())
-    raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
 
 
 def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
