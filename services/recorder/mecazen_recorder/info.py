@@ -9,7 +9,7 @@ import msgspec
 from mecazen.config import split_key
 from mecazen.wire import NS_PER_S
 
-from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.reader import Recording
 
 GAP = 1.5
 """An interval of more than this many medians is a gap."""
@@ -66,7 +66,7 @@ def inspect(recording: Recording) -> Info:
         stamp = sample.stamp
         run = None if stamp is None else stamp.run
         times.setdefault(sample.key, {}).setdefault(run, []).append(sample.time_ns)
-        types.setdefault(sample.key, _type_of(sample))
+        types.setdefault(sample.key, sample.kind.ROS_TYPE if sample.kind else sample.encoding)
         if stamp is not None:
             first, last = spans.get(stamp.run, (sample.time_ns, sample.time_ns))
             spans[stamp.run] = min(first, sample.time_ns), max(last, sample.time_ns)
@@ -92,10 +92,6 @@ def inspect(recording: Recording) -> Info:
         runs=runs,
         keys=infos,
     )
-
-
-def _type_of(sample: Sample) -> str:
-    return sample.encoding if sample.kind is None else sample.kind.ROS_TYPE
 
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:

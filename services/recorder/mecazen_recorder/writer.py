@@ -33,11 +33,7 @@ _RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpac
 
 
 class RecordingWriter:
-    """Writes an MCAP file.
-
-    Args:
-        path: The file, which must not exist.
-        encoding: The encoding of messages.
+    """Writes an MCAP file, which must not exist, with messages in an encoding.
 
     Raises:
         RecordingError: The file can't be created.
@@ -133,12 +129,10 @@ class RecordingWriter:
             metadata["zenoh_encoding"] = kind
             schema = 0
         else:
-            encoding, schema = self._encoding, self._schema(kind)
+            if kind not in self._schemas:
+                schema = self._mcap.register_schema(*schemas.schema(kind, self._encoding))
+                self._schemas[kind] = schema
+            encoding, schema = self._encoding, self._schemas[kind]
         channel = self._mcap.register_channel(key, encoding, schema, metadata)
         self._channels[key, run, kind] = channel
         return channel
-
-    def _schema(self, kind: type[Message]) -> int:
-        if kind not in self._schemas:
-            self._schemas[kind] = self._mcap.register_schema(*schemas.schema(kind, self._encoding))
-        return self._schemas[kind]
