@@ -106,10 +106,6 @@ class Following:
             self._pending.popleft()
         return command
 
-    def predict(self, dt: float) -> None:
-        """Propagate the estimate by `dt` [s]."""
-        self.estimator.predict(dt)
-
 
 def _jumped(last: Pose2D, robot: Pose2D, dt: float) -> bool:
     limit = max(MAX_STEP, MAX_SPEED * dt)

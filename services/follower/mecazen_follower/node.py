@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import math
 
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.geometry import Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
-from mecazen.messages import (
-    FollowerState,
-    Header,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Twist,
-    TwistWithCovariance,
-)
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.wire import NS_PER_S
@@ -48,7 +39,7 @@ class FollowerNode(Node):
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
         self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))
-        self.state: FollowerState | None = None
+        self.state: m.FollowerState | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
@@ -59,7 +50,7 @@ class FollowerNode(Node):
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
         if self.robot:
-            self.following.predict(period_s)
+            self.following.estimator.predict(period_s)
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         try:
@@ -70,9 +61,9 @@ class FollowerNode(Node):
             step = self.following.step(time_s, period_s, robot, None)
         self.state = _state(odom.header, self.config.estimator, step)
         # the state before the command: who has the command of a tick has all of the tick
-        return {FOLLOWER_STATE: self.state, CMD_VEL: Twist.planar(step.command)}
+        return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
 
-    def _measurement(self, frame: Observation | None) -> Measurement | None:
+    def _measurement(self, frame: m.Observation | None) -> Measurement | None:
         """Return the person in a frame in odom, if it shows one.
 
         A pose in another frame than `base_link` (world, odom) is taken to be in odom already.
@@ -98,16 +89,16 @@ class FollowerNode(Node):
         return values
 
 
-def _state(header: Header, estimator: str, step: Step) -> FollowerState:
+def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:
     tracking, errors = step.tracking, step.errors
     if step.person is None:
-        return FollowerState(header=header, tracking=tracking, estimator=estimator)
-    return FollowerState(
+        return m.FollowerState(header=header, tracking=tracking, estimator=estimator)
+    return m.FollowerState(
         header=header,
         tracking=tracking,
         estimator=estimator,
         estimate=(_odometry(header, step.person),),
-        goal=(Pose.planar(step.goal),),
+        goal=(m.Pose.planar(step.goal),),
         distance_error=errors.distance,
         bearing_error=errors.bearing,
         heading_error=errors.yaw,
@@ -115,14 +106,14 @@ def _state(header: Header, estimator: str, step: Step) -> FollowerState:
     )
 
 
-def _odometry(header: Header, person: Estimate) -> Odometry:
+def _odometry(header: m.Header, person: Estimate) -> m.Odometry:
     """Return an estimate as a message: the velocity turned into the person's own frame."""
     vx, vy = rotate(person.velocity.x, person.velocity.y, -person.pose.yaw)
-    pose = PoseWithCovariance(
-        pose=Pose.planar(person.pose), covariance=ros_covariance(person.covariance)
+    pose = m.PoseWithCovariance(
+        pose=m.Pose.planar(person.pose), covariance=ros_covariance(person.covariance)
     )
-    twist = TwistWithCovariance(twist=Twist.planar(Twist2D(vx, vy, person.velocity.yaw)))
-    return Odometry(header=header, child_frame_id="person", pose=pose, twist=twist)
+    twist = m.TwistWithCovariance(twist=m.Twist.planar(Twist2D(vx, vy, person.velocity.yaw)))
+    return m.Odometry(header=header, child_frame_id="person", pose=pose, twist=twist)
 
 
 def _rotated(covariance: PlanarCovariance, yaw: float) -> PlanarCovariance:

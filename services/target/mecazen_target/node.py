@@ -4,19 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import TABLE
 from mecazen.keys import GROUND_TRUTH, OBSERVATION, TARGET_CMD_VEL, TARGET_ODOM, Topic
-from mecazen.messages import (
-    Header,
-    Message,
-    Observation,
-    Pose,
-    PoseWithCovariance,
-    Time,
-    planar_odometry,
-)
 from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_target import config
@@ -56,8 +48,8 @@ class TargetNode(Node):
         if command is not None:
             self.driven.command(command.to_planar())
         person = self.motion = self._motion_at(tick.number)
-        outputs: dict[Topic[Any], Message] = {
-            TARGET_ODOM: planar_odometry(tick.time, "world", "person", person.pose, person.twist)
+        outputs: dict[Topic[Any], m.Message] = {
+            TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
         }
         robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
         frame = self.sensor.observe(tick.number, robot, person.pose)
@@ -75,13 +67,15 @@ class TargetNode(Node):
         self.tick = tick
         return motion if self.config.gait is None else with_gait(motion, self.config.gait)
 
-    def _message(self, frame: Frame) -> Observation:
-        captured = Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)
-        header = Header(stamp=captured, frame_id=self.scenario.sensor.frame)
+    def _message(self, frame: Frame) -> m.Observation:
+        captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)
+        header = m.Header(stamp=captured, frame_id=self.scenario.sensor.frame)
         if frame.pose is None:
-            return Observation(header=header)
-        seen = PoseWithCovariance(pose=Pose.planar(frame.pose), covariance=self.sensor.covariance)
-        return Observation(header=header, poses=(seen,))
+            return m.Observation(header=header)
+        seen = m.PoseWithCovariance(
+            pose=m.Pose.planar(frame.pose), covariance=self.sensor.covariance
+        )
+        return m.Observation(header=header, poses=(seen,))
 
     def diagnostics(self) -> dict[str, object]:
         """Return where the person is, and the distance walked."""
