@@ -102,12 +102,7 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 def _make_service(
     recording: Recording, run: int, program: str, robot: str, bus: LocalBus
 ) -> Service:
-    """Return the nodes with their recorded configuration.
-
-    Raises:
-        RecordingError: They did not take part in the run.
-        ConfigError: There are none of that name, or they have no inputs to compute from.
-    """
+    """Return the nodes with their recorded configuration; raises as `recompute`."""
     scenario = recording.scenario(run)
     kinds = classes(program, scenario)
     if not all(issubclass(kind, Node) for kind in kinds.values()):

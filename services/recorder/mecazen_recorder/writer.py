@@ -17,9 +17,9 @@ from mcap.writer import Writer
 from mecazen.config import join_key
 from mecazen.description import RobotDescription
 from mecazen.messages import Message
-from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp
+from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
 
-from mecazen_recorder import schemas
+from mecazen_recorder import cdr, schemas
 from mecazen_recorder.config import Encoding
 from mecazen_recorder.sink import RecordingError, Sink
 
@@ -56,18 +56,13 @@ class RecordingWriter:
             RefusedError: There are too many keys and runs.
             RecordingError: The disk is full.
         """
-        channel = self._channel(key, stamp, type(message))
-        self._add(channel, schemas.write(message, self._encoding), time_ns)
+        payload = cdr.encode(message) if self._encoding == "cdr" else encode(message, "json")
+        self._add(self._channel(key, stamp, type(message)), payload, time_ns)
 
     def write_bytes(
         self, key: str, payload: bytes, encoding: str, stamp: Stamp | None, time_ns: int
     ) -> None:
-        """Write a payload of unknown type unchanged, with its Zenoh encoding.
-
-        Raises:
-            RefusedError: There are too many keys and runs.
-            RecordingError: The disk is full.
-        """
+        """Write a payload of unknown type unchanged, with its Zenoh encoding; raises as `write`."""
         self._add(self._channel(key, stamp, encoding), payload, time_ns)
 
     def write_run(self, stamp: Stamp, scenario: str | None) -> None:

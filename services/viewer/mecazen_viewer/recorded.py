@@ -1,11 +1,14 @@
-"""Draws recorded runs with the scene of live ones."""
+"""Shows recorded runs, with the scene of live ones."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from contextlib import closing
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Protocol
 
 import rerun as rr
@@ -17,6 +20,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.wire import NS_PER_S, RefusedError, Stamp
 
 from mecazen_viewer.layout import blueprint
+from mecazen_viewer.rerun_process import SERVES, SHOWS, RerunProcess, free_port, page, uri
 from mecazen_viewer.service import FRAME_S, ViewerService
 
 FRAME_NS = round(FRAME_S * NS_PER_S)
@@ -46,6 +50,34 @@ class Recording(Protocol):
 
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run with the named sections of services."""
+
+
+def open_file(file: Path, *, native: bool) -> None:
+    """Show a file until its window is closed or until Ctrl-C.
+
+    Raises:
+        RerunError: Rerun can't show it here.
+    """
+    with TemporaryDirectory(prefix="mecazen-view-") as folder:
+        shown = [file]
+        if file.suffix == ".mcap":
+            try:
+                shown = draw(file, Path(folder))
+            except MecazenError as error:
+                sys.stderr.write(f"{error}; shown without the scene\n")
+        try:
+            if native:
+                with closing(RerunProcess("--port=auto", *map(str, shown), ready=SHOWS)) as window:
+                    window.wait()
+                return
+            data, web = free_port("data port", 0), free_port("web port", 0)
+            ports = f"--port={data}", f"--web-viewer-port={web}"
+            program = RerunProcess("--serve-web", *ports, *map(str, shown), ready=SERVES)
+            with closing(program) as server:
+                print(f"{file}: {page(web, uri(data))}\nCtrl-C ends it.", flush=True)
+                server.wait()
+        except KeyboardInterrupt:
+            return
 
 
 def draw(file: Path, folder: Path) -> list[Path]:
