@@ -11,8 +11,7 @@ from pathlib import Path
 from mecazen.config import Process
 from mecazen.loading import load_scenario
 from mecazen_tools.processes import Supervisor, private_router
-from mecazen_viewer.headless import headless_viewer
-from mecazen_viewer.rerun_process import free_port, uri
+from mecazen_viewer.rerun_process import free_port, headless_viewer, uri
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]

@@ -75,9 +75,7 @@ def select(
 def measure(benchmarks: dict[str, Benchmark], report: Callable[[str], None]) -> Results:
     """Measure benchmarks, interleaved, so that the load of others affects all alike.
 
-    Args:
-        benchmarks: What to measure, by name.
-        report: Is called with what is measured next.
+    `report` is called with what is measured next.
     """
     others = Others()
     found: dict[str, list[Sequence[Group]]] = {name: [] for name in benchmarks}

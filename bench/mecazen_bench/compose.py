@@ -53,7 +53,10 @@ class Compose:
 
     def __init__(self, profile: str | None = None, **environment: str) -> None:
         self.name = f"mecazen-{secrets.token_hex(4)}"
-        self.ports = dict(zip(PORTS, _free_ports(len(PORTS)), strict=True))
+        with ExitStack() as taken:  # all at once, so that they differ
+            servers = [taken.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in PORTS]
+            numbers = [server.getsockname()[1] for server in servers]
+        self.ports: dict[str, int] = dict(zip(PORTS, numbers, strict=True))
         self._command = [*command(), "--project-name", self.name]
         if profile is not None:
             self._command += ["--profile", profile]
@@ -67,11 +70,7 @@ class Compose:
         return f"tcp/127.0.0.1:{self.ports['MECAZEN_ROUTER_PORT']}"
 
     def run(self, *arguments: str) -> str:
-        """Return what `docker compose ARGUMENTS` prints.
-
-        Raises:
-            MecazenError: It failed; with all that it said.
-        """
+        """Return what `docker compose ARGUMENTS` prints; raises as `docker`."""
         return _run(*self._command, *arguments, environment=self._environment)
 
     def containers(self) -> dict[str, Any]:
@@ -100,24 +99,9 @@ def docker(*arguments: str) -> str:
 
 
 def _run(*arguments: str, environment: dict[str, str] | None = None) -> str:
-    done = subprocess.run(
-        arguments,
-        cwd=ROOT,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    options: dict[str, Any] = {"stdin": subprocess.DEVNULL, "capture_output": True, "text": True}
+    done = subprocess.run(arguments, cwd=ROOT, env=environment, check=False, **options)
     if done.returncode != 0:
         said = f"{done.stdout}\n{done.stderr}".strip()
         raise MecazenError(f"{' '.join(arguments)}: {said}")
-    return done.stdout
-
-
-def _free_ports(count: int) -> list[int]:
-    with ExitStack() as stack:
-        servers = [
-            stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)
-        ]
-        return [server.getsockname()[1] for server in servers]
+    return str(done.stdout)

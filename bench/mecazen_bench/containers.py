@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 
-from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 
@@ -26,19 +24,11 @@ def run(puts: int = PUTS) -> list[Group]:
     except MecazenError as error:
         return [Group(TITLE, str(error), ())]
     with running("teleop") as stack:
-        processes = latency.drive(stack.scenario, puts)
-    with _containers() as scenario:
-        containers = latency.drive(scenario, puts)
-    rows = (
-        Row("processes", latency.figures(processes)),
-        Row("containers", latency.figures(containers)),
-    )
-    return [Group(TITLE, f"`cmd_vel` to `joint_command`: {puts} puts by the host", rows)]
-
-
-@contextmanager
-def _containers() -> Iterator[Scenario]:
-    """Run the containers; yield the scenario by which a peer on the host reaches them."""
+        processes = latency.figures(latency.drive(stack.scenario, puts))
     with closing(Compose()) as compose:
         compose.run("up", "--detach", *SERVICES)
-        yield load_scenario(SCENARIOS / "teleop.toml", (f'bus.connect=["{compose.endpoint}"]',))
+        reached = (f'bus.connect=["{compose.endpoint}"]',)
+        scenario = load_scenario(SCENARIOS / "teleop.toml", reached)
+        containers = latency.figures(latency.drive(scenario, puts))
+    rows = Row("processes", processes), Row("containers", containers)
+    return [Group(TITLE, f"`cmd_vel` to `joint_command`: {puts} puts by the host", rows)]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.robot import Robot
+from mecazen.robot import WHEELS, Robot
 from mecazen_physics import model
 from mecazen_physics.model import Link
 
@@ -33,8 +33,7 @@ class Sample(NamedTuple):
         return cls(x, y, z, yaw, wheels)
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(NamedTuple):
     """The inertia of a robot that moves in the plane.
 
     With v the speed of base_link, ψ̇ its yaw rate and ω the angular speed of each wheel,
@@ -54,23 +53,19 @@ class Body:
 
     @classmethod
     def of(cls, robot: Robot) -> Body:
-        """Return the inertia of `robot`, by the parallel axis theorem."""
-        links = model.links(robot)
-        wheels = {link.name: link for link in links if link.axis and link.parent == "base_link"}
-        parts = [model.base(robot), *links]
-        yaw = 0.0
-        for link in parts:
-            place = np.add(link.translation, link.centre)
-            if link.parent in wheels:
-                place = place + wheels[link.parent].translation
-            yaw += _moment(link, 2) + link.mass * float(place[:2] @ place[:2])
-        first, *_ = wheels.values()
-        axle = _moment(first, 1)
-        for link in links:
-            if link.parent == first.name:
-                x, _, z = link.translation
-                axle += _moment(link, 1) + link.mass * (x * x + z * z)
-        return cls(sum(link.mass for link in parts), yaw, axle)
+        """Return the inertia of `robot`."""
+        links = [model.base(robot), *model.links(robot)]
+        places = {"": (0.0, 0.0, 0.0)} | {link.name: link.translation for link in links}
+
+        def in_base(link: Link) -> Link:
+            x, y, z = np.add(places[link.parent], link.translation).tolist()
+            return replace(link, translation=(x, y, z))
+
+        mass, centre, inertia = model.lump([in_base(link) for link in links])
+        hub, *rollers = (link for link in links if link.name.startswith(WHEELS[0]))
+        _, _, wheel = model.lump([replace(hub, translation=(0.0, 0.0, 0.0)), *rollers])
+        yaw_inertia = inertia[2, 2] + mass * (centre[:2] @ centre[:2])
+        return cls(mass, float(yaw_inertia), float(wheel[1, 1]))
 
     def energy(self, before: Sample, after: Sample, duration: float) -> float:
         """Return the energy [J] at the mean speeds between two samples `duration` [s] apart."""
@@ -79,8 +74,3 @@ class Body:
         spins = np.subtract(after.wheels, before.wheels)
         squares = self.mass * distance**2 + self.yaw_inertia * turn**2
         return float(squares + self.wheel_inertia * (spins @ spins)) / (2.0 * duration**2)
-
-
-def _moment(link: Link, axis: int) -> float:
-    """Return the moment of inertia about an axis of the parent, through the link's centre."""
-    return float(np.square(link.rotation[axis]) @ np.array(link.moments))

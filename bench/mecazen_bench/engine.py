@@ -49,12 +49,7 @@ class Engine(ABC):
 
     @abstractmethod
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
-        """Simulate `steps` steps of `dt_s`.
-
-        Args:
-            speeds: Wheel speeds to drive with [rad/s]; None for motors without torque.
-            steps: How many.
-        """
+        """Simulate steps of `dt_s` at wheel speeds [rad/s]; None for motors without torque."""
 
 
 class Accuracy(NamedTuple):
@@ -96,19 +91,15 @@ def measure_speed(engines: Sequence[Engine], blocks: int) -> list[list[float]]:
     for engine in engines:
         _reach(engine, MIXED)
     times: list[list[float]] = [[] for _ in engines]
+    ticks = round(BLOCK_S / TICK_S)
     for _ in range(blocks):
         for engine, seconds in zip(engines, times, strict=True):
-            seconds.append(_time_block(engine))
+            steps, speeds = round(TICK_S / engine.dt_s), _speeds(engine.robot, MIXED)
+            before = engine.spent_s
+            for _ in range(ticks):
+                engine.advance(speeds, steps)
+            seconds.append((engine.spent_s - before) / (ticks * steps))
     return times
-
-
-def _time_block(engine: Engine) -> float:
-    ticks, steps = round(BLOCK_S / TICK_S), round(TICK_S / engine.dt_s)
-    speeds = _speeds(engine.robot, MIXED)
-    before = engine.spent_s
-    for _ in range(ticks):
-        engine.advance(speeds, steps)
-    return (engine.spent_s - before) / (ticks * steps)
 
 
 def _coast(engine: Engine) -> float:
@@ -129,11 +120,9 @@ def _coast(engine: Engine) -> float:
 
 
 def _steady(engine: Engine, direction: Sequence[float]) -> tuple[list[float], Twist2D, list[float]]:
-    """Drive steadily in a direction.
+    """Drive steadily in a direction; return the displacement in x, y [m] and yaw [rad].
 
-    Returns:
-        The displacement in x, y [m] and yaw [rad], the displacement by the ideal equations in
-        the robot's axes, and the height at each step [m].
+    With that by the ideal equations in the robot's axes, and the height at each step [m].
     """
     _reach(engine, direction)
     robot = engine.robot

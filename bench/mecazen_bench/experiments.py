@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from contextlib import closing
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from mecazen.loading import load_table
 from mecazen_experiments.config import Experiment, experiment_path
-from mecazen_experiments.jobs import Job, expand
+from mecazen_experiments.jobs import expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.schedule import run_all
 from mecazen_experiments.store import Store
@@ -35,11 +35,13 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
     jobs = list(series.jobs)
     rows = []
     for count in WORKERS:
-        rate, peak = _measure([jobs.pop() for _ in range(RUNS * count)], count)
-        figures = {
-            "runs/min": Figure.of(rate, "more"),
-            "MB per worker": Figure.of(peak, MEMORY_MB),
-        }
+        todo = [jobs.pop() for _ in range(RUNS * count)]
+        with TemporaryDirectory() as folder, closing(Store(Path(folder) / "bench.sqlite")) as store:
+            begin = time.perf_counter()
+            records = run_all(todo, store, LocalWorkers(count))
+            rate = len(todo) / (time.perf_counter() - begin) * 60.0
+        peak = max(record.peak_rss_mb for record in records.values())
+        figures = {"runs/min": Figure.of(rate, "more"), "MB per worker": Figure.of(peak, MEMORY_MB)}
         if count == max(WORKERS):
             figures[f"{TABLE2_RUNS} runs, min"] = Figure.of(TABLE2_RUNS / rate, TABLE2_MIN)
         rows.append(Row(f"{count} worker" + "s" * (count > 1), figures))
@@ -48,15 +50,3 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
         "workers' start"
     )
     return [Group("Experiments", how, tuple(rows))]
-
-
-def _measure(jobs: list[Job], count: int) -> tuple[float, float]:
-    """Return runs per minute, and the peak memory of a worker [MB]."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        closing(Store(Path(folder) / "bench.sqlite")) as store,
-    ):
-        begin = time.perf_counter()
-        records = run_all(jobs, store, LocalWorkers(count))
-        minutes = (time.perf_counter() - begin) / 60.0
-    return len(jobs) / minutes, max(record.peak_rss_mb for record in records.values())

@@ -136,22 +136,14 @@ def merged(rounds: Sequence[Sequence[Group]]) -> list[Group]:
         low, middle, high = np.percentile(values[name], (25, 50, 75)).tolist()
         return Figure(middle, figure.better, (low, high), figure.target)
 
+    def row(group: Group, row: Row) -> Row:
+        names = ((title, (group.title, row.subject, title)) for title in row.figures)
+        return Row(row.subject, {t: median(name, row.figures[t]) for t, name in names})
+
+    how = f"medians (quartiles) of {len(rounds)} rounds"
     return [
-        Group(
-            group.title,
-            f"{group.how}; medians (quartiles) of {len(rounds)} rounds",
-            tuple(
-                Row(
-                    row.subject,
-                    {
-                        title: median((group.title, row.subject, title), figure)
-                        for title, figure in row.figures.items()
-                    },
-                )
-                for row in group.rows
-            ),
-        )
-        for group in rounds[0]
+        Group(one.title, f"{one.how}; {how}", tuple(row(one, each) for each in one.rows))
+        for one in rounds[0]
     ]
 
 

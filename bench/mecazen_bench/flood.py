@@ -82,10 +82,8 @@ class Watch:
 
 def run(window_s: float = WINDOW_S) -> list[Group]:
     """Run the scenario `back` under each flood."""
-    rows = [
-        Row(name, measure(flood, window_s, secure=secure))
-        for name, (flood, secure) in FLOODS.items()
-    ]
+    cases = FLOODS.items()
+    rows = [Row(name, measure(flood, window_s, secure=secure)) for name, (flood, secure) in cases]
     how = (
         f"from `clock` to `joint_command` of each tick of 10 ms, for {window_s:g} s, and the "
         "largest growth of a service's memory; one client floods through the router"

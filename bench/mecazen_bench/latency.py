@@ -76,10 +76,7 @@ def run(puts: int = PUTS) -> list[Group]:
         idle = driver.submit(drive, stack.scenario, puts).result()
         with _busy_processes(cores):
             busy = driver.submit(drive, stack.scenario, puts).result()
-    rows = (
-        Row("idle", figures(idle)),
-        Row("all cores busy", figures(busy, "less", BUSY_P99_MS)),
-    )
+    rows = Row("idle", figures(idle)), Row("all cores busy", figures(busy, "less", BUSY_P99_MS))
     how = (
         f"{puts} puts by another process at random phases of the tick, in real time; all "
         "processes with real-time priority, where that is allowed"

@@ -44,11 +44,8 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
 
 def _ways(settings: tuple[str, ...], duration_s: float) -> Group:
     def row(name: str, result: Result, ticks: Target | Better, real_time: Target | Better) -> Row:
-        figures = {
-            "ticks/s": Figure.of(result.ticks / result.wall_s, ticks),
-            "× real time": Figure.of(result.rtf, real_time),
-        }
-        return Row(name, figures)
+        speed = Figure.of(result.ticks / result.wall_s, ticks)
+        return Row(name, {"ticks/s": speed, "× real time": Figure.of(result.rtf, real_time)})
 
     name = PATH.stem
     one, _ = simulate(load_scenario(PATH, settings), name)

@@ -7,6 +7,7 @@ import statistics
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from itertools import product
 from typing import Literal
 
 from mecazen.geometry import Pose2D
@@ -57,13 +58,8 @@ class DartEngine(Engine):
 
 def run() -> list[Group]:
     """Measure our physics: each robot at each step."""
-    engines = [
-        DartEngine(robot(name), dt_s, rollers)
-        for name in ROBOTS
-        for dt_s in STEPS_S
-        for rollers in ROLLERS
-    ]
-    return [measure("Physics", engines)]
+    cases = product(map(robot, ROBOTS), STEPS_S, ROLLERS)
+    return [measure("Physics", [DartEngine(*case) for case in cases])]
 
 
 def run_peers() -> list[Group]:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager
 from multiprocessing import get_context
-from typing import NamedTuple
 
 import numpy as np
 import psutil
@@ -35,40 +34,25 @@ CPU_PERCENT = Target(high=25.0)
 MEMORY_MB = Target(high=150.0)
 
 
-class Arrivals(NamedTuple):
-    """When a process with the services' priority receives samples."""
+def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
+    """Return when the first odometry came [s], and how late each tick in `seconds` after it [ms].
 
-    first_odom_s: float
-    """Of the first odometry, on the monotonic clock [s]."""
-    ticks: list[tuple[float, float]]
-    """Simulated time and wall time of each later tick [s]."""
-
-    def jitter_ms(self) -> tuple[float, float]:
-        """Return the median and the 99th percentile of ticks' deviation from the schedule.
-
-        The schedule is that of the median tick: a constant delay does not count.
-        """
-        simulated, wall = np.array(self.ticks).T
-        late = (wall - simulated) * 1e3
-        half, most = np.percentile(np.abs(late - np.median(late)), (50, 99)).tolist()
-        return half, most
-
-
-def _receive(scenario: Scenario, seconds: float) -> Arrivals:
-    """Wait for odometry, and then note ticks for some time."""
+    In a process with the services' priority, by the monotonic clock. Ticks are late relative to
+    the median tick: a constant delay does not count.
+    """
     odoms: list[float] = []
-    ticks: list[tuple[float, float]] = []
+    ticks: list[float] = []
 
     def on_clock(_: Clock, stamp: Stamp | None) -> None:
         if odoms and stamp is not None:
-            ticks.append((stamp.time_ns / 1e9, time.monotonic()))
+            ticks.append(time.monotonic() * 1e3 - stamp.time_ns / 1e6)
 
     with closing(ZenohBus(scenario.bus)) as bus:
         bus.subscribe(keys.ODOM, lambda *_: odoms.append(time.monotonic()))
         bus.subscribe(keys.CLOCK, on_clock, every=True)
         spin_until(bus, lambda: odoms, "`mecazen up back` does not start")
         spin(bus, seconds)
-    return Arrivals(odoms[0], ticks)
+    return odoms[0], (np.array(ticks) - np.median(ticks)).tolist()
 
 
 def run(window_s: float = WINDOW_S) -> list[Group]:
@@ -84,17 +68,12 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
         _up(settings) as up,
         ProcessPoolExecutor(1, get_context("spawn"), set_priority) as receiver,
     ):
-        first_odom_s = receiver.submit(_receive, scenario, WARM_S).result().first_odom_s
+        first_odom_s, _ = receiver.submit(_receive, scenario, WARM_S).result()
         # python -m mecazen.runtime NAME …
         usage = Usage({child.cmdline()[3]: child for child in up.children()} | {"up": up})
-        arrivals = receiver.submit(_receive, scenario, window_s).result()
-        cpu, memory = usage.core_percent(), usage.memory_mb()
-    rows = [
-        Row(name, {"% of a core": Figure.of(cpu[name], "less"), "MB": Figure.of(size, MEMORY_MB)})
-        for name, size in memory.items()
-    ]
-    rows.append(Row("all", {"% of a core": Figure.of(sum(cpu.values()), CPU_PERCENT)}))
-    half, most = arrivals.jitter_ms()
+        _, late_ms = receiver.submit(_receive, scenario, window_s).result()
+        rows = usage.rows(CPU_PERCENT, MEMORY_MB)
+    half, most = np.percentile(np.abs(late_ms), (50, 99)).tolist()
     schedule = {
         "first odom s": Figure.of(first_odom_s - begin, FIRST_ODOM_S),
         "tick off schedule, median ms": Figure.of(half, "less"),

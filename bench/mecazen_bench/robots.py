@@ -48,10 +48,8 @@ class Robots:
 
     def measure(self) -> None:
         """Measure a block."""
-        motion: Sequence[float] = MOTIONS[0]
-        if self._there_and_back:
-            leg, is_back = divmod(len(self.spent_s), 2)
-            motion = [-v if is_back else v for v in MOTIONS[leg % len(MOTIONS)]]
+        leg, is_back = divmod(len(self.spent_s), 2) if self._there_and_back else (0, 0)
+        motion = [-v if is_back else v for v in MOTIONS[leg % len(MOTIONS)]]
         self._drive(REVERSAL_TICKS, motion)
         begin = time.thread_time()
         self._drive(BLOCK_TICKS, motion)

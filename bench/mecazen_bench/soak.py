@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from typing import Any
 
 from mecazen import keys
@@ -16,7 +16,7 @@ from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import Stamp
 from mecazen_tools.processes import beside_that_core, on_one_core
 
-from mecazen_bench.stack import SCENARIOS, Stack, running
+from mecazen_bench.stack import SCENARIOS, running
 
 WITNESS = "witness"
 """The part that counts ticks; in lockstep physics waits until it is ready."""
@@ -63,32 +63,22 @@ class Ticks:
         return count
 
 
-@contextmanager
-def _lockstep_stack(duration_s: float) -> Iterator[tuple[Stack, ZenohBus, Ticks]]:
-    """Run the scenario with a witness, on the cores of `mecazen simulate --distributed`."""
-    parts = load_scenario(SCENARIOS / f"{SCENARIO}.toml").services
-    settings = (
-        "sim.mode=lockstep",
-        f"sim.duration_s={duration_s}",
-        f"services={json.dumps([*parts, WITNESS])}",
-    )
-    with ExitStack() as exits:
-        with on_one_core():
-            stack = exits.enter_context(running(SCENARIO, *settings, services=parts))
-        with beside_that_core():
-            bus = exits.enter_context(closing(ZenohBus(stack.scenario.bus, lossless=True)))
-        ticks = Ticks(bus, stack.scenario.sim.tick_ns)
-        bus.declare_alive(WITNESS)
-        announce_readiness(bus, WITNESS, stack.scenario)
-        yield stack, bus, ticks
-
-
 def lockstep(hours: float) -> bool:
     """Simulate as fast as possible; return whether memory and ticks pass, and print them."""
     settled: dict[str, float] = {}
     most: dict[str, float] = {}
-    with _lockstep_stack(hours * 3600.0) as (stack, bus, ticks):
+    parts = load_scenario(SCENARIOS / f"{SCENARIO}.toml").services
+    services = json.dumps([*parts, WITNESS])
+    settings = "sim.mode=lockstep", f"sim.duration_s={hours * 3600.0}", f"services={services}"
+    with ExitStack() as exits:
+        with on_one_core():  # as of `mecazen simulate --distributed`
+            stack = exits.enter_context(running(SCENARIO, *settings, services=parts))
+        with beside_that_core():
+            bus = exits.enter_context(closing(ZenohBus(stack.scenario.bus, lossless=True)))
         sim = stack.scenario.sim
+        ticks = Ticks(bus, sim.tick_ns)
+        bus.declare_alive(WITNESS)
+        announce_readiness(bus, WITNESS, stack.scenario)
         begin, due_s = time.monotonic(), SAMPLE_S
         while ticks.newest < sim.ticks - 1:
             if not bus.spin_once(PATIENCE_S):

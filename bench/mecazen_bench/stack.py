@@ -16,7 +16,10 @@ from mecazen.loading import load_scenario
 from mecazen.robot import Robot
 from mecazen_tools.processes import Supervisor, private_router
 
+from mecazen_bench.figures import Better, Figure, Row, Target
+
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
+CPU = "% of a core"
 START_S = 30.0
 """Far beyond what any process takes to start."""
 
@@ -44,13 +47,7 @@ def running(
     services: Sequence[str] | None = None,
     protocol: Literal["tcp", "tls"] = "tcp",
 ) -> Iterator[Stack]:
-    """Run a router and a scenario's services, isolated from any other run.
-
-    Args:
-        name: The scenario's.
-        settings: Overrides, as of `load_scenario`.
-        services: What to start; without it, the scenario's own.
-        protocol: How processes connect.
+    """Run a router and a scenario's services, or some of them, isolated from any other run.
 
     Raises:
         MecazenError: A process has ended.
@@ -108,6 +105,18 @@ class Usage:
     def memory_mb(self) -> dict[str, float]:
         """Return the resident memory of each process [MB]."""
         return {name: process.memory_info().rss / 1e6 for name, process in self._processes.items()}
+
+    def rows(self, cpu: Target, memory: Target | Better, total: Target | None = None) -> list[Row]:
+        """Return both for each process, and for all with goals of their sums; `total` in MB."""
+        taken, used = self.core_percent(), self.memory_mb()
+        rows = [
+            Row(name, {CPU: Figure.of(taken[name], "less"), "MB": Figure.of(mb, memory)})
+            for name, mb in used.items()
+        ]
+        sums = {CPU: Figure.of(sum(taken.values()), cpu)}
+        if total is not None:
+            sums["MB"] = Figure.of(sum(used.values()), total)
+        return [*rows, Row("all", sums)]
 
 
 def _spent_s(process: psutil.Process) -> float:

@@ -8,9 +8,8 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process
 from mecazen.errors import MecazenError
-from mecazen_tools.processes import Supervisor
 
-from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.figures import Group, Target
 from mecazen_bench.stack import START_S, Usage, running, spin
 
 WINDOW_S = 6.0
@@ -24,28 +23,15 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
     """Run the scenario `side` with a viewer to which no browser is attached."""
     with running("side", "viewer.web_port=0", "viewer.data_port=0") as stack:
         stack.supervisor.start(Process(("viewer",)))
-        _wait_until_it_serves(stack.supervisor)
+        lines = iter(lambda: stack.supervisor.poll(START_S), None)
+        if not any(line.is_address for line in lines):
+            raise MecazenError("the viewer does not serve")
         with closing(ZenohBus(stack.scenario.bus, "client")) as bus:
             bus.subscribe(keys.CLOCK, lambda *_: None)
             spin(bus, window_s / 4)
             service = stack.processes()["viewer"]
             usage = Usage({"service": service, "Rerun's server": service.children()[0]})
             spin(bus, window_s)
-            cpu, memory = usage.core_percent(), usage.memory_mb()
-    rows = [
-        Row(name, {"% of a core": Figure.of(cpu[name], "less"), "MB": Figure.of(size, "less")})
-        for name, size in memory.items()
-    ]
-    total = {
-        "% of a core": Figure.of(sum(cpu.values()), CPU_PERCENT),
-        "MB": Figure.of(sum(memory.values()), MEMORY_MB),
-    }
+            rows = usage.rows(CPU_PERCENT, "less", MEMORY_MB)
     how = f"real time, 30 frames a second, no browser; over {window_s:g} s; resident memory"
-    return [Group("Viewer: scenario side", how, (*rows, Row("both", total)))]
-
-
-def _wait_until_it_serves(supervisor: Supervisor) -> None:
-    while (line := supervisor.poll(START_S)) is not None:
-        if line.is_address:
-            return
-    raise MecazenError("the viewer does not serve")
+    return [Group("Viewer: scenario side", how, tuple(rows))]

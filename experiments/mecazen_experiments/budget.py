@@ -21,6 +21,7 @@ from mecazen_experiments.jobs import Job, Key, Series
 from mecazen_experiments.poses import Poses
 from mecazen_experiments.report import CAPTION, show
 from mecazen_experiments.run import Record, simulated
+from mecazen_experiments.scores import Score
 from mecazen_experiments.smoother import Sight, least_errors
 from mecazen_experiments.statistics import Interval, mean_interval
 from mecazen_experiments.table import Table
@@ -50,22 +51,16 @@ class Budget(msgspec.Struct, frozen=True):
 
 
 COLUMNS = {
-    "d_err_m": ("D_err \\[m]", 4),
-    "control_d_err_m": ("by\ncontrol", 4),
-    "theta_err_deg": ("Θ_err \\[°]", 2),
-    "control_theta_err_deg": ("by\ncontrol", 2),
-    "filter_position_m": ("estimate\nposition \\[m]", 4),
-    "smoother_position_m": ("least by\nsmoothing", 4),
-    "filter_yaw_deg": ("estimate\nyaw \\[°]", 2),
-    "smoother_yaw_deg": ("least by\nsmoothing", 2),
+    "d_err_m": ("D_err \\[m]", 4, "runs", "d_err_m"),
+    "control_d_err_m": ("by\ncontrol", 4, "oracle", "d_err_m"),
+    "theta_err_deg": ("Θ_err \\[°]", 2, "runs", "theta_err_deg"),
+    "control_theta_err_deg": ("by\ncontrol", 2, "oracle", "theta_err_deg"),
+    "filter_position_m": ("estimate\nposition \\[m]", 4, "runs", "estimate_position_err_m"),
+    "smoother_position_m": ("least by\nsmoothing", 4, "bounds", "position_m"),
+    "filter_yaw_deg": ("estimate\nyaw \\[°]", 2, "runs", "estimate_yaw_err_deg"),
+    "smoother_yaw_deg": ("least by\nsmoothing", 2, "bounds", "yaw_deg"),
 }
-"""Heading and digits of each field."""
-
-
-class Report(msgspec.Struct, frozen=True):
-    """What `mecazen experiment budget --json` writes."""
-
-    rows: tuple[Budget, ...]
+"""Heading and digits of each field, and the error whose mean it is, in whose runs."""
 
 
 def bound(job: Job) -> Bound:
@@ -113,32 +108,23 @@ def budget(
     series: Series, oracle: Series, records: Mapping[Key, Record], bounds: Mapping[Key, Bound]
 ) -> Budget:
     """Return the budget of a case from its runs, the oracle's and their bounds."""
-
-    def mean(runs: Series, score: str) -> Interval:
-        return mean_interval([getattr(records[job.key].scores.whole, score) for job in runs.jobs])
-
-    def least(error: str) -> Interval:
-        return mean_interval([getattr(bounds[job.key], error) for job in series.jobs])
-
-    return Budget(
-        name=series.row,
-        d_err_m=mean(series, "d_err_m"),
-        control_d_err_m=mean(oracle, "d_err_m"),
-        theta_err_deg=mean(series, "theta_err_deg"),
-        control_theta_err_deg=mean(oracle, "theta_err_deg"),
-        filter_position_m=mean(series, "estimate_position_err_m"),
-        smoother_position_m=least("position_m"),
-        filter_yaw_deg=mean(series, "estimate_yaw_err_deg"),
-        smoother_yaw_deg=least("yaw_deg"),
-    )
+    errors: dict[str, list[Score] | list[Bound]] = {
+        "runs": [records[job.key].scores.whole for job in series.jobs],
+        "oracle": [records[job.key].scores.whole for job in oracle.jobs],
+        "bounds": [bounds[job.key] for job in series.jobs],
+    }
+    means = {
+        field: mean_interval([getattr(one, error) for one in errors[whose]])
+        for field, (_, _, whose, error) in COLUMNS.items()
+    }
+    return Budget(series.row, **means)
 
 
 def table(rows: Sequence[Budget]) -> Shown:
     """Return the rows as a table, each mean above its 95 % interval."""
-    shown = Shown(
-        "case", *(title for title, _ in COLUMNS.values()), caption=CAPTION, show_lines=True
-    )
+    titles = (title for title, *_ in COLUMNS.values())
+    shown = Shown("case", *titles, caption=CAPTION, show_lines=True)
     for row in rows:
-        values = (show(getattr(row, name), digits) for name, (_, digits) in COLUMNS.items())
+        values = (show(getattr(row, name), column[1]) for name, column in COLUMNS.items())
         shown.add_row(row.name, *values)
     return shown

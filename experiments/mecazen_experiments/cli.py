@@ -12,17 +12,14 @@ from typer import Argument, Option
 app = typer.Typer(no_args_is_help=True, help="Run scenarios many times and score them.")
 
 FILE_HELP = "A TOML file, or its name in configs/experiments."
-DASK_HELP = (
-    "Send the runs to the Dask cluster of this scheduler instead; start its workers with "
-    "--nthreads 1."
-)
+DASK_HELP = "Send the runs to this Dask scheduler; start its workers with --nthreads 1."
 SWEEP_HELP = "Run every case with each of these values. May be given several times."
 WALKS_HELP = "Run cases of a recorded walk with each CSV in this folder."
 
 File = Annotated[str, Argument(metavar="FILE", help=FILE_HELP, show_default=False)]
+RUNS_HELP = "Seeds 1, 2, … for each case."
 Runs = Annotated[
-    int | None,
-    Option(min=1, max=1_000_000, help="Seeds 1, 2, … for each case.", show_default="experiment's"),
+    int | None, Option(min=1, max=1_000_000, help=RUNS_HELP, show_default="experiment's")
 ]
 Jobs = Annotated[
     int | None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
@@ -20,13 +21,7 @@ from mecazen_experiments import budget as budgets
 from mecazen_experiments import report
 from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
-from mecazen_experiments.config import (
-    Experiment,
-    Settings,
-    Tuning,
-    experiment_path,
-    parse_sweeps,
-)
+from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_path, parse_sweeps
 from mecazen_experiments.jobs import Job, Series, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.run import tabulate
@@ -68,7 +63,7 @@ def run(
     with _session(options, "runs") as (store, workers, progress):
         records = run_all(_jobs(todo), store, workers, progress)
     rows = [report.summarise(one, records) for one in todo]
-    _write(options, report.Report(tuple(rows)))
+    _write(options, {"rows": rows})
     if verbose:
         walked = (report.summarise_walks(one, records) for one in todo)
         rows = [row for one, more in zip(rows, walked, strict=True) for row in (one, *more)]
@@ -109,7 +104,7 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
 
         do_all(budgets.bound, jobs, workers, keep)
     rows = [budgets.budget(*pair, records, bounds) for pair in zip(todo, oracle, strict=True)]
-    _write(options, budgets.Report(tuple(rows)))
+    _write(options, {"rows": rows})
     _print(budgets.table(rows))
 
 
@@ -157,11 +152,9 @@ def _session(options: Options, what: str) -> Iterator[tuple[Store, Workers, Prog
     """
     if options.json is not None and not options.json.absolute().parent.is_dir():
         raise ConfigError(f"--json {options.json}: no such folder")
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     bar = Bar(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
+        *(*columns, TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
         speed_estimate_period=600.0,  # a run takes seconds, and a trial minutes
@@ -201,7 +194,7 @@ def _workers(options: Options) -> Iterator[Workers]:
         yield workers
 
 
-def _write(options: Options, result: msgspec.Struct) -> None:
+def _write(options: Options, result: object) -> None:
     if options.json is None:
         return
     try:
@@ -211,8 +204,5 @@ def _write(options: Options, result: msgspec.Struct) -> None:
 
 
 def _print(*shown: RenderableType) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=WIDTH)
-    for one in shown:
-        console.print(one)
+    console = Console() if sys.stdout.isatty() else Console(width=WIDTH)
+    console.print(*shown, sep="\n")

@@ -104,9 +104,9 @@ def errors(tables: Mapping[str, Table]) -> Figure:
         ):
             for kind, line in KINDS.items():
                 table = tables[f"{view} {kind}"]
-                off = deviations(table, standoff)
-                row[0].plot(table["t_s"], off.distance, label=kind, **line)
-                row[1].plot(table["t_s"], np.degrees(off.yaw), label=kind, **line)
+                distance, _, yaw = deviations(table, standoff)
+                row[0].plot(table["t_s"], distance, label=kind, **line)
+                row[1].plot(table["t_s"], np.degrees(yaw), label=kind, **line)
             row[0].set(title=f"({letters[0]}) {view}, distance", ylabel="error [m]")
             row[1].set(title=f"({letters[1]}) {view}, angle", ylabel="error [°]")
         for axes in grid[1]:
@@ -125,22 +125,14 @@ def _draw_paths(axes: Axes, table: Table) -> None:
     _draw_arrows(axes, table.where(every).poses("robot"), BLUE)
     _draw_arrows(axes, table.where(slice(1)).poses("target"), ORANGE)
     axes.set_aspect("equal")
-    axes.xaxis.set_major_locator(MultipleLocator(2.0))
-    axes.yaxis.set_major_locator(MultipleLocator(2.0))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(2.0))
 
 
 def _draw_arrows(axes: Axes, poses: Poses, colour: str) -> None:
-    axes.quiver(
-        *poses[:2],
-        ARROW_LENGTH_M * np.cos(poses.yaw),
-        ARROW_LENGTH_M * np.sin(poses.yaw),
-        color=colour,
-        angles="xy",
-        units="xy",
-        scale=1.0,
-        width=ARROW_WIDTH_M,
-        zorder=3.0,
-    )
+    arrows = ARROW_LENGTH_M * np.cos(poses.yaw), ARROW_LENGTH_M * np.sin(poses.yaw)
+    scale: dict[str, Any] = {"angles": "xy", "units": "xy", "scale": 1.0, "width": ARROW_WIDTH_M}
+    axes.quiver(*poses[:2], *arrows, color=colour, zorder=3.0, **scale)
 
 
 def _legend(figure: Figure) -> None:

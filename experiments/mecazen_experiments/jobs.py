@@ -72,12 +72,8 @@ def expand(
 ) -> list[Series]:
     """Return the runs of cases, and of each combination of their sweeps.
 
-    Args:
-        cases: What to run.
-        seeds: For each case.
-        settings: Override those of every case.
-        sweeps: Values in TOML by key, for every case; they replace its own.
-        walks: Recorded walks; a case whose person walks one is run with each of them.
+    `settings` override those of every case. `sweeps`, values in TOML by key, replace its own. A
+    case whose person walks a recorded walk is run with each of `walks`.
 
     Raises:
         ConfigError: A scenario can't be loaded, or no case uses the walks that are given.

@@ -43,12 +43,6 @@ class Row(msgspec.Struct, frozen=True):
     runs: tuple[Run, ...]
 
 
-class Report(msgspec.Struct, frozen=True):
-    """What `mecazen experiment run --json` writes."""
-
-    rows: tuple[Row, ...]
-
-
 def summarise(series: Series, records: Mapping[Key, Record]) -> Row:
     """Return the row of a series."""
     return _row(series.row, series.case, series.jobs, records)
@@ -95,25 +89,19 @@ def within(found: Means, limits: Mapping[str, float]) -> bool | None:
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the rows as a table, each mean above its 95 % interval."""
-    errors = [
-        f"{part}\n{error}"
-        for part in ("whole", "settled")
-        for error in ("D_err \\[m]", "Θ_err \\[°]")
-    ]
-    shown = Table(
-        Column("case", overflow="fold"),
-        *("runs", *errors, "NEES", "lost \\[s]", "limits"),
-        show_lines=True,
-        caption=CAPTION,
-    )
+    parts, errors = ("whole", "settled"), {"D_err \\[m]": "d_err_m", "Θ_err \\[°]": "theta_err_deg"}
+    titles = (f"{part}\n{error}" for part in parts for error in errors)
+    shown = Table(Column("case", overflow="fold"), "runs", show_lines=True, caption=CAPTION)
+    for title in (*titles, "NEES", "lost \\[s]", "limits"):
+        shown.add_column(title)
     for row in rows:
         shown.add_row(
             Text(row.name),  # not markup, whatever it is
             str(len(row.runs)),
             *(
-                show(part[score], digits)
-                for part in (row.whole, row.settled)
-                for score, digits in (("d_err_m", 4), ("theta_err_deg", 2))
+                show(means[score], 4 if score.endswith("_m") else 2)
+                for means in (row.whole, row.settled)
+                for score in errors.values()
             ),
             show(row.whole["nees"], 2),
             show(row.whole["lost_s"], 2),

@@ -52,16 +52,12 @@ def run(job: Job) -> Record:
     standoff = scenario.section(FollowerConfig, "follower").standoff
     scores = score(Table.of(trajectory), standoff)
     wall_s = time.perf_counter() - begin
-    return Record(job.key, result.trajectory_sha256, scores, wall_s, _peak_rss_mb())
+    # not getrusage: its maximum includes the memory of the process that started this one
+    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    assert found is not None
+    return Record(job.key, result.trajectory_sha256, scores, wall_s, int(found[1]) * 1024 / 1e6)
 
 
 def tabulate(job: Job) -> Table:
     """Simulate a job and return every tick of it; raises as `simulated`."""
     return Table.of(simulated(job)[2])
-
-
-def _peak_rss_mb() -> float:
-    # not getrusage: its maximum includes the memory of the process that started this one
-    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    assert found is not None
-    return int(found[1]) * 1024 / 1e6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, SupportsFloat
+from typing import SupportsFloat
 
 import msgspec
 import numpy as np
@@ -31,24 +31,21 @@ class Score(msgspec.Struct, frozen=True):
     """
 
     d_err_m: float | None = None
-    """Mean of |D - D0|, D the distance from robot to person: the paper's eq. 5 and 7."""
+    """Mean of |D - D0|, D the distance from robot to person: the paper's eq. 5 and 7.
+
+    The next three: its root mean square, 95th percentile and maximum.
+    """
     d_rms_m: float | None = None
-    """Root mean square of D - D0."""
     d_p95_m: float | None = None
-    """95th percentile of |D - D0|."""
     d_max_m: float | None = None
-    """Largest |D - D0|."""
     theta_err_deg: float | None = None
     """Mean of |Θ - Θ0|, Θ the robot's heading less the person's: the paper's eq. 6 and 8.
 
     Θ is signed, and Θ - Θ0 is wrapped: facing the wrong side counts as an error.
     """
     theta_rms_deg: float | None = None
-    """Root mean square of Θ - Θ0."""
     theta_p95_deg: float | None = None
-    """95th percentile of |Θ - Θ0|."""
     theta_max_deg: float | None = None
-    """Largest |Θ - Θ0|."""
     bearing_err_deg: float | None = None
     """Mean error of the direction from person to robot, in the person's frame."""
     goal_err_m: float | None = None
@@ -98,27 +95,13 @@ class Scores(msgspec.Struct, frozen=True):
     settled: Score
 
 
-class Deviations(NamedTuple):
-    """Actual less wanted, tick by tick; see `mecazen_follower.goal.Standoff.errors`."""
-
-    distance: Floats
-    """[m]."""
-    bearing: Floats
-    """Direction from person to robot [rad], wrapped."""
-    yaw: Floats
-    """The robot's heading less the person's [rad], wrapped."""
-
-
 def score(table: Table, standoff: Standoff) -> Scores:
     """Return the measures of a run in which `standoff` was to be kept."""
     begin = first_motion(table)
     if begin is None:
         return Scores(Score(), Score())
     settled = begin + round(SETTLING_S / table.tick_s)
-    return Scores(
-        whole=_score(table.where(slice(begin, None)), standoff),
-        settled=_score(table.where(slice(settled, None)), standoff),
-    )
+    return Scores(*(_score(table.where(slice(at, None)), standoff) for at in (begin, settled)))
 
 
 def first_motion(table: Table) -> int | None:
@@ -128,10 +111,10 @@ def first_motion(table: Table) -> int | None:
     return int(moved[0]) if moved.size and not np.isnan(person[:, 0]).any() else None
 
 
-def deviations(table: Table, standoff: Standoff) -> Deviations:
-    """Return the deviations of the true robot from its goal beside the true person."""
+def deviations(table: Table, standoff: Standoff) -> tuple[Floats, Floats, Floats]:
+    """Return `Standoff.errors` of the true robot tick by tick: distance [m], bearing, yaw [rad]."""
     seen = table.poses("target").between(table.poses("robot"))
-    return Deviations(
+    return (
         np.hypot(seen.x, seen.y) - standoff.distance,
         wrap(np.arctan2(seen.y, seen.x) - standoff.bearing),
         wrap(seen.yaw - standoff.heading),
@@ -142,14 +125,8 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
     """Return the normalised estimation error squared, eᵀ P⁻¹ e, of every tick.
 
     Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation,
-    section 5.4.2.
-
-    Args:
-        errors: n×k.
-        covariances: n×k×k.
-
-    Returns:
-        n; NaN where the covariance is not positive definite; zeros mean unknown.
+    section 5.4.2. Errors are n×k, covariances n×k×k; the result (n) is NaN where a covariance is
+    not positive definite: zeros mean unknown.
     """
     variances, axes = np.linalg.eigh(covariances)
     variances[variances[:, 0] <= 0.0] = np.nan
@@ -160,8 +137,7 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
 def _score(table: Table, standoff: Standoff) -> Score:
     robot, person = table.poses("robot"), table.poses("target")
     goal = person.compose(standoff.goal(Pose2D()))
-    off = deviations(table, standoff)
-    distance, bearing, yaw = abs(off.distance), _degrees(off.bearing), _degrees(off.yaw)
+    distance, bearing, yaw = map(abs, deviations(table, standoff))
     acceleration = np.diff(_velocity(table, "robot") * np.exp(1j * robot.yaw)) / table.tick_s
     estimated = table.where(~np.isnan(table["estimate_x_m"] + table["odom_x_m"]))
     error = _estimate_error(estimated)
@@ -170,8 +146,10 @@ def _score(table: Table, standoff: Standoff) -> Score:
     commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
     return Score(
         **{f"d_{name}_m": _of(measure, distance) for name, measure in MEASURES.items()},
-        **{f"theta_{name}_deg": _of(measure, yaw) for name, measure in MEASURES.items()},
-        bearing_err_deg=_of(np.mean, bearing),
+        **{
+            f"theta_{name}_deg": _of(measure, np.degrees(yaw)) for name, measure in MEASURES.items()
+        },
+        bearing_err_deg=_of(np.mean, np.degrees(bearing)),
         goal_err_m=_of(np.mean, np.hypot(robot.x - goal.x, robot.y - goal.y)),
         min_distance_m=_of(np.min, np.hypot(robot.x - person.x, robot.y - person.y)),
         acceleration_rms_m_s2=_of(_rms, abs(acceleration)),
@@ -179,7 +157,7 @@ def _score(table: Table, standoff: Standoff) -> Score:
         command_variation_m_s2=_variation(commanded, _velocity(commanded, "cmd")),
         yaw_command_variation_rad_s2=_variation(commanded, commanded["cmd_yaw_rate_rad_s"]),
         estimate_position_err_m=_of(np.mean, np.hypot(error.x, error.y)),
-        estimate_yaw_err_deg=_of(np.mean, _degrees(error.yaw)),
+        estimate_yaw_err_deg=_of(np.mean, np.degrees(abs(error.yaw))),
         estimate_speed_err_m_s=_of(np.mean, abs(speed)),
         nees=_of(np.mean, consistency),
         nees_p95=_of(_p95, consistency),
@@ -246,10 +224,6 @@ def _rms(values: Floats) -> float:
 
 def _p95(values: Floats) -> SupportsFloat:
     return np.percentile(values, 95.0)
-
-
-def _degrees(angles: Floats) -> Floats:
-    return np.degrees(abs(angles))
 
 
 MEASURES: dict[str, Callable[[Floats], SupportsFloat]] = {

@@ -13,18 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
-from mecazen_follower.estimators.turn_rate import (
-    SEEN,
-    SIZE,
-    YAW,
-    Walks,
-    X,
-    Y,
-    jacobian,
-    move,
-    process_noise,
-    unwrap_yaw,
-)
+from mecazen_follower.estimators import turn_rate as ctrv
 
 from mecazen_experiments.poses import Poses, wrap
 
@@ -40,39 +29,32 @@ class Sight(NamedTuple):
 
 
 def smooth(
-    sights: Sequence[Sight], walks: Walks, speed_std: float = 1.0, rate_std: float = 0.5
+    sights: Sequence[Sight], walks: ctrv.Walks, speed_std: float = 1.0, rate_std: float = 0.5
 ) -> Array:
-    """Return the smoothed states (n, 5) of `turn_rate` at the times of `sights`.
+    """Return the smoothed states (n, 5) of `turn_rate` at the times of `sights`, n >= 1.
 
     Rauch, Tung, Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA
-    Journal 3 (1965), on an extended Kalman filter.
-
-    Args:
-        sights: The observations, n >= 1.
-        walks: What disturbs the motion, see `turn_rate.process_noise`.
-        speed_std: Uncertainty of the speed at the first observation [m/s].
-        rate_std: That of the turn rate [rad/s].
+    Journal 3 (1965), on an extended Kalman filter. `speed_std` [m/s] and `rate_std` [rad/s] are
+    those of the first state.
     """
     x = np.array([*sights[0].pose, 0.0, 0.0])
-    P = np.zeros((SIZE, SIZE))
-    P[:SEEN, :SEEN] = sights[0].covariance
-    P[range(SEEN, SIZE), range(SEEN, SIZE)] = speed_std**2, rate_std**2
+    P = np.zeros((ctrv.SIZE, ctrv.SIZE))
+    P[: ctrv.SEEN, : ctrv.SEEN] = sights[0].covariance
+    P[range(ctrv.SEEN, ctrv.SIZE), range(ctrv.SEEN, ctrv.SIZE)] = speed_std**2, rate_std**2
     filtered, predicted = [(x, P)], []
     for last, sight in pairwise(sights):
         dt = sight.time - last.time
-        F = jacobian(x, dt)
-        P = F @ P @ F.T + process_noise(walks, x, dt)
-        x = move(x, dt)
+        F = ctrv.jacobian(x, dt)
+        P = F @ P @ F.T + ctrv.process_noise(walks, x, dt)
+        x = ctrv.move(x, dt)
         predicted.append((x, P, F))
-        K = P[:, :SEEN] @ np.linalg.inv(P[:SEEN, :SEEN] + sight.covariance)
-        x = x + K @ (unwrap_yaw(float(x[YAW]), sight.pose) - x[:SEEN])
-        P = P - K @ P[:SEEN]
+        K = P[:, : ctrv.SEEN] @ np.linalg.inv(P[: ctrv.SEEN, : ctrv.SEEN] + sight.covariance)
+        x = x + K @ (ctrv.unwrap_yaw(float(x[ctrv.YAW]), sight.pose) - x[: ctrv.SEEN])
+        P = P - K @ P[: ctrv.SEEN]
         P = (P + P.T) / 2.0
         filtered.append((x, P))
     smoothed = [filtered[-1][0]]
-    for (x, P), (ahead, P_ahead, F) in zip(
-        reversed(filtered[:-1]), reversed(predicted), strict=True
-    ):
+    for (x, P), (ahead, P_ahead, F) in zip(filtered[-2::-1], predicted[::-1], strict=True):
         G = np.linalg.solve(P_ahead, F @ P).T
         smoothed.append(x + G @ (smoothed[-1] - ahead))
     return np.array(smoothed[::-1])
@@ -95,8 +77,8 @@ def least_errors(sights: Sequence[Sight], truth: Poses) -> tuple[float, float]:
     errors = []
     for walks in LEVELS:
         states = smooth(sights, walks)
-        position = np.hypot(states[:, X] - truth.x, states[:, Y] - truth.y).mean()
-        yaw = np.abs(wrap(states[:, YAW] - truth.yaw)).mean()
+        position = np.hypot(states[:, ctrv.X] - truth.x, states[:, ctrv.Y] - truth.y).mean()
+        yaw = np.abs(wrap(states[:, ctrv.YAW] - truth.yaw)).mean()
         errors.append((float(position), math.degrees(yaw)))
     positions, yaws = zip(*errors, strict=True)
     return min(positions), min(yaws)

@@ -10,7 +10,7 @@ import optuna
 from mecazen.errors import MecazenError
 from rich.table import Table
 
-from mecazen_experiments.config import Range, Settings, TunedCase, Tuning
+from mecazen_experiments.config import Range, TunedCase, Tuning
 from mecazen_experiments.jobs import Job, Key, series
 from mecazen_experiments.report import Row, summarise
 from mecazen_experiments.run import Record
@@ -46,10 +46,7 @@ class Best(msgspec.Struct, frozen=True):
 def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
     """Search with the training seeds; return the best on the held-out ones.
 
-    Args:
-        tuning: What to search.
-        do: Does runs and returns their records, see `mecazen_experiments.schedule.run_all`.
-        progress: Is called with the number of trials that are done.
+    `do` does runs and returns their records, see `mecazen_experiments.schedule.run_all`.
 
     Raises:
         MecazenError: Every trial failed, or a run of the best does on a held-out seed.
@@ -152,23 +149,19 @@ def _run(
     seeds: Sequence[int],
     do: Do,
 ) -> list[Row]:
-    def overrides(case: TunedCase) -> Settings:
-        return tuple(f"{key}={value!r}" for key, value in settings[case.name].items())
-
-    todo = [series(case, case.name, overrides(case), seeds) for case in cases]
+    todo = []
+    for case in cases:
+        overrides = tuple(f"{key}={value!r}" for key, value in settings[case.name].items())
+        todo.append(series(case, case.name, overrides, seeds))
     records = do([job for one in todo for job in one.jobs])
     return [summarise(one, records) for one in todo]
 
 
 def table(best: Best) -> Table:
     """Return the settings found."""
-    shown = Table(
-        "case",
-        "setting",
-        "value",
-        caption=f"{best.objective}: cost {best.training_cost:.4g} in training, "
-        f"{best.held_out_cost:.4g} held out; {best.failed_trials} of {best.trials} trials failed",
-    )
+    costs = f"cost {best.training_cost:.4g} in training, {best.held_out_cost:.4g} held out"
+    failed = f"{best.failed_trials} of {best.trials} trials failed"
+    shown = Table("case", "setting", "value", caption=f"{best.objective}: {costs}; {failed}")
     for case, settings in best.settings.items():
         for key, value in settings.items():
             shown.add_row(case, key, f"{value:g}")

@@ -122,7 +122,7 @@ def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(
             nonlocal spent_s
             spent_s += 1e-3 * len(commands) ** 2
 
-    monkeypatch.setattr(robots, "Arena", Quadratic)
+    monkeypatch.setattr(robots, "World", Quadratic)
     monkeypatch.setattr(robots.time, "thread_time", lambda: spent_s)
     rows = figures(robots.run(blocks=1))
     # differences of a clock that has run for seconds: roundings

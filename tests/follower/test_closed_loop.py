@@ -87,7 +87,7 @@ def follow(
     pose = config.standoff.goal(person)
     frames = deque([None] * round(sensor_delay / DT))
     for tick in range(round(seconds / DT)):
-        following.predict(DT)
+        following.estimator.predict(DT)
         frame = None
         if tick % FRAME == 0:
             x, y, yaw = pose.between(person)

@@ -20,10 +20,9 @@ from mecazen import keys
 from mecazen.messages import ResetRequest
 from mecazen_tools.processes import private_router
 from mecazen_viewer.entities import of_robot
-from mecazen_viewer.headless import headless_viewer
 from mecazen_viewer.plots import LINES
 from mecazen_viewer.recorded import draw
-from mecazen_viewer.rerun_process import RerunError
+from mecazen_viewer.rerun_process import RerunError, headless_viewer
 from PIL import Image
 from rerun.experimental import ViewerClient
 

@@ -4,8 +4,7 @@ import math
 
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_target.driven import Driven
-from mecazen_target.motion import Motion
+from mecazen_target.motion import Driven, Motion
 
 START = Pose2D(1.0, 2.0, math.pi / 2)
 

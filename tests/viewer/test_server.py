@@ -17,9 +17,8 @@ from typing import Any
 import psutil
 import pytest
 from mecazen_viewer.config import ViewerConfig
-from mecazen_viewer.headless import headless_viewer
 from mecazen_viewer.layout import blueprint
-from mecazen_viewer.rerun_process import RerunError
+from mecazen_viewer.rerun_process import RerunError, headless_viewer
 from mecazen_viewer.server import Server, serving
 from rerun.experimental import ViewerClient, ViewerState
 from viewer_stage import Stage

@@ -13,7 +13,6 @@ from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
 from mecazen_follower.pid import Gains
 from mecazen_follower.polar import Approach, PolarController
-from mecazen_follower.tracking import Tracker
 
 
 class LinearGains(Gains):
@@ -131,7 +130,3 @@ class FollowerConfig(Section):
     def make_controller(self) -> PoseController | PolarController:
         """Return a new controller."""
         return self.control.make(self.standoff)
-
-    def make_tracker(self) -> Tracker:
-        """Return a new tracker."""
-        return Tracker(self.coast_after_s, self.lost_after_s)

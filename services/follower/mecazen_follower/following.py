@@ -11,7 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
-from mecazen_follower.tracking import TrackingState
+from mecazen_follower.tracking import Tracker, TrackingState
 
 MAX_STEP = 0.5
 """A pose that changes by more than this [m, rad] in a tick ..."""
@@ -51,7 +51,7 @@ class Following:
     def __init__(self, config: FollowerConfig, latency: float) -> None:
         self.estimator = config.make_estimator()
         self._controller = config.make_controller()
-        self._tracker = config.make_tracker()
+        self._tracker = Tracker(config.coast_after_s, config.lost_after_s)
         self._standoff = config.standoff
         self._latency = latency
         self._response = config.response_s
@@ -105,10 +105,6 @@ class Following:
         while sum(duration for _, duration in self._pending) > self._response + dt / 2:
             self._pending.popleft()
         return command
-
-    def predict(self, dt: float) -> None:
-        """Propagate the estimate by `dt` [s]."""
-        self.estimator.predict(dt)
 
 
 def _jumped(last: Pose2D, robot: Pose2D, dt: float) -> bool:

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.covariance import ros_covariance
-from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
+from mecazen.geometry import Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
-from mecazen.messages import (
-    FollowerState,
-    Header,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Twist,
-    TwistWithCovariance,
-)
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.wire import NS_PER_S
@@ -24,7 +17,6 @@ from mecazen.wire import NS_PER_S
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Measurement, Step
-from mecazen_follower.observation import in_odom
 
 HISTORY_S = 5.0
 """For so long odometry is kept, besides the sensor's latency, for observations that come late."""
@@ -47,7 +39,7 @@ class FollowerNode(Node):
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
         self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))
-        self.state: FollowerState | None = None
+        self.state: m.FollowerState | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
@@ -58,7 +50,7 @@ class FollowerNode(Node):
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
         if self.robot:
-            self.following.predict(period_s)
+            self.following.estimator.predict(period_s)
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         try:
@@ -69,20 +61,24 @@ class FollowerNode(Node):
             step = self.following.step(time_s, period_s, robot, None)
         self.state = _state(odom.header, self.config.estimator, step)
         # the state before the command: who has the command of a tick has all of the tick
-        return {FOLLOWER_STATE: self.state, CMD_VEL: Twist.planar(step.command)}
+        return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
 
-    def _measurement(self, frame: Observation | None) -> Measurement | None:
+    def _measurement(self, frame: m.Observation | None) -> Measurement | None:
         """Return the person in a frame in odom, if it shows one.
+
+        A pose in another frame than `base_link` (world, odom) is taken to be in odom already.
 
         Raises:
             ValueError: It was captured when the robot's pose is not known, or is no pose.
         """
         if frame is None or not frame.poses:
             return None
-        # only what is seen from the robot needs to know where it was
-        seen_from_robot = frame.header.frame_id == "base_link"
-        robot = self.robot.at(frame.header.stamp.ns) if seen_from_robot else Pose2D()
-        return in_odom(frame.poses[0], frame.header.frame_id, robot)
+        pose = frame.poses[0].pose.to_planar()
+        covariance = planar_covariance(frame.poses[0].covariance)
+        if frame.header.frame_id != "base_link":
+            return Measurement(pose, covariance)
+        robot = self.robot.at(frame.header.stamp.ns)
+        return Measurement(robot.compose(pose), _rotated(covariance, robot.yaw))
 
     def diagnostics(self) -> dict[str, object]:
         """Return how well it follows, and the filter's consistency."""
@@ -93,16 +89,16 @@ class FollowerNode(Node):
         return values
 
 
-def _state(header: Header, estimator: str, step: Step) -> FollowerState:
+def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:
     tracking, errors = step.tracking, step.errors
     if step.person is None:
-        return FollowerState(header=header, tracking=tracking, estimator=estimator)
-    return FollowerState(
+        return m.FollowerState(header=header, tracking=tracking, estimator=estimator)
+    return m.FollowerState(
         header=header,
         tracking=tracking,
         estimator=estimator,
         estimate=(_odometry(header, step.person),),
-        goal=(Pose.planar(step.goal),),
+        goal=(m.Pose.planar(step.goal),),
         distance_error=errors.distance,
         bearing_error=errors.bearing,
         heading_error=errors.yaw,
@@ -110,11 +106,24 @@ def _state(header: Header, estimator: str, step: Step) -> FollowerState:
     )
 
 
-def _odometry(header: Header, person: Estimate) -> Odometry:
+def _odometry(header: m.Header, person: Estimate) -> m.Odometry:
     """Return an estimate as a message: the velocity turned into the person's own frame."""
     vx, vy = rotate(person.velocity.x, person.velocity.y, -person.pose.yaw)
-    pose = PoseWithCovariance(
-        pose=Pose.planar(person.pose), covariance=ros_covariance(person.covariance)
+    pose = m.PoseWithCovariance(
+        pose=m.Pose.planar(person.pose), covariance=ros_covariance(person.covariance)
     )
-    twist = TwistWithCovariance(twist=Twist.planar(Twist2D(vx, vy, person.velocity.yaw)))
-    return Odometry(header=header, child_frame_id="person", pose=pose, twist=twist)
+    twist = m.TwistWithCovariance(twist=m.Twist.planar(Twist2D(vx, vy, person.velocity.yaw)))
+    return m.Odometry(header=header, child_frame_id="person", pose=pose, twist=twist)
+
+
+def _rotated(covariance: PlanarCovariance, yaw: float) -> PlanarCovariance:
+    """Return a 3x3 covariance C of (x, y, yaw) as R C Rᵀ, R the rotation by `yaw` [rad]."""
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+    c, s = math.cos(yaw), math.sin(yaw)
+    # first R C over x and y, then the product
+    cxx, cxy, cyx, cyy = c * xx - s * yx, c * xy - s * yy, s * xx + c * yx, s * xy + c * yy
+    return (
+        (c * cxx - s * cxy, s * cxx + c * cxy, c * xw - s * yw),
+        (c * cyx - s * cyy, s * cyx + c * cyy, s * xw + c * yw),
+        (c * wx - s * wy, s * wx + c * wy, ww),
+    )

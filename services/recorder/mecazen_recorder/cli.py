@@ -146,15 +146,8 @@ def replay(
         for name, description in recording.descriptions().items():
             serve_description(bus.namespaced(name), description)
         for turn in count() if loop else range(1):
-            published = publish(
-                recording,
-                bus,
-                keys or ["**"],
-                speed=speed,
-                begin_ns=begin_ns,
-                end_ns=end_ns,
-                turn=turn,
-            )
+            times = {"begin_ns": begin_ns, "end_ns": end_ns}
+            published = publish(recording, bus, keys or ["**"], speed=speed, turn=turn, **times)
             if turn == 0:
                 _tell_if_cut_off(recording)
                 typer.echo(f"{published} samples published")

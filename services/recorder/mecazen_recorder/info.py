@@ -9,7 +9,7 @@ import msgspec
 from mecazen.config import split_key
 from mecazen.wire import NS_PER_S
 
-from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.reader import Recording
 
 GAP = 1.5
 """An interval of more than this many medians is a gap."""
@@ -66,36 +66,23 @@ def inspect(recording: Recording) -> Info:
         stamp = sample.stamp
         run = None if stamp is None else stamp.run
         times.setdefault(sample.key, {}).setdefault(run, []).append(sample.time_ns)
-        types.setdefault(sample.key, _type_of(sample))
+        types.setdefault(sample.key, sample.kind.ROS_TYPE if sample.kind else sample.encoding)
         if stamp is not None:
             first, last = spans.get(stamp.run, (sample.time_ns, sample.time_ns))
             spans[stamp.run] = min(first, sample.time_ns), max(last, sample.time_ns)
             if not split_key(sample.key, recording.robots(stamp.run))[0]:
                 seeds.setdefault(stamp.run, stamp.seed)
-    runs = tuple(
-        RunInfo(
-            run=run,
-            seed=seeds.get(run),
-            robots=tuple(filter(None, recording.robots(run))),
-            begin_s=first / NS_PER_S,
-            end_s=last / NS_PER_S,
-            has_scenario=run in recording.scenarios,
-        )
-        for run, (first, last) in spans.items()
-    )
+    runs = []
+    for run, (first, last) in spans.items():
+        names = tuple(filter(None, recording.robots(run)))
+        span_s = first / NS_PER_S, last / NS_PER_S
+        runs.append(RunInfo(run, seeds.get(run), names, *span_s, run in recording.scenarios))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
-    return Info(
-        file=str(recording.path),
-        is_cut_off=recording.is_cut_off,
-        count=sum(info.count for info in infos),
-        duration_s=sum(run.end_s - run.begin_s for run in runs),
-        runs=runs,
-        keys=infos,
+    count, duration_s = (
+        sum(one.count for one in infos),
+        sum(one.end_s - one.begin_s for one in runs),
     )
-
-
-def _type_of(sample: Sample) -> str:
-    return sample.encoding if sample.kind is None else sample.kind.ROS_TYPE
+    return Info(str(recording.path), recording.is_cut_off, count, duration_s, tuple(runs), infos)
 
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:

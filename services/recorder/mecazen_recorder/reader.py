@@ -76,9 +76,6 @@ class Sample(NamedTuple):
 class Recording:
     """A recording, for reading.
 
-    Args:
-        path: The MCAP file.
-
     Raises:
         RecordingError: It can't be read, or is not a file of `mecazen record`.
     """
@@ -101,12 +98,7 @@ class Recording:
             )
 
     def samples(self, begin_ns: float = 0, end_ns: float = math.inf) -> Iterator[Sample]:
-        """Return the samples in the order of recording.
-
-        Args:
-            begin_ns: Simulated time of the first, in each run.
-            end_ns: Simulated time of the last, in each run.
-        """
+        """Return the samples in the order of recording, of these simulated times in each run."""
         schemas: dict[int, type[Message] | None] = {}
         channels: dict[int, tuple[str, Stamp | None, str, type[Message] | None]] = {}
         with self._open() as file:
@@ -118,9 +110,12 @@ class Recording:
                 elif isinstance(record, Schema):
                     schemas[record.id] = _TYPES.get(record.name)
                 elif isinstance(record, Channel):
-                    kind = schemas.get(record.schema_id)
-                    what = record.topic, _run_of(record), _encoding_of(record), kind
-                    channels[record.id] = what
+                    kind, meta = schemas.get(record.schema_id), record.metadata
+                    run = Stamp(0, int(meta["run"]), int(meta["seed"])) if "run" in meta else None
+                    encoding = record.message_encoding
+                    if encoding != MessageEncoding.CDR:
+                        encoding = meta.get("zenoh_encoding", JSON_ENCODING)
+                    channels[record.id] = record.topic, run, encoding, kind
                 elif isinstance(record, DataEnd):
                     return
                 elif (
@@ -205,15 +200,3 @@ class Recording:
         if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
             self.scenarios[int(run["run"])] = run["scenario"]
             self._robots[int(run["run"])] = robots_in(run["scenario"])
-
-
-def _run_of(channel: Channel) -> Stamp | None:
-    run = channel.metadata.get("run")
-    return None if run is None else Stamp(0, int(run), int(channel.metadata["seed"]))
-
-
-def _encoding_of(channel: Channel) -> str:
-    """Return the Zenoh encoding of a channel's samples, or `cdr`."""
-    if channel.message_encoding == MessageEncoding.CDR:
-        return MessageEncoding.CDR
-    return channel.metadata.get("zenoh_encoding", JSON_ENCODING)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -52,21 +53,15 @@ class Comparison(NamedTuple):
     difference: Difference | None
 
 
-class _Output(NamedTuple):
-    time_ns: int
-    message: Message
+Outputs = list[tuple[int, Message]]
+"""What was published on a key, with the times [ns]."""
 
 
 def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
-    """Re-compute a service or a node from a recording.
+    """Re-compute a service, a node, or `file.py:Class` of a node in the place of one.
 
     Runs that are not recorded from their first tick, or without configuration, are skipped.
     Diagnostics are not compared.
-
-    Args:
-        recording: The recorded inputs and outputs.
-        program: A service, a node, or `file.py:Class` of a node in the place of one.
-        robot: Name of one of several robots.
 
     Raises:
         MecazenError: There is nothing to compute or to compare, or the service failed.
@@ -75,19 +70,17 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     for run, samples in _whole_runs(recording).items():
         bus = LocalBus()
         service = _make_service(recording, run, program, robot, bus)
-        own = _of_robot(samples, robot, recording.robots(run))
+        # those in the namespace of the robot, with keys relative to it
+        split = ((sample, *split_key(sample.key, recording.robots(run))) for sample in samples)
+        own = [sample._replace(key=key) for sample, name, key in split if name == robot]
         compared = _recompute_run(own, service, bus.namespaced(robot))
         service.close()
         counts += compared.counts
         if compared.difference is not None:
             return Comparison(counts, compared.difference)
     if not counts:
-        raise _nothing(recording, program)
+        raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
     return Comparison(counts, None)
-
-
-def _nothing(recording: Recording, program: str) -> RecordingError:
-    return RecordingError(f"{recording.path}: holds nothing that {program} publishes")
 
 
 def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
@@ -106,21 +99,10 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     return whole
 
 
-def _of_robot(samples: Sequence[Sample], robot: str, robots: Sequence[str]) -> list[Sample]:
-    """Return the samples in the namespace of a robot, with keys relative to it."""
-    parts = ((sample, *split_key(sample.key, robots)) for sample in samples)
-    return [sample._replace(key=key) for sample, name, key in parts if name == robot]
-
-
 def _make_service(
     recording: Recording, run: int, program: str, robot: str, bus: LocalBus
 ) -> Service:
-    """Return the nodes with their recorded configuration.
-
-    Raises:
-        RecordingError: They did not take part in the run.
-        ConfigError: There are none of that name, or they have no inputs to compute from.
-    """
+    """Return the nodes with their recorded configuration; raises as `recompute`."""
     scenario = recording.scenario(run)
     kinds = classes(program, scenario)
     if not all(issubclass(kind, Node) for kind in kinds.values()):
@@ -134,7 +116,7 @@ def _make_service(
     place = next(iter(kinds))
     name = TABLE[place].part_of if place in TABLE else place
     if name not in scenario.services:
-        raise _nothing(recording, program)
+        raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
     recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
     service = make_nodes(name, kinds, bus, recorded, robot)
     assert isinstance(service, Service)
@@ -151,8 +133,8 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
         for topic in (*(i.topic for i in row.inputs), *row.outputs)
     }
     outputs = [row.on_bus(topic) for row in rows for topic in row.outputs]
-    recorded: dict[str, list[_Output]] = {topic.key: [] for topic in outputs}
-    recomputed: dict[str, list[_Output]] = {topic.key: [] for topic in outputs}
+    recorded: dict[str, Outputs] = {topic.key: [] for topic in outputs}
+    recomputed: dict[str, Outputs] = {topic.key: [] for topic in outputs}
     for topic in outputs:
         bus.subscribe(topic, partial(_keep, recomputed[topic.key]))
 
@@ -180,30 +162,25 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
     return Comparison(Counter({key: len(was) for key, was in kept.items()}), first)
 
 
-def _keep(kept: list[_Output], message: Message, stamp: Stamp | None) -> None:
+def _keep(kept: Outputs, message: Message, stamp: Stamp | None) -> None:
     assert stamp is not None
-    kept.append(_Output(stamp.time_ns, message))
+    kept.append((stamp.time_ns, message))
 
 
 def _compare(
-    key: str, recorded: Sequence[_Output], recomputed: Sequence[_Output], horizon_ns: int
+    key: str, recorded: Outputs, recomputed: Outputs, horizon_ns: int
 ) -> Difference | None:
-    pairs = zip_longest(
-        (output for output in recorded if output.time_ns <= horizon_ns),
-        (output for output in recomputed if output.time_ns <= horizon_ns),
-    )
-    for old, new in pairs:
-        if old is None or new is None or old.time_ns != new.time_ns:
-            time_ns = min(output.time_ns for output in (old, new) if output is not None)
+    within = ([one for one in kept if one[0] <= horizon_ns] for kept in (recorded, recomputed))
+    for (old_ns, old), (new_ns, new) in zip_longest(*within, fillvalue=(math.inf, Message())):
+        if old_ns != new_ns:
             there = [
-                "a message" if output is not None and output.time_ns == time_ns else "nothing"
-                for output in (old, new)
+                "a message" if ns == min(old_ns, new_ns) else "nothing" for ns in (old_ns, new_ns)
             ]
-            return Difference(key, time_ns, "", *there)
+            return Difference(key, int(min(old_ns, new_ns)), "", *there)
         # compared as bytes, since 0.0 and -0.0 are equal as numbers
-        if encode(old.message, "json") != encode(new.message, "json"):
-            was, now = (msgspec.to_builtins(output.message) for output in (old, new))
-            return Difference(key, old.time_ns, *next(_different(was, now, "")))
+        if encode(old, "json") != encode(new, "json"):
+            was, now = map(msgspec.to_builtins, (old, new))
+            return Difference(key, int(old_ns), *next(_different(was, now, "")))
     return None
 
 

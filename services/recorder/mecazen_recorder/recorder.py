@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,13 +39,9 @@ class Recorder:
     are refused. Payloads on keys that are not in the table of `mecazen.keys` are written as they
     come. A sample without a stamp gets the time of the newest tick.
 
-    Args:
-        bus: The bus on which services publish.
-        config: What to record, and where.
-        services: Services whose diagnostics to record on a bus within a process.
-        scenario: Returns the configuration of a new run in TOML, or None.
-        robots: The robots' names; replaced by those in the configuration of a new run.
-        topics: What can be decoded; samples of other keys are kept as they come.
+    On a bus within a process the diagnostics of `services` are recorded. `scenario` returns the
+    configuration of a new run in TOML, or None; the names in it replace those of `robots`.
+    `topics` can be decoded; samples of other keys are kept as they come.
 
     Raises:
         RecordingError: The file can't be written.
@@ -97,18 +94,20 @@ class Recorder:
 
     def _take_bytes(
         self,
-        already: Sequence[str],
+        others: Sequence[str],
         key: str,
         payload: bytes,
         encoding: str,
         attachment: bytes | None,
     ) -> None:
-        if any(includes(expression, key) for expression in already):
+        if any(includes(expression, key) for expression in others):
             return  # another subscription brings it too
         try:
             topic = self._topic_of(key)
             if topic is None:
-                stamp = _own_stamp(attachment)
+                stamp = None
+                with suppress(RefusedError):  # on keys outside the table it may be anything
+                    stamp = None if attachment is None else Stamp.unpack(attachment)
                 self._note(stamp)
                 topic = self._topic_of(key)  # the new run may have this robot
             if topic is None:
@@ -146,23 +145,11 @@ class Recorder:
 
     def _describe(self) -> None:
         """Attach the description of each robot, once, as soon as physics answers."""
-        for robot in self._robots:
-            if robot in self._described:
-                continue
-            try:
+        for robot in [one for one in self._robots if one not in self._described]:
+            with suppress(BusError):  # nobody simulates, as in a replay of another recording
                 description = ask_description(self._bus.namespaced(robot), ANSWER_S)
-            except BusError:
-                continue  # nobody simulates, as in a replay of another recording
-            self.writer.write_description(description, robot)
-            self._described.add(robot)
-
-
-def _own_stamp(attachment: bytes | None) -> Stamp | None:
-    """Return the stamp in an attachment; None if it is none, as on keys outside the table."""
-    try:
-        return None if attachment is None else Stamp.unpack(attachment)
-    except RefusedError:
-        return None
+                self.writer.write_description(description, robot)
+                self._described.add(robot)
 
 
 def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:

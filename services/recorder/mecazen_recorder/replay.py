@@ -24,55 +24,32 @@ def publish(
     end_ns: float = math.inf,
     turn: int = 0,
 ) -> int:
-    """Publish the samples of some keys with their original stamps.
+    """Publish the samples of some keys with their original stamps; return their number.
 
-    Args:
-        recording: The recording to publish.
-        bus: The bus on which to publish.
-        keys: Key expressions.
-        speed: Simulated seconds per wall second.
-        begin_ns: See `Recording.samples`.
-        end_ns: See `Recording.samples`.
-        turn: How often it was published before. It is added to the numbers of the runs, since
-            services drop ticks older than the newest of a run.
-
-    Returns:
-        The number of samples published.
+    `speed` is in simulated seconds per wall second; for the times see `Recording.samples`.
+    `turn`, how often it was published before, is added to the numbers of the runs, since services
+    drop ticks older than the newest of a run.
 
     Raises:
         RecordingError: Nothing in the recording is on these keys and in this time, or a
             sample is not what its key carries.
     """
-    published, pace = 0, _Pace(bus, speed)
+    published, run = 0, None
+    start_s, start_ns = 0.0, math.nan  # of the run
     for sample in recording.samples(begin_ns, end_ns):
-        if any(includes(expression, sample.key) for expression in keys):
-            pace.wait(sample)
-            _publish(recording, bus, sample, turn)
-            published += 1
+        if not any(includes(expression, sample.key) for expression in keys):
+            continue
+        before, run = run, run if sample.stamp is None else sample.stamp.run
+        if run != before or math.isnan(start_ns):
+            start_s, start_ns = time.monotonic(), sample.time_ns
+        due_s = start_s + (sample.time_ns - start_ns) / (speed * NS_PER_S)
+        while (left_s := due_s - time.monotonic()) > 0.0:
+            bus.spin_once(left_s)
+        _publish(recording, bus, sample, turn)
+        published += 1
     if not published:
         raise RecordingError(f"{recording.path}: nothing on these keys in this time")
     return published
-
-
-class _Pace:
-    """Waits until samples are due."""
-
-    def __init__(self, bus: ZenohBus, speed: float) -> None:
-        self._bus = bus
-        self._ns_per_s = speed * NS_PER_S
-        self._run: int | None = None
-        self._begin_s = 0.0
-        self._begin_ns: int | None = None
-
-    def wait(self, sample: Sample) -> None:
-        """Wait until the time of a sample; a run's first is due at once."""
-        run = self._run if sample.stamp is None else sample.stamp.run
-        if run != self._run or self._begin_ns is None:
-            self._run, self._begin_ns = run, sample.time_ns
-            self._begin_s = time.monotonic()
-        due_s = self._begin_s + (sample.time_ns - self._begin_ns) / self._ns_per_s
-        while (left_s := due_s - time.monotonic()) > 0.0:
-            self._bus.spin_once(left_s)
 
 
 def _publish(recording: Recording, bus: ZenohBus, sample: Sample, turn: int) -> None:

@@ -1,4 +1,4 @@
-"""Schemas and payloads of messages in a file, for readers that do not know mecazen."""
+"""Schemas of messages in a file, for readers that do not know mecazen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import msgspec
 from mecazen.messages import Message
-from mecazen.wire import encode
 
 from mecazen_recorder import cdr
 from mecazen_recorder.config import Encoding
@@ -28,8 +27,3 @@ def schema(kind: type[Message], encoding: Encoding) -> Schema:
     # readers expect the message at the root, not a reference to it
     text = msgspec.json.encode({**definitions[kind.__name__], "$defs": definitions})
     return Schema(kind.ROS_TYPE, "jsonschema", text)
-
-
-def write(message: Message, encoding: Encoding) -> bytes:
-    """Return the payload of a message in a file."""
-    return cdr.encode(message) if encoding == "cdr" else encode(message, "json")

@@ -17,9 +17,9 @@ from mcap.writer import Writer
 from mecazen.config import join_key
 from mecazen.description import RobotDescription
 from mecazen.messages import Message
-from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp
+from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
 
-from mecazen_recorder import schemas
+from mecazen_recorder import cdr, schemas
 from mecazen_recorder.config import Encoding
 from mecazen_recorder.sink import RecordingError, Sink
 
@@ -33,11 +33,7 @@ _RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpac
 
 
 class RecordingWriter:
-    """Writes an MCAP file.
-
-    Args:
-        path: The file, which must not exist.
-        encoding: The encoding of messages.
+    """Writes an MCAP file, which must not exist, with messages in an encoding.
 
     Raises:
         RecordingError: The file can't be created.
@@ -60,18 +56,13 @@ class RecordingWriter:
             RefusedError: There are too many keys and runs.
             RecordingError: The disk is full.
         """
-        channel = self._channel(key, stamp, type(message))
-        self._add(channel, schemas.write(message, self._encoding), time_ns)
+        payload = cdr.encode(message) if self._encoding == "cdr" else encode(message, "json")
+        self._add(self._channel(key, stamp, type(message)), payload, time_ns)
 
     def write_bytes(
         self, key: str, payload: bytes, encoding: str, stamp: Stamp | None, time_ns: int
     ) -> None:
-        """Write a payload of unknown type unchanged, with its Zenoh encoding.
-
-        Raises:
-            RefusedError: There are too many keys and runs.
-            RecordingError: The disk is full.
-        """
+        """Write a payload of unknown type unchanged, with its Zenoh encoding; raises as `write`."""
         self._add(self._channel(key, stamp, encoding), payload, time_ns)
 
     def write_run(self, stamp: Stamp, scenario: str | None) -> None:
@@ -133,12 +124,10 @@ class RecordingWriter:
             metadata["zenoh_encoding"] = kind
             schema = 0
         else:
-            encoding, schema = self._encoding, self._schema(kind)
+            if kind not in self._schemas:
+                schema = self._mcap.register_schema(*schemas.schema(kind, self._encoding))
+                self._schemas[kind] = schema
+            encoding, schema = self._encoding, self._schemas[kind]
         channel = self._mcap.register_channel(key, encoding, schema, metadata)
         self._channels[key, run, kind] = channel
         return channel
-
-    def _schema(self, kind: type[Message]) -> int:
-        if kind not in self._schemas:
-            self._schemas[kind] = self._mcap.register_schema(*schemas.schema(kind, self._encoding))
-        return self._schemas[kind]

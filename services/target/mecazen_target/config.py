@@ -29,7 +29,14 @@ class _Walk(_Path):
     """Time before the person sets off [s]."""
 
 
-class UTrack(_Walk, tag="u_track"):
+class SteadyWalk(_Walk):
+    """A curve at constant speed."""
+
+    speed_m_s: Positive = 0.2
+    """Speed along the curve [m/s]."""
+
+
+class UTrack(SteadyWalk, tag="u_track"):
     """A straight, a half circle of radius `speed_m_s / yaw_rate_rad_s`, a straight.
 
     The defaults are those of "A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view
@@ -38,54 +45,44 @@ class UTrack(_Walk, tag="u_track"):
 
     length_m: Positive = 5.0
     """Length of each straight [m]."""
-    speed_m_s: Positive = 0.2
-    """Speed along the whole track [m/s]."""
     yaw_rate_rad_s: Positive = 0.1
     """Yaw rate on the half circle [rad/s]."""
     turn: Turn = "left"
     """Side to which the half circle turns."""
 
 
-class Straight(_Walk, tag="straight"):
+class Straight(SteadyWalk, tag="straight"):
     """A straight line; the person stands at its end."""
 
     length_m: Positive = 10.0
     """Length of the line [m]."""
-    speed_m_s: Positive = 0.2
-    """Speed along it [m/s]."""
 
 
-class Circle(_Walk, tag="circle"):
+class Circle(SteadyWalk, tag="circle"):
     """An endless circle through the start."""
 
     radius_m: Positive = 2.0
     """Radius of the circle [m]."""
-    speed_m_s: Positive = 0.2
-    """Speed along it [m/s]."""
     turn: Turn = "left"
     """Side on which the circle's centre lies."""
 
 
-class FigureOfEight(_Walk, tag="figure_of_eight"):
+class FigureOfEight(SteadyWalk, tag="figure_of_eight"):
     """An endless lemniscate of Bernoulli that starts at its crossing."""
 
     length_m: Positive = 6.0
     """Distance between the far ends of the two loops [m], whose radius there is `length_m / 6`."""
-    speed_m_s: Positive = 0.2
-    """Speed along the curve [m/s]."""
     turn: Turn = "left"
     """Side to which the first loop turns."""
 
 
-class Waypoints(_Walk, tag="waypoints", kw_only=True):
+class Waypoints(SteadyWalk, tag="waypoints", kw_only=True):
     """A smooth curve through points; the person stands at the last."""
 
     points_m: Annotated[
         tuple[tuple[Finite, Finite], ...], msgspec.Meta(min_length=2, max_length=1000)
     ]
     """Points [x, y] in the frame of the start pose [m]; the person starts at the first."""
-    speed_m_s: Positive = 0.2
-    """Speed along the curve [m/s]."""
 
 
 class Standing(_Path, tag="standing"):
@@ -106,10 +103,7 @@ class Driven(_Path, tag="driven"):
     """Time without a command after which the person stops [s]."""
 
 
-SteadyWalk = UTrack | Straight | Circle | FigureOfEight | Waypoints
-"""A curve at constant speed."""
-
-Walk = SteadyWalk | Standing | Recorded
+Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded
 """A path known in advance, unlike `Driven`."""
 
 

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import TABLE
 from mecazen.keys import GROUND_TRUTH, OBSERVATION, TARGET_CMD_VEL, TARGET_ODOM, Topic
-from mecazen.messages import (
-    Header,
-    Message,
-    Observation,
-    Pose,
-    PoseWithCovariance,
-    Time,
-    planar_odometry,
-)
 from mecazen.node import Inputs, Node, Outputs, Tick
 
-from mecazen_target.config import TargetConfig
+from mecazen_target import config
+from mecazen_target.gait import with_gait
+from mecazen_target.motion import Driven, Motion
+from mecazen_target.paths import make_path, start_pose
 from mecazen_target.sensor import Frame, Sensor
-from mecazen_target.walker import Walker
 
 
 class TargetNode(Node):
@@ -31,28 +25,31 @@ class TargetNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
+        self.config = scenario.section(config.TargetConfig, "target")
+        path = self.config.path
         try:
-            self.walker = Walker(scenario.section(TargetConfig, "target"), scenario.sim.tick_s)
+            self.path = None if isinstance(path, config.Driven) else make_path(path)
         except ValueError as error:
             raise ConfigError(f"target.path: {error}") from None
         Sensor(scenario.sensor, 0, scenario.sim.tick_s)  # refuses what does not suit the tick
 
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""
-        self.walker.reset()
-        self.pose = self.walker.at(0).pose
-        self.time_s = 0.0
-        self.sensor = Sensor(self.scenario.sensor, seed, self.scenario.sim.tick_s)
+        path, tick_s = self.config.path, self.scenario.sim.tick_s
+        timeout_s = path.timeout_s if isinstance(path, config.Driven) else 0.0
+        self.driven = Driven(start_pose(path), timeout_s, tick_s)
+        self.tick = 0
+        self.motion = self._motion_at(0)
+        self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the person's pose, and in ticks that bring a frame what the sensor saw."""
         command = inputs.get(TARGET_CMD_VEL)
         if command is not None:
-            self.walker.command(command.to_planar())
-        person = self.walker.at(tick.number)
-        self.pose, self.time_s = person.pose, tick.time_ns / 1e9
-        outputs: dict[Topic[Any], Message] = {
-            TARGET_ODOM: planar_odometry(tick.time, "world", "person", person.pose, person.twist)
+            self.driven.command(command.to_planar())
+        person = self.motion = self._motion_at(tick.number)
+        outputs: dict[Topic[Any], m.Message] = {
+            TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
         }
         robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
         frame = self.sensor.observe(tick.number, robot, person.pose)
@@ -60,24 +57,32 @@ class TargetNode(Node):
             outputs[OBSERVATION] = self._message(frame)
         return outputs
 
-    def _message(self, frame: Frame) -> Observation:
-        captured = Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)
-        seen = (
-            ()
-            if frame.pose is None
-            else (
-                PoseWithCovariance(pose=Pose.planar(frame.pose), covariance=self.sensor.covariance),
-            )
+    def _motion_at(self, tick: int) -> Motion:
+        """Return the motion at a tick, which is not before the last one."""
+        if self.path is not None:
+            motion = self.path.at(tick * self.scenario.sim.tick_s)
+        else:
+            missed = tick - self.tick
+            motion = self.driven.step(missed) if missed else self.driven.motion
+        self.tick = tick
+        return motion if self.config.gait is None else with_gait(motion, self.config.gait)
+
+    def _message(self, frame: Frame) -> m.Observation:
+        captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)
+        header = m.Header(stamp=captured, frame_id=self.scenario.sensor.frame)
+        if frame.pose is None:
+            return m.Observation(header=header)
+        seen = m.PoseWithCovariance(
+            pose=m.Pose.planar(frame.pose), covariance=self.sensor.covariance
         )
-        header = Header(stamp=captured, frame_id=self.scenario.sensor.frame)
-        return Observation(header=header, poses=seen)
+        return m.Observation(header=header, poses=(seen,))
 
     def diagnostics(self) -> dict[str, object]:
         """Return where the person is, and the distance walked."""
-        x, y, _ = self.pose
+        (x, y, _), _, walked = self.motion
         return {
-            "time_s": self.time_s,
+            "time_s": self.tick * self.scenario.sim.tick_ns / 1e9,
             "x_m": round(x, 3),
             "y_m": round(y, 3),
-            "walked_m": round(self.walker.distance, 3),
+            "walked_m": round(walked, 3),
         }

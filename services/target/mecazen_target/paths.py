@@ -29,16 +29,6 @@ class SteadyWalk:
         return Motion(pose, Twist2D(self._speed, 0.0, self._speed * curvature), s)
 
 
-class Stand:
-    """The person stands at the origin."""
-
-    duration = math.inf
-
-    def at(self, t: float) -> Motion:
-        """Return the motion at the time `t` [s]."""
-        return Motion(Pose2D())
-
-
 class Placed:
     """A path that starts at the time `start_after` [s], with its frame at the pose `start`."""
 
@@ -69,7 +59,7 @@ def make_path(path: config.Walk) -> Path:
     start = start_pose(path)
     match path:
         case config.Standing():
-            return Placed(Stand(), start)
+            return Placed(SteadyWalk(Arcs([(0.0, 0.0)]), 1.0), start)
         case config.Recorded():
             track = Track(read_track(path.file))
             first = track.at(0.0).pose
@@ -79,7 +69,9 @@ def make_path(path: config.Walk) -> Path:
             return Placed(walk, start, path.start_after_s)
 
 
-def _curve(path: config.SteadyWalk) -> Curve:
+def _curve(
+    path: config.UTrack | config.Straight | config.Circle | config.FigureOfEight | config.Waypoints,
+) -> Curve:
     match path:
         case config.UTrack():
             curvature = path.yaw_rate_rad_s / path.speed_m_s

@@ -16,16 +16,10 @@ from mecazen_target.spline import Spline, limited_slopes, simpson
 
 MAX_DURATION_S = 4 * 3600.0
 """Longest track that is read; a longer one is most likely in the wrong unit."""
-
 MIN_STEP_S = 0.001
 """Shortest time between two rows."""
-
-STANDING_M_S = 0.1
-"""Below this speed the person stands and the heading is held."""
-
-WALKING_M_S = 0.2
-"""From this speed on the heading follows the motion; in between it follows partly."""
-
+STANDING_M_S, WALKING_M_S = 0.1, 0.2
+"""Below the first the heading is held, from the second on it follows the motion; partly between."""
 MAX_YAW_RATE = 3.0
 """Maximum yaw rate of a walking person [rad/s]."""
 

@@ -26,6 +26,6 @@ def view(
     if not file.is_file():
         raise ConfigError(f"{file}: no such file")
     # imported late: Rerun takes half a second
-    from mecazen_viewer.files import open_file  # noqa: PLC0415
+    from mecazen_viewer.recorded import open_file  # noqa: PLC0415
 
     open_file(file, native=native)

@@ -11,12 +11,8 @@ from mecazen.messages import DiagnosticArray, DiagnosticStatus
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Entity
 
-LEVELS = (
-    rr.TextLogLevel.INFO,
-    rr.TextLogLevel.WARN,
-    rr.TextLogLevel.ERROR,
-    rr.TextLogLevel.WARN,
-)
+_LOG = rr.TextLogLevel
+LEVELS = _LOG.INFO, _LOG.WARN, _LOG.ERROR, _LOG.WARN
 """Log level of each level of a diagnostic status."""
 NAMES = ("ok", "warning", "error", "stale")
 

@@ -63,13 +63,10 @@ def _of_robot(robot: str) -> rrb.Horizontal:
     above = rrb.EyeControls3D(
         position=(0.0, 0.0, 5.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0)
     )
+    columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     text = rrb.Vertical(
         rrb.TextDocumentView(origin=e.HEALTH, name="health"),
-        rrb.TextLogView(
-            origin=e.LOG,
-            name="log",
-            columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
-        ),
+        rrb.TextLogView(origin=e.LOG, name="log", columns=columns),
     )
     scenes = rrb.Vertical(
         scene("following", follow),

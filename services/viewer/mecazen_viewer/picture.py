@@ -8,17 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import rerun as rr
+from mecazen import messages as m
 from mecazen.config import Scenario, wanted_view
 from mecazen.description import RobotDescription
 from mecazen.geometry import Pose2D
-from mecazen.messages import (
-    DiagnosticArray,
-    FollowerState,
-    JointState,
-    Observation,
-    Odometry,
-    Twist,
-)
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 
 from mecazen_viewer import covariance, plots, things, urdf
@@ -84,7 +77,7 @@ class Picture:
         self._model = RobotModel(urdf.read(description.urdf), description.meshes)
         return self._model.shapes
 
-    def on_ground_truth(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
+    def on_ground_truth(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
         """Move the robot and the view that follows it."""
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
         place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
@@ -96,20 +89,20 @@ class Picture:
         if self._robot.add(time_ns, pose):
             yield things.trail("robot", self._robot.trail)
 
-    def on_joint_states(self, joints: JointState, time_ns: int) -> Iterator[Entity]:
+    def on_joint_states(self, joints: m.JointState, time_ns: int) -> Iterator[Entity]:
         """Turn the wheels and rollers."""
         if self._model is not None:
             yield from self._model.pose(joints)
         if len(joints.velocity) >= len(WHEELS) and self._is_due(e.WHEEL_SPEED, time_ns):
             yield plots.wheel_speeds("measured", joints.velocity[: len(WHEELS)])
 
-    def on_joint_command(self, joints: JointState, time_ns: int) -> Iterator[Entity]:
+    def on_joint_command(self, joints: m.JointState, time_ns: int) -> Iterator[Entity]:
         """Plot the commanded wheel speeds; a command of efforts has none."""
         speeds = dict(zip(joints.name, joints.velocity, strict=False))
         if speeds.keys() >= set(WHEEL_JOINTS) and self._is_due("commanded wheels", time_ns):
             yield plots.wheel_speeds("commanded", (speeds[name] for name in WHEEL_JOINTS))
 
-    def on_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
+    def on_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
         """Place the odom frame so that odometry and ground truth coincide."""
         pose = _planar(odom)
         if self._odom.add(time_ns, pose):
@@ -119,7 +112,7 @@ class Picture:
                 yield things.frame(e.ODOM, truth.compose(pose.between(Pose2D())))
             yield from plots.velocity("measured", odom.twist.twist.to_planar())
 
-    def on_target_odom(self, odom: Odometry, time_ns: int) -> Iterator[Entity]:
+    def on_target_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
         """Move the person."""
         pose = _planar(odom)
         yield things.frame(e.PERSON, pose)
@@ -130,7 +123,7 @@ class Picture:
         if (robot := self._robot.at(time_ns)) is not None:
             yield from plots.errors(self._standoff, pose.between(robot))
 
-    def on_observation(self, frame: Observation, time_ns: int) -> Iterator[Entity]:
+    def on_observation(self, frame: m.Observation, time_ns: int) -> Iterator[Entity]:
         """Show the observation, placed with the robot's pose at its capture."""
         seen = self._in_world(frame) if frame.poses else None
         if seen is not None:
@@ -149,7 +142,7 @@ class Picture:
         x, y, _ = self._seen[-1]
         yield things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes)
 
-    def on_follower_state(self, state: FollowerState, time_ns: int) -> Iterator[Entity]:
+    def on_follower_state(self, state: m.FollowerState, time_ns: int) -> Iterator[Entity]:
         """Show estimate and goal, and plot the errors of robot and estimate."""
         yield from self._health.tracking(state.tracking, self._name)
         if not (state.estimate and state.goal and self._is_due(e.ESTIMATE, time_ns)):
@@ -170,12 +163,12 @@ class Picture:
             in_odom = odom.compose(seen.between(Pose2D()))
             yield plots.consistency(covariance.nees(person, in_odom, spread))
 
-    def on_cmd_vel(self, twist: Twist, time_ns: int) -> Iterator[Entity]:
+    def on_cmd_vel(self, twist: m.Twist, time_ns: int) -> Iterator[Entity]:
         """Plot the commanded velocity."""
         if self._is_due("commanded", time_ns):
             yield from plots.velocity("commanded", twist.to_planar())
 
-    def on_diagnostics(self, report: DiagnosticArray, time_ns: int) -> Iterator[Entity]:
+    def on_diagnostics(self, report: m.DiagnosticArray, time_ns: int) -> Iterator[Entity]:
         """Show the health of a service, and plot the real-time factor from physics."""
         del time_ns
         yield from self._health.diagnostics(report, self._name)
@@ -202,7 +195,7 @@ class Picture:
         self._shown_ns[what] = time_ns
         return True
 
-    def _in_world(self, frame: Observation) -> Pose2D | None:
+    def _in_world(self, frame: m.Observation) -> Pose2D | None:
         """Return the observed position in world, with the yaw of the frame of observation."""
         seen = _in_range(frame.poses[0].pose.to_planar())
         if frame.header.frame_id != "base_link":
@@ -216,7 +209,7 @@ class Picture:
         return Pose2D((robot.x + person.x) / 2.0, (robot.y + person.y) / 2.0)
 
 
-def _planar(odom: Odometry) -> Pose2D:
+def _planar(odom: m.Odometry) -> Pose2D:
     return _in_range(odom.pose.pose.to_planar())
 
 

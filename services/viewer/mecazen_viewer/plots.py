@@ -75,14 +75,8 @@ GOOD_NEES = 3.0, 7.815
 def styles(plots: Mapping[str, tuple[Line, ...]]) -> Iterator[Entity]:
     """Return the static names, colours and widths of the lines of plots."""
     for path, lines in plots.items():
-        yield (
-            path,
-            rr.SeriesLines(
-                names=[line.name for line in lines],
-                colors=[line.colour for line in lines],
-                widths=[line.width for line in lines],
-            ),
-        )
+        names, colours, widths = zip(*lines, strict=True)
+        yield path, rr.SeriesLines(names=names, colors=colours, widths=widths)
 
 
 def errors(
@@ -91,13 +85,10 @@ def errors(
     distance_error: float = math.nan,
     heading_error: float = math.nan,
 ) -> Iterator[Entity]:
-    """Return the errors of distance [m] and heading [deg].
+    """Return the errors of distance [m] and heading [deg], true and as the follower estimates them.
 
-    Args:
-        standoff: The desired distance [m] and difference of headings [rad].
-        seen: The true pose of the robot in the person's frame; None if unknown.
-        distance_error: The distance error as estimated by the follower [m].
-        heading_error: The heading error as estimated by the follower [rad].
+    `standoff` is the desired distance [m] and difference of headings [rad], `seen` the true pose
+    of the robot in the person's frame, None if unknown.
     """
     distance = angle = math.nan
     if seen is not None:

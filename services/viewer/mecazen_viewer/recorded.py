@@ -1,12 +1,15 @@
-"""Draws recorded runs with the scene of live ones."""
+"""Shows recorded runs, with the scene of live ones."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Iterator
+from contextlib import closing
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Protocol, cast
+from tempfile import TemporaryDirectory
+from typing import Protocol
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -17,6 +20,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.wire import NS_PER_S, RefusedError, Stamp
 
 from mecazen_viewer.layout import blueprint
+from mecazen_viewer.rerun_process import SERVES, SHOWS, RerunProcess, free_port, page, uri
 from mecazen_viewer.service import FRAME_S, ViewerService
 
 FRAME_NS = round(FRAME_S * NS_PER_S)
@@ -48,13 +52,45 @@ class Recording(Protocol):
         """Return the configuration of a run with the named sections of services."""
 
 
+def open_file(file: Path, *, native: bool) -> None:
+    """Show a file until its window is closed or until Ctrl-C.
+
+    Raises:
+        RerunError: Rerun can't show it here.
+    """
+    with TemporaryDirectory(prefix="mecazen-view-") as folder:
+        shown = [file]
+        if file.suffix == ".mcap":
+            try:
+                shown = draw(file, Path(folder))
+            except MecazenError as error:
+                sys.stderr.write(f"{error}; shown without the scene\n")
+        try:
+            if native:
+                with closing(RerunProcess("--port=auto", *map(str, shown), ready=SHOWS)) as window:
+                    window.wait()
+                return
+            data, web = free_port("data port", 0), free_port("web port", 0)
+            ports = f"--port={data}", f"--web-viewer-port={web}"
+            program = RerunProcess("--serve-web", *ports, *map(str, shown), ready=SERVES)
+            with closing(program) as server:
+                print(f"{file}: {page(web, uri(data))}\nCtrl-C ends it.", flush=True)
+                server.wait()
+        except KeyboardInterrupt:
+            return
+
+
 def draw(file: Path, folder: Path) -> list[Path]:
     """Draw a recording of `mecazen record` into files for Rerun, one for each run.
 
     Raises:
         MecazenError: It is another kind of file, or has no configuration of its run.
     """
-    recording = _reader(file)(file)
+    entries = entry_points(group="mecazen.recordings")
+    reader = next((one.load() for one in entries if f".{one.name}" == file.suffix), None)
+    if reader is None:
+        raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
+    recording: Recording = reader(file)
     bus = LocalBus()
     for robot, description in recording.descriptions().items():
         serve_description(bus.namespaced(robot), description)
@@ -76,13 +112,6 @@ def draw(file: Path, folder: Path) -> list[Path]:
         raise ConfigError(f"{file}: holds no run")
     viewer.end()
     return files
-
-
-def _reader(file: Path) -> Callable[[Path], Recording]:
-    for entry in entry_points(group="mecazen.recordings"):
-        if f".{entry.name}" == file.suffix:
-            return cast(Callable[[Path], Recording], entry.load())
-    raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
 
 
 def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:

@@ -12,18 +12,19 @@ import socket
 import subprocess
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from urllib.parse import urlencode
 
 import rerun_cli
 from mecazen.errors import MecazenError
+from rerun.experimental import ViewerClient
 
 PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
 """The executable; terminating its Python wrapper would leave it running."""
 LOOPBACK = "127.0.0.1"
-SERVES, SHOWS = "Hosting a web-viewer", "wgpu adapter"
-"""Log lines that show that it serves, and that its window is open."""
+SERVES, SHOWS, HEADLESS = "Hosting a web-viewer", "wgpu adapter", "Headless viewer running"
+"""Log lines that show that it serves, that its window is open, and that it runs without one."""
 STOP_TIMEOUT_S = 3.0
 PR_SET_PDEATHSIG = 1
 
@@ -94,13 +95,17 @@ class RerunProcess:
 
 
 @contextmanager
-def rerun(*arguments: str, ready: str, bind: str = LOOPBACK) -> Iterator[RerunProcess]:
-    """Run Rerun's program within the context; see `RerunProcess`."""
-    process = RerunProcess(*arguments, ready=ready, bind=bind)
-    try:
-        yield process
-    finally:
-        process.close()
+def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
+    """Run a viewer without a window of `width` x `height` pixels, for screenshots and tests.
+
+    Raises:
+        RerunError: It does not start, e.g. without a Vulkan driver (Debian's
+            mesa-vulkan-drivers renders in software).
+    """
+    port = free_port("port", 0)
+    size = f"--window-size={width}x{height}", "--hide-welcome-screen"
+    with closing(RerunProcess("--headless", f"--port={port}", *size, ready=HEADLESS)):
+        yield ViewerClient.connect(uri(port))
 
 
 def free_port(key: str, wanted: int) -> int:

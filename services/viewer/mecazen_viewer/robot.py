@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -143,13 +144,9 @@ def _shape(visual: Visual, meshes: Mapping[str, bytes]) -> rr.AsComponents:
     if visual.kind == "mesh":
         if visual.mesh not in meshes:
             raise ValueError(f"no file for the mesh {visual.mesh!r}")
-        vertices, triangles, normals = read_stl(meshes[visual.mesh])
-        return rr.Mesh3D(
-            vertex_positions=vertices,
-            triangle_indices=triangles,
-            vertex_normals=normals,
-            albedo_factor=visual.rgba,
-        )
+        names = "vertex_positions", "triangle_indices", "vertex_normals"
+        mesh: dict[str, Any] = dict(zip(names, read_stl(meshes[visual.mesh]), strict=True))
+        return rr.Mesh3D(**mesh, albedo_factor=visual.rgba)
     colours = [visual.rgba]
     if visual.kind == "box":
         half = [[length / 2.0 for length in visual.size]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -17,7 +17,6 @@ from mecazen_viewer.rerun_process import (
     RerunProcess,
     free_port,
     page,
-    rerun,
     uri,
 )
 
@@ -58,14 +57,13 @@ def serving(config: ViewerConfig, layout: rrb.Blueprint) -> Iterator[Server]:
     web = free_port("viewer.web_port", config.web_port)
     arguments = (f"--port={data}", f"--web-viewer-port={web}", f"--server-memory-limit={BUFFER}")
     with ExitStack() as processes:
-        process = processes.enter_context(
-            rerun("--serve-web", *arguments, ready=SERVES, bind=config.listen)
-        )
+        process = RerunProcess("--serve-web", *arguments, ready=SERVES, bind=config.listen)
+        processes.enter_context(closing(process))
         server = Server(process, data, web, layout)
         if config.native:
             try:
-                window = rerun("--port=auto", f"--connect={server.uri}", ready=SHOWS)
-                processes.enter_context(window)
+                window = RerunProcess("--port=auto", f"--connect={server.uri}", ready=SHOWS)
+                processes.enter_context(closing(window))
             except RerunError as error:
                 logger.warning("msg=%r", f"no window: {error}")
         yield server

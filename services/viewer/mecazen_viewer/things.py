@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -65,17 +66,12 @@ def grid_centre(pose: Pose2D) -> tuple[int, int]:
 def ground(centre: tuple[int, int]) -> Entity:
     """Return grid lines 1 m apart around `centre` [m]; those through the origin are darker."""
     places = np.arange(-GRID_REACH_M, GRID_REACH_M + 1)
-    lines = len(places)
     # in short pieces, since Rerun draws long lines near the camera with a wrong width
     along, across = np.meshgrid(places, places)
-    flat = np.zeros((lines, lines))
+    flat = np.zeros_like(along)
     x, y = centre
-    strips = np.concatenate(
-        [
-            np.stack([x + across, y + along, flat], axis=-1),
-            np.stack([x + along, y + across, flat], axis=-1),
-        ]
-    )
+    both = (x + across, y + along, flat), (x + along, y + across, flat)
+    strips = np.concatenate([np.stack(lines, axis=-1) for lines in both])
     through_origin = np.concatenate([places + x, places + y]) == 0
     colours = np.where(through_origin[:, np.newaxis], AXES_COLOUR, GRID_COLOUR).astype(np.uint8)
     return e.GROUND, rr.LineStrips3D(strips, colors=colours, radii=GRID_RADIUS)
@@ -93,31 +89,12 @@ def person(radius: float, height: float) -> Iterator[Entity]:
         (arm, shoulder - hip, -0.78 * radius, hip - arm, CLOTHES),
     ]
     radii, lengths, sides, heights, colours = zip(*limbs, strict=True)
-    yield (
-        f"{e.PERSON}/body",
-        rr.Capsules3D(
-            radii=radii,
-            lengths=lengths,
-            translations=[(0.0, y, z) for y, z in zip(sides, heights, strict=True)],
-            colors=colours,
-            fill_mode="solid",
-        ),
-    )
-    yield (
-        f"{e.PERSON}/head",
-        rr.Ellipsoids3D(
-            radii=[head], centers=[(0.0, 0.0, height - head)], colors=[SKIN], fill_mode="solid"
-        ),
-    )
-    yield (
-        f"{e.PERSON}/arrow",
-        rr.Arrows3D(
-            vectors=[(PERSON_ARROW_M, 0.0, 0.0)],
-            origins=[(0.0, 0.0, ARROW * height)],
-            radii=[2.0 * ARROW_RADIUS],
-            colors=[e.RED],
-        ),
-    )
+    places = [(0.0, y, z) for y, z in zip(sides, heights, strict=True)]
+    shapes: dict[str, Any] = {"radii": radii, "lengths": lengths, "translations": places}
+    yield f"{e.PERSON}/body", rr.Capsules3D(**shapes, colors=colours, fill_mode="solid")
+    sphere: dict[str, Any] = {"radii": [head], "centers": [(0.0, 0.0, height - head)]}
+    yield f"{e.PERSON}/head", rr.Ellipsoids3D(**sphere, colors=[SKIN], fill_mode="solid")
+    yield f"{e.PERSON}/arrow", _arrow(PERSON_ARROW_M, e.RED, ARROW * height, 2.0 * ARROW_RADIUS)
 
 
 def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:
@@ -125,24 +102,13 @@ def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:
 
     Its `size` [m] is a box's length, width and height, or a cylinder's radius and height.
     """
-    path, colours = f"{e.OBSTACLES}/{number}", [OBSTACLE_COLOUR]
-    centres = [(place.x, place.y, size[-1] / 2)]
+    path = f"{e.OBSTACLES}/{number}"
+    look: dict[str, Any] = {"colors": [OBSTACLE_COLOUR], "fill_mode": "solid"}
+    look["centers"] = [(place.x, place.y, size[-1] / 2)]
     if len(size) == 2:
-        return path, rr.Cylinders3D(
-            radii=[size[0]],
-            lengths=[size[1]],
-            centers=centres,
-            colors=colours,
-            fill_mode="solid",
-        )
+        return path, rr.Cylinders3D(radii=[size[0]], lengths=[size[1]], **look)
     turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=place.yaw)]
-    return path, rr.Boxes3D(
-        sizes=[size],
-        centers=centres,
-        rotation_axis_angles=turns,
-        colors=colours,
-        fill_mode="solid",
-    )
+    return path, rr.Boxes3D(sizes=[size], rotation_axis_angles=turns, **look)
 
 
 def marks(length: float, width: float) -> Iterator[Entity]:
@@ -189,13 +155,11 @@ def ellipse(path: str, x: float, y: float, axes: Array | None) -> Entity:
     return path, components.stretched(np.array([x, y, 0.0]), stretch)
 
 
-def _arrow(length: float, colour: Colour) -> rr.Arrows3D:
-    return rr.Arrows3D(
-        vectors=[(length, 0.0, 0.0)],
-        origins=[(0.0, 0.0, ARROW_RADIUS)],
-        radii=[ARROW_RADIUS],
-        colors=[colour],
-    )
+def _arrow(
+    length: float, colour: Colour, z: float = ARROW_RADIUS, radius: float = ARROW_RADIUS
+) -> rr.Arrows3D:
+    vectors, origins = [(length, 0.0, 0.0)], [(0.0, 0.0, z)]
+    return rr.Arrows3D(vectors=vectors, origins=origins, radii=[radius], colors=[colour])
 
 
 def _outline(places: Array, colour: Colour) -> rr.LineStrips3D:

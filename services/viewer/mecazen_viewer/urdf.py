@@ -72,7 +72,19 @@ def read(text: str) -> Urdf:
             for link in root.findall("link")
             if (visual := link.find("visual")) is not None
         }
-        return Urdf(visuals, tuple(_joint(joint) for joint in root.findall("joint")))
+        joints = [
+            Joint(
+                name=joint.get("name", ""),
+                parent=_child(joint, "parent").get("link", ""),
+                child=_child(joint, "child").get("link", ""),
+                origin=_origin(joint),
+                axis=None
+                if (axis := joint.find("axis")) is None
+                else _vector(axis, "xyz", "1 0 0"),
+            )
+            for joint in root.findall("joint")
+        ]
+        return Urdf(visuals, tuple(joints))
     except (ET.ParseError, ValueError) as error:
         raise ValueError(f"not a URDF: {error}") from None
 
@@ -90,22 +102,9 @@ def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]])
     return Visual(shape.tag, size, shape.get("filename", ""), _origin(visual), rgba)
 
 
-def _joint(joint: ET.Element) -> Joint:
-    axis = joint.find("axis")
-    return Joint(
-        name=joint.get("name", ""),
-        parent=_child(joint, "parent").get("link", ""),
-        child=_child(joint, "child").get("link", ""),
-        origin=_origin(joint),
-        axis=None if axis is None else _vector(axis.get("xyz", "1 0 0")),
-    )
-
-
 def _origin(element: ET.Element) -> Origin:
     origin = element.find("origin")
-    if origin is None:
-        return Origin()
-    return Origin(_vector(origin.get("xyz", "0 0 0")), _vector(origin.get("rpy", "0 0 0")))
+    return Origin() if origin is None else Origin(_vector(origin, "xyz"), _vector(origin, "rpy"))
 
 
 def _child(element: ET.Element, tag: str) -> ET.Element:
@@ -115,8 +114,8 @@ def _child(element: ET.Element, tag: str) -> ET.Element:
     return child
 
 
-def _vector(text: str) -> Vector:
-    x, y, z = _floats(text)
+def _vector(element: ET.Element, name: str, default: str = "0 0 0") -> Vector:
+    x, y, z = _floats(element.get(name, default))
     return x, y, z
 
 

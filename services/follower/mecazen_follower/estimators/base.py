@@ -91,15 +91,16 @@ class Estimator(ABC):
             return self._default_noise
         noise = np.asarray(covariance, float)
         rows = noise.tolist()
-        if noise.shape != (3, 3) or not _is_within(rows, MAX_DISTANCE**2):
+        if noise.shape != (3, 3) or not all(
+            abs(number) <= MAX_DISTANCE**2 for row in rows for number in row
+        ):
             raise ValueError("covariance of an observation must be 3x3 and finite")
         if not any(map(any, rows)):
             return self._default_noise
         positive = noise + MIN_NOISE
         if not (_is_symmetric(rows) and is_positive(positive.tolist())):
-            raise ValueError(
-                "covariance of an observation must be symmetric and positive semidefinite"
-            )
+            required = "symmetric and positive semidefinite"
+            raise ValueError(f"covariance of an observation must be {required}")
         return positive
 
     @abstractmethod
@@ -123,10 +124,6 @@ class Estimator(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Discard the estimate."""
-
-
-def _is_within(matrix: Rows, limit: float) -> bool:
-    return all(abs(number) <= limit for row in matrix for number in row)
 
 
 def _is_symmetric(matrix: Rows) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from typing import Any, Protocol
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from mecazen.geometry import Pose2D
@@ -36,31 +37,66 @@ MIN_POSITION_WALK = 0.001
 """Random walk of the position [m] after 1 s besides sway and side steps."""
 
 
-class StateFilter(Protocol):
-    """A filter of the state of `turn_rate`."""
+class Unscented:
+    """An unscented Kalman filter of the state of `turn_rate`.
 
-    nis: float
+    Sigma points by R. van der Merwe: Sigma-Point Kalman Filters for Probabilistic Inference
+    in Dynamic State-Space Models (2004).
+    """
+
+    def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
+        from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
+            MerweScaledSigmaPoints,
+            UnscentedKalmanFilter,
+        )
+
+        self._walks = walks
+        points = MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
+        self._filter: Any = UnscentedKalmanFilter(
+            SIZE, SEEN, dt=0.0, hx=lambda x: x[:SEEN], fx=move, points=points
+        )
+        self._filter.x, self._filter.P = state, covariance
+        self.nis = 0.0
 
     @property
     def heading(self) -> float:
         """The heading [rad], not wrapped."""
+        return float(self._filter.x[YAW])
 
     @property
     def state(self) -> Array:
         """The state (5)."""
+        return np.asarray(self._filter.x)
 
     @property
     def covariance(self) -> Array:
         """Its covariance (5, 5)."""
+        return np.asarray(self._filter.P)
 
     def predict(self, dt: float) -> None:
         """Propagate by `dt` [s]."""
+        self._filter.Q = process_noise(self._walks, self.state, dt)
+        self._filter.predict(dt=dt)
 
     def update(self, observation: Array, noise: Array) -> None:
         """Correct with an observation (3) and its covariance (3, 3)."""
+        kf = self._filter
+        kf.compute_process_sigmas(0.0)  # around the current state, even without a prediction before
+        prediction = kf.P
+        kf.update(observation, R=noise)
+        remaining = IDENTITY - kf.K @ OBSERVATION
+        # Joseph form, possible since the observation is linear in the state
+        P = remaining @ prediction @ remaining.T + kf.K @ noise @ kf.K.T
+        kf.P = (P + P.T) / 2.0
+        self.nis = float(kf.y @ kf.SI @ kf.y)
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
-        """Return state and covariance `dt` [s] later; `dt` may be 0."""
+        """Return state and covariance `dt` [s] later, to first order."""
+        return propagate(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
+
+
+StateFilter = ModeBank | Unscented
+"""A filter of the state of `turn_rate`."""
 
 
 class TurnRateParams(Params):
@@ -84,15 +120,14 @@ class TurnRateEstimator(Estimator):
     Between observations `ahead` predicts in closed form, which keeps most ticks cheap.
     """
 
+    _begin: Callable[[Array, Array], StateFilter]
+    """Returns a filter with an initial state (5) and its covariance (5, 5)."""
+
     def __init__(self, params: TurnRateParams) -> None:
         super().__init__(params)
         self._initial = params.initial_speed_std_m_s**2, params.initial_yaw_rate_std_rad_s**2
         self._noise_memory = params.noise_memory_s
         self.reset()
-
-    @abstractmethod
-    def _begin(self, state: Array, covariance: Array) -> StateFilter:
-        """Return a filter with an initial state (5) and its covariance (5, 5)."""
 
     def reset(self) -> None:
         """Discard the estimate."""
@@ -164,77 +199,13 @@ class ExtendedFilter(TurnRateEstimator, name="ekf_ctrv", params=CtrvParams):
     """An extended Kalman filter of constant turn rate and velocity."""
 
     def __init__(self, params: CtrvParams) -> None:
-        self._mode = Mode(params.walks)
         super().__init__(params)
-
-    def _begin(self, state: Array, covariance: Array) -> StateFilter:
-        return ModeBank((self._mode,), state, covariance)
-
-
-class Unscented:
-    """An unscented Kalman filter of the state of `turn_rate`.
-
-    Sigma points by R. van der Merwe: Sigma-Point Kalman Filters for Probabilistic Inference
-    in Dynamic State-Space Models (2004).
-    """
-
-    def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
-        from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
-            MerweScaledSigmaPoints,
-            UnscentedKalmanFilter,
-        )
-
-        self._walks = walks
-        points = MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
-        self._filter: Any = UnscentedKalmanFilter(
-            SIZE, SEEN, dt=0.0, hx=lambda x: x[:SEEN], fx=move, points=points
-        )
-        self._filter.x, self._filter.P = state, covariance
-        self.nis = 0.0
-
-    @property
-    def heading(self) -> float:
-        """The heading [rad], not wrapped."""
-        return float(self._filter.x[YAW])
-
-    @property
-    def state(self) -> Array:
-        """The state (5)."""
-        return np.asarray(self._filter.x)
-
-    @property
-    def covariance(self) -> Array:
-        """Its covariance (5, 5)."""
-        return np.asarray(self._filter.P)
-
-    def predict(self, dt: float) -> None:
-        """Propagate by `dt` [s]."""
-        self._filter.Q = process_noise(self._walks, self.state, dt)
-        self._filter.predict(dt=dt)
-
-    def update(self, observation: Array, noise: Array) -> None:
-        """Correct with an observation (3) and its covariance (3, 3)."""
-        kf = self._filter
-        kf.compute_process_sigmas(0.0)  # around the current state, even without a prediction before
-        prediction = kf.P
-        kf.update(observation, R=noise)
-        remaining = IDENTITY - kf.K @ OBSERVATION
-        # Joseph form, possible since the observation is linear in the state
-        P = remaining @ prediction @ remaining.T + kf.K @ noise @ kf.K.T
-        kf.P = (P + P.T) / 2.0
-        self.nis = float(kf.y @ kf.SI @ kf.y)
-
-    def ahead(self, dt: float) -> tuple[State, Triangle]:
-        """Return state and covariance `dt` [s] later, to first order."""
-        return propagate(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
+        self._begin = partial(ModeBank, (Mode(params.walks),))
 
 
 class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):
     """An unscented Kalman filter of constant turn rate and velocity."""
 
     def __init__(self, params: CtrvParams) -> None:
-        self._walks = params.walks
         super().__init__(params)
-
-    def _begin(self, state: Array, covariance: Array) -> StateFilter:
-        return Unscented(self._walks, state, covariance)
+        self._begin = partial(Unscented, params.walks)

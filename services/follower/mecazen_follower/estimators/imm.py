@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from mecazen.schema import Positive
 
-from mecazen_follower.estimators.base import Array
-from mecazen_follower.estimators.ctrv import (
-    MIN_POSITION_WALK,
-    StateFilter,
-    TurnRateEstimator,
-    TurnRateParams,
-)
+from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK, TurnRateEstimator, TurnRateParams
 from mecazen_follower.estimators.modes import Mode, ModeBank
 
 NEARLY_ZERO = 0.02
@@ -47,10 +43,11 @@ class ImmFilter(TurnRateEstimator, name="imm", params=ImmParams):
     """
 
     def __init__(self, params: ImmParams) -> None:
+        super().__init__(params)
         p, sway = params, params.sway_m_sqrt_m
         turning = p.turning_acceleration_std_m_s2, p.turning_yaw_acceleration_std_rad_s2
         manoeuvre = p.manoeuvre_acceleration_std_m_s2, p.manoeuvre_yaw_acceleration_std_rad_s2
-        self._modes = (
+        modes = (
             Mode(
                 (sway, MIN_POSITION_WALK, p.standing_yaw_std_rad, NEARLY_ZERO, NEARLY_ZERO),
                 moves=False,
@@ -68,7 +65,4 @@ class ImmFilter(TurnRateEstimator, name="imm", params=ImmParams):
             Mode((sway, MIN_POSITION_WALK, 0.0, *turning), mean_sojourn=p.turning_s),
             Mode((sway, p.manoeuvre_step_m_sqrt_s, 0.0, *manoeuvre), mean_sojourn=p.manoeuvre_s),
         )
-        super().__init__(params)
-
-    def _begin(self, state: Array, covariance: Array) -> StateFilter:
-        return ModeBank(self._modes, state, covariance)
+        self._begin = partial(ModeBank, modes)
