@@ -355,8 +355,7 @@ def test_when_a_time_is_no_multiple_of_the_tick_expect_the_key_and_both(seconds)
 def test_when_the_sensors_rate_does_not_divide_the_tick_rate_expect_its_key(write_scenario):
     loaded = load_scenario(write_scenario("[sensor]\nrate_hz = 30.0"))
     with pytest.raises(
-        ConfigError,
-        match=r"sensor\.rate_hz = 30 must divide .* 100 Hz, as 25 and 33",
+        ConfigError, match=r"sensor\.rate_hz = 30 must divide .* 100 Hz, as 25 and 33"
     ):
         loaded.sensor.ticks_per_frame(loaded.sim.tick_s)
 

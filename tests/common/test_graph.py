@@ -1,7 +1,5 @@
 """The table of nodes: consistent in itself, and what it says of a scenario."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from typing import get_type_hints
@@ -20,33 +18,33 @@ GRAPH_OF_ALL = Graph(GRAPH)
 AWAITED = {i.topic for row in GRAPH for i in row.inputs if i.rule != "latest"}
 
 
-def test_names_are_unique_and_each_table_of_names_follows() -> None:
+def test_names_are_unique_and_each_table_of_names_follows():
     assert not [name for name, count in Counter(row.name for row in GRAPH).items() if count > 1]
     assert set(TABLE) >= set(SERVICES) >= set(SHARED) >= set(OBSERVERS) > set()
 
 
-def test_every_input_is_given_by_a_node_or_anyone_may_give_it() -> None:
+def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
     taken = {i.topic for row in GRAPH for i in row.inputs} - {keys.DIAGNOSTICS}  # of every service
     assert [t.key for t in taken if not (t.open or GRAPH_OF_ALL.giver(t.key))] == []
 
 
-def test_every_awaited_key_has_one_giver() -> None:
+def test_every_awaited_key_has_one_giver():
     givers = Counter(topic for row in GRAPH for topic in row.outputs)
     assert {givers[topic] for topic in AWAITED} == {1}
 
 
-def test_every_key_of_the_tables_is_given_or_answered_once() -> None:
+def test_every_key_of_the_tables_is_given_or_answered_once():
     given = {topic for row in GRAPH for topic in row.outputs}
     assert set(keys.TOPICS) - given == {keys.TARGET_CMD_VEL, keys.DIAGNOSTICS}
     assert Counter(call for row in GRAPH for call in row.calls) == Counter(keys.CALLS)
 
 
-def test_services_have_nodes_of_one_kind() -> None:
+def test_services_have_nodes_of_one_kind():
     for rows in GRAPH_OF_ALL.services.values():
         assert len({(row.shared, row.observes, row.priority) for row in rows}) == 1
 
 
-def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist() -> None:
+def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
     sections = {**get_type_hints(Scenario), **installed_sections()}
     for row in GRAPH:
         assert set(row.rates) <= {topic.key for topic in row.outputs}
@@ -57,7 +55,7 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist() -> None:
                 assert setting in sections[section].__struct_fields__
 
 
-def test_two_nodes_that_give_one_topic_are_refused() -> None:
+def test_two_nodes_that_give_one_topic_are_refused():
     with pytest.raises(ConfigError, match=r"^follower and mine both give cmd_vel$"):
         Graph((*GRAPH, Row("mine", outputs=(CMD_VEL,))))
 
@@ -73,20 +71,18 @@ def test_two_nodes_that_give_one_topic_are_refused() -> None:
         (keys.TARGET_CMD_VEL, None),  # nobody's
     ],
 )
-def test_a_topic_comes_at_the_rate_of_its_row_or_of_its_givers_inputs(
-    topic: keys.Topic[msgspec.Struct], rate: str | None
-) -> None:
+def test_a_topic_comes_at_the_rate_of_its_row_or_of_its_givers_inputs(topic, rate):
     assert GRAPH_OF_ALL.rate(topic.key) == rate
 
 
-def test_a_graph_that_goes_in_circles_has_rates() -> None:
+def test_a_graph_that_goes_in_circles_has_rates():
     one = Row("one", inputs=(every(ODOM),), outputs=(CMD_VEL,))
     assert Graph((one, Row("two", (), (every(CMD_VEL),), (ODOM,)))).rate(ODOM.key) is None
     timed = Row("two", inputs=(every(CMD_VEL),), outputs=(ODOM,), rates={ODOM.key: 20.0})
     assert Graph((one, timed)).rate(CMD_VEL.key) == 20.0
 
 
-def test_rates_are_whole_ticks_of_the_scenario(scenario: Scenario) -> None:
+def test_rates_are_whole_ticks_of_the_scenario(scenario):
     sections = {"other": {"rate_hz": 20}}
     scenario = msgspec.structs.replace(scenario, sim=SimConfig(tick_s=0.005), others=sections)
     rates = (None, 50.0, "sensor.rate_hz", "other.rate_hz", "other.nothing", "nobody.rate_hz")
@@ -95,7 +91,7 @@ def test_rates_are_whole_ticks_of_the_scenario(scenario: Scenario) -> None:
         scenario.ticks_per(300.0)
 
 
-def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None:
+def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario):
     inputs = TABLE["controller"].inputs
     alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
     assert graph_of(scenario).resolved(TABLE["controller"]) == inputs
@@ -111,15 +107,13 @@ def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None
         ("target", (TARGET_ODOM,), "target/observation"),
     ],
 )
-def test_what_takes_a_place_must_give_what_others_wait_for(
-    place: str, outputs: tuple[keys.Topic[msgspec.Struct], ...], missing: str
-) -> None:
+def test_what_takes_a_place_must_give_what_others_wait_for(place, outputs, missing):
     message = f"my.py:Mine: takes the place of {place}, so it must give {missing}"
     with pytest.raises(ConfigError, match=f"^{re.escape(message)}$"):
         Row("mine", outputs=outputs).placed(TABLE[place], "my.py:Mine")
 
 
-def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest() -> None:
+def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest():
     mine = Row("mine", inputs=(latest(ODOM),), outputs=(CMD_VEL,), priority=50, shared=True)
     placed = mine.placed(TABLE["follower"], "my.py:Mine")
     assert (placed.name, placed.part_of, placed.priority) == ("follower", "follower", 2)
@@ -128,7 +122,7 @@ def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest()
     assert mine.placed(Row("new"), "my.py:Mine").priority == 50
 
 
-def test_a_row_without_an_input_and_with_another_key_on_the_bus() -> None:
+def test_a_row_without_an_input_and_with_another_key_on_the_bus():
     row = Row("mine", inputs=(every(ODOM), due(CMD_VEL)), remap={ODOM.key: "odom2"})
     assert row.without(CMD_VEL).inputs == (every(ODOM),)
     assert (row.on_bus(ODOM).key, row.on_bus(CMD_VEL)) == ("odom2", CMD_VEL)

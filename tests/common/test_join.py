@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import random
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -81,9 +80,7 @@ DUE, REVISED = (every(A), due(D)), (every(A), due(D, revises=True))
         (REVISED, "a0 d0 d2 a1 a2", ["0: a0 d0", "1: a1 d2", "2: a2"]),
     ],
 )
-def test_each_step_is_made_of_what_its_rules_ask_for(
-    inputs: Sequence[Input], script: str, steps: list[str]
-) -> None:
+def test_each_step_is_made_of_what_its_rules_ask_for(inputs, script, steps):
     assert feed(join_of(*inputs, d=2, e=3), script) == steps
 
 
@@ -95,9 +92,7 @@ def test_each_step_is_made_of_what_its_rules_ask_for(
         ("a0 a1 a2 a3", {"d": 2, "e": 1}),  # e was due at 0 alone
     ],
 )
-def test_late_samples_are_counted_by_the_ticks_that_closed_without_them(
-    script: str, late: dict[str, int]
-) -> None:
+def test_late_samples_are_counted_by_the_ticks_that_closed_without_them(script, late):
     join = join_of(every(A), due(D), due(E), d=2, e=4)
     feed(join, script)
     assert join.late == late
@@ -107,15 +102,13 @@ def test_late_samples_are_counted_by_the_ticks_that_closed_without_them(
     ("ticks", "missed"),
     [((0, 1, 2, 3, 4), 0), ((0, 1, 3, 4, 7), 3), ((0, 2, 4, 6), 0), ((5, 7, 9, 15), 2), ((), 0)],
 )
-def test_ticks_that_were_never_heard_of_are_counted_by_the_shortest_period(
-    ticks: Sequence[int], missed: int
-) -> None:
+def test_ticks_that_were_never_heard_of_are_counted_by_the_shortest_period(ticks, missed):
     join = join_of(every(A))
     feed(join, " ".join(f"a{tick}" for tick in ticks))
     assert join.missed_ticks == missed
 
 
-def test_after_a_reset_nothing_is_left_of_the_run_before_but_the_counts() -> None:
+def test_after_a_reset_nothing_is_left_of_the_run_before_but_the_counts():
     join = join_of(*DUE, latest(L), d=2)
     feed(join, "a0 a1 a5 d6 l5 a6x")
     join.reset()
@@ -134,8 +127,8 @@ PERIOD = st.integers(1, 4)
     order=st.randoms(use_true_random=False),
 )
 def test_whatever_order_the_samples_of_a_tick_come_in_the_steps_are_the_same(
-    triggers: int, step: int, dues: list[tuple[int, bool]], first: int, order: random.Random
-) -> None:
+    triggers, step, dues, first, order
+):
     # the promise of determinism: a tick's samples may overtake each other, ticks may not
     periods = {Topic(f"every{number}", String, ""): step for number in range(triggers)}
     inputs = [every(topic) for topic in periods]

@@ -61,9 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("installed", "named"), [({}, "none"), ({"physics": 0, "controller": 0}, "controller, physics")]
 )
-def test_when_a_node_is_unknown_expect_those_installed(
-    monkeypatch: pytest.MonkeyPatch, installed: dict[str, int], named: str
-) -> None:
+def test_when_a_node_is_unknown_expect_those_installed(monkeypatch, installed, named):
     monkeypatch.setattr(programs, "installed_nodes", lambda: installed)
     with pytest.raises(ConfigError) as caught:
         find("physic", {})
@@ -88,7 +86,7 @@ def test_when_a_node_is_unknown_expect_those_installed(
         ("..toy:Toy", "..toy: neither file.py nor a module's name"),
     ],
 )
-def test_when_a_class_of_ones_own_is_none_expect_one_line(program: str, expected: str) -> None:
+def test_when_a_class_of_ones_own_is_none_expect_one_line(program, expected):
     for name, own in ((program, {}), ("follower", {"follower": program})):
         with pytest.raises(ConfigError, match=f"^{expected}") as caught:
             find(name, own)
@@ -96,8 +94,8 @@ def test_when_a_class_of_ones_own_is_none_expect_one_line(program: str, expected
 
 
 def test_a_class_of_ones_own_is_found_beside_the_scenario_and_takes_a_nodes_place(
-    write_scenario: WriteScenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    write_scenario, tmp_path, monkeypatch
+):
     path = write_scenario("[programs]\nfollower = '../my.py:Leader'\n")
     monkeypatch.chdir(tmp_path / "robots")
     scenario = load_scenario(path)
@@ -108,9 +106,7 @@ def test_a_class_of_ones_own_is_found_beside_the_scenario_and_takes_a_nodes_plac
     assert graph_of(scenario, {"follower": leader}).row("follower").inputs == (every(ODOM),)
 
 
-def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section(
-    write_scenario: WriteScenario,
-) -> None:
+def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section(write_scenario):
     programs_table = "[programs]\nmine = '../my.py:Mine'\n"
     scenario = load_scenario(write_scenario(f"{programs_table}[mine]\ngain = 2.0\n"))
     assert scenario.services == (*Scenario.__struct_defaults__[0], "mine")
@@ -126,16 +122,16 @@ def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section
             load_scenario(path)
 
 
-def test_where_services_name_it_a_program_takes_part_once(write_scenario: WriteScenario) -> None:
+def test_where_services_name_it_a_program_takes_part_once(write_scenario):
     path = write_scenario("services = ['mine', 'physics']\n[programs]\nmine = '../my.py:Mine'\n")
     assert load_scenario(path).services == ("mine", "physics")
 
 
-def test_a_world_has_no_place_of_its_own(write_scenario: WriteScenario) -> None:
+def test_a_world_has_no_place_of_its_own(write_scenario):
     scenario = load_scenario(write_scenario("[programs]\nearth = '../my.py:Earth'\n"))
     with pytest.raises(ConfigError, match=r"^earth: a world or an observer takes the place of one"):
         graph_of(scenario)
 
 
-def test_installed_nodes_have_rows_of_the_table() -> None:
+def test_installed_nodes_have_rows_of_the_table():
     assert set(installed_nodes()) <= set(TABLE)

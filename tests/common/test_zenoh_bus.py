@@ -188,10 +188,7 @@ def test_what_is_no_key_expression_is_one_line(expression):
 @pytest.mark.parametrize("mode", ["peer", "client"])
 @pytest.mark.parametrize(
     ("form", "encoding", "first"),
-    [
-        ("json", JSON_ENCODING, b"{"),
-        ("msgpack", MSGPACK_ENCODING, b"\x82"),
-    ],
+    [("json", JSON_ENCODING, b"{"), ("msgpack", MSGPACK_ENCODING, b"\x82")],
 )
 def test_samples_are_written_in_the_configured_format(
     open_bus, wait_until, mode, form, encoding, first
