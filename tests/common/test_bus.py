@@ -113,19 +113,21 @@ def test_samples_of_other_keys_do_not_arrive(pair, received):
     assert received == []
 
 
-@pytest.mark.parametrize("encoding", ["", JSON_ENCODING])
-def test_an_outsiders_json_arrives_without_a_stamp(pair, received, encoding):
-    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}\n', encoding)
-    pair.settle()
-    assert received == [(forward(0.2), None)]
+JSON = b'{"linear":{"x":0.5}}\n'
+MSGPACK = b"\x81\xa6linear\x81\xa1x\xcb\x3f\xe0" + bytes(6)
 
 
-@pytest.mark.parametrize("encoding", ["", MSGPACK_ENCODING])
-def test_an_outsiders_messagepack_arrives(pair, received, encoding):
-    payload = b"\x81\xa6linear\x81\xa1x\xcb\x3f\xe0" + bytes(6)
-    pair.far.put_bytes("cmd_vel", payload, encoding, STAMP.pack())
+@pytest.mark.parametrize("stamp", [None, STAMP])
+@pytest.mark.parametrize(
+    ("payload", "encoding"),
+    [(JSON, ""), (JSON, JSON_ENCODING), (MSGPACK, ""), (MSGPACK, MSGPACK_ENCODING)],
+)
+def test_an_outsiders_bytes_arrive_with_or_without_a_stamp(
+    pair, received, payload, encoding, stamp
+):
+    pair.far.put_bytes("cmd_vel", payload, encoding, stamp and stamp.pack())
     pair.settle()
-    assert received == [(forward(0.5), STAMP)]
+    assert received == [(forward(0.5), stamp)]
 
 
 @pytest.mark.parametrize(
@@ -152,9 +154,9 @@ def test_what_is_refused_is_counted_and_the_last_good_value_stays(
     pair.settle()
     assert received == [(forward(0.2), None)]
     assert pair.near.refused == {"cmd_vel": 1}
-    assert len(caplog.messages) == 1
-    assert caplog.messages[0].startswith("msg=refused key=cmd_vel count=1 reason=")
-    assert len(caplog.messages[0].splitlines()) == 1
+    (line,) = caplog.messages
+    assert line.startswith("msg=refused key=cmd_vel count=1 reason=")
+    assert len(line.splitlines()) == 1
     pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
     pair.settle()
     assert received[1:] == [(forward(0.3), None)]
@@ -194,6 +196,18 @@ def test_a_query_is_answered(pair):
     with pair.serving():
         assert pair.far.call(keys.SIM_STEP, m.StepRequest(ticks=5)) == m.SimState(tick=5)
         assert pair.far.call(keys.SIM_STEP, m.StepRequest(ticks=6)).tick == 6
+
+
+def test_files_are_fetched_by_key_and_by_expression(pair):
+    files = {"meshes/wheel.stl": b"\x00wheel", "meshes/roller.stl": b"roller", "robot.urdf": b""}
+    pair.near.serve_files("robot_description", files)
+    stl = ["meshes/wheel.stl", "meshes/roller.stl"]
+    by_asked = {stl[0]: stl[:1], "meshes/*": stl, "**": list(files), "meshes/none.stl": []}
+    pair.link()
+    with pair.serving():
+        for asked, paths in by_asked.items():
+            expected = {f"robot_description/{path}": files[path] for path in paths}
+            assert pair.far.fetch_files(f"robot_description/{asked}") == expected
 
 
 def test_a_query_may_be_answered_later(pair):
