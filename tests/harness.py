@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.errors import BusError
+from mecazen.errors import BusError, MecazenError
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
@@ -67,6 +68,14 @@ def tools(bus: BusConfig) -> tuple[str, ...]:
 
 def load_robot(name: str = "nexus") -> Robot:
     return msgspec.convert(tomllib.loads((ROBOTS / f"{name}.toml").read_text()), Robot)
+
+
+def error_of(kind: type[MecazenError], run: Callable[[], object]) -> str:
+    """Return what the error that something raises says, in one line."""
+    with pytest.raises(kind) as caught:
+        run()
+    assert len(str(caught.value).splitlines()) == 1
+    return str(caught.value)
 
 
 class Sample(NamedTuple):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.world import WorldConfig
+from mecazen.world import Box, Cylinder, WorldConfig
+from mecazen_physics import model
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.motors import WheelCommand
+from mecazen_physics.rollers import Roller
 from mecazen_physics.state import RobotState
 from mecazen_physics.world import World
 
@@ -20,6 +24,28 @@ def world_of(robots: Sequence[tuple[Robot, Pose2D]], **settings: Any) -> World:
     """A world with settings of `[physics]` and of `[world]`."""
     outside = {name: settings.pop(name) for name in WorldConfig.__struct_fields__ & settings.keys()}
     return World(robots, PhysicsConfig(**settings), WorldConfig(**outside))
+
+
+def wheel_speeds(robot: Robot, twist: Twist2D) -> list[float]:
+    """The ideal equations, wheels in the order of `WHEELS` [rad/s]."""
+    turn = (robot.half_wheelbase + robot.half_track) * twist.yaw
+    x, y = twist.x, twist.y
+    return [
+        speed / robot.wheels.radius_m
+        for speed in (x - y - turn, x + y + turn, x + y - turn, x - y + turn)
+    ]
+
+
+def masses(robot: Robot) -> tuple[float, float]:
+    """The robot's mass [kg], and what its turning wheels add to it as they roll [kg]."""
+    roller, hub = Roller.of(robot), model.links(robot)[0]
+    count = robot.rollers.count
+    rest = robot.base.mass_kg + robot.camera.mass_kg + robot.lidar.mass_kg
+    mass = rest + 4 * (robot.wheels.hub_mass_kg + count * roller.mass)
+    # A roller off the ground turns with the wheel but for the turn about its own free axis.
+    across = roller.inertia[0] * math.sin(roller.angle) ** 2
+    about_axle = hub.moments[1] + count * (roller.mass * roller.axis_distance**2 + across)
+    return mass, 4 * about_axle / robot.wheels.radius_m**2
 
 
 class Rig:
@@ -56,3 +82,22 @@ class Rig:
 
     def place_person(self, pose: Pose2D, velocity: Twist2D = Twist2D()) -> None:  # noqa: B008
         self.world.place_person(0, pose, velocity)
+
+
+def trajectory(robot: Robot) -> str:
+    """A hash of a run with everything in it."""
+    obstacles = (
+        Cylinder(size_m=(0.1, 0.5), position_m=(0.5, 0.1)),
+        Box(size_m=(0.1, 2.0, 0.5), position_m=(-0.6, 0.0), yaw_deg=20.0),
+    )
+    rig = Rig(robot, Pose2D(0.1, -0.2, 0.3), obstacles=obstacles)
+    digest = hashlib.sha256()
+    for index in range(120):
+        rig.place_person(Pose2D(0.9 - 0.005 * index, 0.1, math.pi), Twist2D(x=0.5))
+        twist = Twist2D(0.4 * math.cos(0.1 * index), 0.3 * math.sin(0.1 * index), 0.5)
+        if index % 30 < 25:
+            rig.advance(wheel_speeds(robot, twist))
+        else:
+            rig.advance_effort([0.3, -0.2, 0.1, 0.4])
+        digest.update(repr(rig.state()).encode())
+    return digest.hexdigest()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import pytest
 from mecazen_bench import (
@@ -37,7 +36,7 @@ def figures(groups: list[Group]) -> dict[str, dict[str, Figure]]:
 
 @pytest.mark.parametrize("rollers", physics.ROLLERS)
 @pytest.mark.parametrize("name", physics.ROBOTS)
-def test_our_physics_is_smooth_and_has_the_predicted_gains(name: str, rollers: Any) -> None:
+def test_our_physics_is_smooth_and_has_the_predicted_gains(name, rollers):
     engine = physics.DartEngine(robot(name), STEP_S, rollers)
     (row,) = figures([physics.measure("Physics", [engine], blocks=2)]).values()
     accuracy = ["ripple % of R", "forward", "lateral", "lateral / predicted", "yaw / predicted"]
@@ -46,13 +45,13 @@ def test_our_physics_is_smooth_and_has_the_predicted_gains(name: str, rollers: A
     assert -10.0 < row["energy %/s"].value < 0.5
 
 
-def test_experiments_run_with_one_worker_and_with_two() -> None:
+def test_experiments_run_with_one_worker_and_with_two():
     one, two = figures(experiments.run(duration_s=0.5)).values()
     assert one["runs/min"].value > 0.0
     assert "120 runs, min" in two.keys() - one.keys()
 
 
-def test_commands_are_answered_before_the_next_tick_would_repeat_them() -> None:
+def test_commands_are_answered_before_the_next_tick_would_repeat_them():
     rows = figures(latency.run(puts=30))
     assert list(rows) == ["idle", "all cores busy"]
     assert [row["lost"].value for row in rows.values()] == [0, 0]
@@ -60,14 +59,14 @@ def test_commands_are_answered_before_the_next_tick_would_repeat_them() -> None:
     assert rows["idle"]["median ms"].value < 5.0
 
 
-def test_latencies_are_summarised_in_ms_without_those_that_are_lost() -> None:
+def test_latencies_are_summarised_in_ms_without_those_that_are_lost():
     found = latency.figures([number / 1e3 for number in range(101)] + [None, None])
     assert {title: figure.value for title, figure in found.items()} == pytest.approx(
         {"median ms": 50.0, "p99 ms": 99.0, "max ms": 100.0, "lost": 2}
     )
 
 
-def test_a_stack_in_real_time_is_measured_by_process() -> None:
+def test_a_stack_in_real_time_is_measured_by_process():
     rows = figures(realtime.run(window_s=1.0))
     services = ["physics", "controller", "target", "follower"]
     assert sorted(rows) == sorted(["router", *services, "up", "all", "mecazen up"])
@@ -76,14 +75,14 @@ def test_a_stack_in_real_time_is_measured_by_process() -> None:
         assert rows[name]["MB"].value > 1.0
 
 
-def test_under_every_flood_ticks_are_answered() -> None:
+def test_under_every_flood_ticks_are_answered():
     rows = figures(flood.run(window_s=1.0))
     assert list(rows) == list(flood.FLOODS)
     for name, row in rows.items():
         assert (row["puts/s"].value > 0.0) is ("quiet" not in name)
 
 
-def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory() -> None:
+def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory():
     rows = figures(malformed.run(payloads=20_000, ticks=100))
     assert {*malformed.CALLS, "cmd_vel", "diagnostics/physics", "all"} < set(rows)
     assert rows["all"]["payloads"].value == 20_000
@@ -91,7 +90,7 @@ def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory() 
     assert rows["all"]["trajectories that differ"].value == 0
 
 
-def test_the_recorder_loses_nothing_alone_or_as_a_process() -> None:
+def test_the_recorder_loses_nothing_alone_or_as_a_process():
     rows = figures(recorder.run(duration_s=1.0))
     assert len(rows) == 4
     for row in rows.values():
@@ -99,20 +98,18 @@ def test_the_recorder_loses_nothing_alone_or_as_a_process() -> None:
     assert [row["lost"].value for row in rows.values() if "lost" in row] == [0.0, 0.0]
 
 
-def test_the_viewer_takes_some_processor_time_and_memory() -> None:
+def test_the_viewer_takes_some_processor_time_and_memory():
     service, server, _ = figures(viewer.run(window_s=2.0)).values()
     # a server without a browser may take less than the resolution of the processor's clock
     assert service["% of a core"].value > 0.0
     assert min(service["MB"].value, server["MB"].value) > 1.0
 
 
-def test_robots_apart_and_two_that_push_are_measured() -> None:
+def test_robots_apart_and_two_that_push_are_measured():
     assert len(figures(robots.run(blocks=1))) == len(robots.COUNTS) + 1
 
 
-def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(monkeypatch):
     spent_s = 0.0
 
     class Quadratic:

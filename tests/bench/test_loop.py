@@ -1,7 +1,5 @@
 """The loop of the bench runs in every way, and a tick's time is divided into its parts."""
 
-from __future__ import annotations
-
 import itertools
 import time
 
@@ -16,7 +14,7 @@ from mecazen_bench.loop import BUS, Stopwatch, TimedBus
 PARTS = ["physics", "controller", "target", "follower", "trajectory", BUS]
 
 
-def test_the_loop_runs_in_all_three_ways_and_a_tick_has_all_its_parts() -> None:
+def test_the_loop_runs_in_all_three_ways_and_a_tick_has_all_its_parts():
     ways, parts = loop.run(duration_s=1.0)
     assert len(ways.rows) == 3
     for row in ways.rows:
@@ -36,9 +34,7 @@ def test_the_loop_runs_in_all_three_ways_and_a_tick_has_all_its_parts() -> None:
     assert unbounded == ["physics", "follower"]
 
 
-def test_time_is_that_of_the_part_at_work_and_publishing_is_the_bus_s(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_time_is_that_of_the_part_at_work_and_publishing_is_the_bus_s(monkeypatch):
     clock = itertools.count()
     monkeypatch.setattr(time, "perf_counter_ns", lambda: next(clock))
     local, watch = LocalBus(), Stopwatch()  # at 0, as the bus

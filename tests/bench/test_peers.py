@@ -24,7 +24,7 @@ needs_gazebo = pytest.mark.skipif(
 )
 
 
-def test_the_same_robot_drives_alike_in_mujoco() -> None:
+def test_the_same_robot_drives_alike_in_mujoco():
     pytest.importorskip("mujoco", reason="MuJoCo, the bench's peer, is not installed")
     from mecazen_bench.mujoco_peer import MujocoEngine
 
@@ -40,9 +40,7 @@ def test_the_same_robot_drives_alike_in_mujoco() -> None:
 
 @needs_gazebo
 @pytest.mark.parametrize("shape", gazebo_peer.SHAPES)
-def test_the_same_robot_drives_in_gazebos_physics_and_the_same_twice(
-    shape: gazebo_peer.Shape,
-) -> None:
+def test_the_same_robot_drives_in_gazebos_physics_and_the_same_twice(shape):
     ways = []
     for _ in range(2):
         with closing(GazeboEngine(robot("nexus"), STEP_S, shape)) as engine:
@@ -57,9 +55,7 @@ def test_the_same_robot_drives_in_gazebos_physics_and_the_same_twice(
 
 
 @needs_gazebo
-def test_gazebos_program_says_what_it_does_not_understand(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_gazebos_program_says_what_it_does_not_understand(capfd):
     with (
         closing(GazeboEngine(robot("nexus"), STEP_S, "capsule")) as engine,
         pytest.raises(MecazenError, match="gazebo-peer has ended with 1"),
@@ -69,22 +65,20 @@ def test_gazebos_program_says_what_it_does_not_understand(
 
 
 @needs_gazebo
-def test_gazebos_program_says_how_it_is_used() -> None:
+def test_gazebos_program_says_how_it_is_used():
     done = subprocess.run([gazebo_peer.PROGRAM], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "usage" in done.stderr
 
 
-def test_engines_that_are_not_here_are_left_out_and_one_line_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_engines_that_are_not_here_are_left_out_and_one_line_says_so(monkeypatch):
     monkeypatch.setattr(gazebo_peer, "PROGRAM", gazebo_peer.PROGRAM.with_name("not-built"))
     with physics.peers() as (engines, missing):
         assert not any("Gazebo" in engine.name for engine in engines)
         assert sum("Gazebo" in line for line in missing) == 1
 
 
-def test_a_body_has_the_energy_of_its_motion() -> None:
+def test_a_body_has_the_energy_of_its_motion():
     body = Body(mass=2.0, yaw_inertia=0.5, wheel_inertia=0.01)
     before = Sample(0.0, 0.0, 0.0, 3.1, (0.0, 0.0, 0.0, 0.0))
     # 1 m/s, 0.2 rad/s through ±π, and 10, 10, 0, -10 rad/s, over 0.5 s
@@ -94,7 +88,7 @@ def test_a_body_has_the_energy_of_its_motion() -> None:
     assert body.energy(before, after, 0.5) == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_robot_has_the_mass_and_the_inertia_of_its_parts() -> None:
+def test_a_robot_has_the_mass_and_the_inertia_of_its_parts():
     nexus = robot("nexus")
     body = Body.of(nexus)
     parts = nexus.base.mass_kg + nexus.camera.mass_kg + nexus.lidar.mass_kg
@@ -136,7 +130,7 @@ class Ideal(Engine):
 
 
 @pytest.mark.parametrize("slowing", [0.0, 0.1])
-def test_an_ideal_robot_has_gains_of_one_and_loses_what_slows_it(slowing: float) -> None:
+def test_an_ideal_robot_has_gains_of_one_and_loses_what_slows_it(slowing):
     found = measure_accuracy(Ideal(slowing))
     # sums of thousands of steps
     assert found[1:4] == pytest.approx((1.0, 1.0, 1.0), rel=1e-9)
@@ -145,7 +139,7 @@ def test_an_ideal_robot_has_gains_of_one_and_loses_what_slows_it(slowing: float)
     assert found.energy == pytest.approx(math.exp(-2.0 * slowing) - 1.0, abs=1e-4)
 
 
-def test_a_step_of_1_ms_that_takes_20_us_is_50_times_real_time() -> None:
+def test_a_step_of_1_ms_that_takes_20_us_is_50_times_real_time():
     (row,) = physics.measure("Physics", [Ideal()], blocks=2).rows
     assert row.subject == "nexus 1 ms ideal"
     # sums of thousands of steps

@@ -44,9 +44,7 @@ def change(before: Results, after: Results) -> Change:
         (Target(0.965, 1.035), 0.97, 1.036, 1.0, "1 ± 0.035"),
     ],
 )
-def test_a_figure_is_compared_with_its_target(
-    target: Target, good: float, bad: float, better: Better, text: str
-) -> None:
+def test_a_figure_is_compared_with_its_target(target, good, bad, better, text):
     assert Figure.of(good, target).met is True
     assert Figure.of(bad, target).met is False
     assert Figure.of(good, target).better == better
@@ -54,7 +52,7 @@ def test_a_figure_is_compared_with_its_target(
     assert Figure.of(good, target).texts()[2] == f"✓ {text}"
 
 
-def test_rounds_become_medians_with_quartiles() -> None:
+def test_rounds_become_medians_with_quartiles():
     rounds = [
         [Group("Loop", "so", (Row("a", {"ticks/s": Figure.of(value, "more")}),))]
         for value in (5.0, 1.0, 2.0, 4.0, 3.0)
@@ -65,7 +63,7 @@ def test_rounds_become_medians_with_quartiles() -> None:
     assert merged(rounds[:1]) == rounds[0]
 
 
-def test_benchmarks_are_interleaved_until_each_has_had_its_rounds() -> None:
+def test_benchmarks_are_interleaved_until_each_has_had_its_rounds():
     order: list[str] = []
 
     def benchmark(name: str, rounds: int) -> Benchmark:
@@ -84,7 +82,7 @@ def test_benchmarks_are_interleaved_until_each_has_had_its_rounds() -> None:
     assert msgspec.json.decode(msgspec.json.encode(found), type=Results) == found
 
 
-def test_what_takes_minutes_is_measured_on_request_only() -> None:
+def test_what_takes_minutes_is_measured_on_request_only():
     some = {"quick": Benchmark(list), "slow": Benchmark(list, on_demand=True)}
     assert list(benchmarks.select([], some)) == ["quick"]
     assert list(benchmarks.select(["slow"], some)) == ["slow"]
@@ -92,7 +90,7 @@ def test_what_takes_minutes_is_measured_on_request_only() -> None:
         benchmarks.select(["fast"], some)
 
 
-def test_the_help_names_what_is_measured_on_request_only() -> None:
+def test_the_help_names_what_is_measured_on_request_only():
     shown = CliRunner().invoke(app, ["bench", "run", "--help"], env={"COLUMNS": "400"}).output
     names = re.search(r"take minutes: ([\w, ]+)\.", shown)
     assert names is not None
@@ -100,7 +98,7 @@ def test_the_help_names_what_is_measured_on_request_only() -> None:
     assert set(names[1].split(", ")) == on_demand
 
 
-def test_results_read_back_as_they_were_written(tmp_path: Path) -> None:
+def test_results_read_back_as_they_were_written(tmp_path):
     path = tmp_path / "new" / "results.json"
     figures = {"gain": Figure.of(0.99, Target(0.99, 1.01)), "lost": Figure.of(0.0, 0.0)}
     written = result(80.0, spread=1.0, **figures)
@@ -108,7 +106,7 @@ def test_results_read_back_as_they_were_written(tmp_path: Path) -> None:
     assert results.read(path) == written
 
 
-def test_a_machine_is_named_by_its_processor_and_cores() -> None:
+def test_a_machine_is_named_by_its_processor_and_cores():
     assert MACHINE.name == "some-cpu-i7-2-cores"
     assert results.default_path(MACHINE.name, []).name == "some-cpu-i7-2-cores.json"
     assert results.default_path(MACHINE.name, ["a"]).name == "some-cpu-i7-2-cores-a.json"
@@ -118,9 +116,7 @@ def test_a_machine_is_named_by_its_processor_and_cores() -> None:
     assert here.name.strip("-abcdefghijklmnopqrstuvwxyz0123456789") == ""
 
 
-def test_the_load_of_others_is_that_of_the_machine_without_ours_and_our_childrens(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_load_of_others_is_that_of_the_machine_without_ours_and_our_childrens(monkeypatch):
     now_s, machine_s, own_s, child_s = 100.0, 50.0, 3.0, 1.0
 
     def cpu_times() -> SimpleNamespace:
@@ -155,23 +151,21 @@ def test_the_load_of_others_is_that_of_the_machine_without_ours_and_our_children
         (1.0, 1.0005, "less", ""),
     ],
 )
-def test_a_change_is_judged_by_what_is_better_for_the_figure(
-    before: float, after: float, better: Better, verdict: str
-) -> None:
+def test_a_change_is_judged_by_what_is_better_for_the_figure(before, after, better, verdict):
     assert change(result(before, better), result(after, better)).verdict == verdict
 
 
-def test_a_change_within_the_spread_of_both_is_ignored() -> None:
+def test_a_change_within_the_spread_of_both_is_ignored():
     assert change(result(80.0, spread=5.0), result(89.0, spread=5.0)).verdict == ""
     assert change(result(80.0, spread=5.0), result(91.0, spread=5.0)).verdict == "worse"
 
 
-def test_a_ratio_is_the_later_over_the_earlier() -> None:
+def test_a_ratio_is_the_later_over_the_earlier():
     assert change(result(80.0), result(100.0)).ratio == 1.25
     assert change(result(0.0), result(1.0)).ratio is None
 
 
-def test_figures_that_only_one_has_and_other_machines_are_noted() -> None:
+def test_figures_that_only_one_has_and_other_machines_are_noted():
     before = result(80.0, lost=Figure.of(1.0, "less"))
     other = msgspec.structs.replace(result(80.0), machine=Machine.here())
     assert len(compare(before, other)) == 1
@@ -181,9 +175,7 @@ def test_figures_that_only_one_has_and_other_machines_are_noted() -> None:
     assert notes(before, before) == [f"{when}: {OTHERS}" for when in ("before", "after")]
 
 
-def test_the_command_shows_ratios_and_ends_with_1_where_something_became_worse(
-    tmp_path: Path,
-) -> None:
+def test_the_command_shows_ratios_and_ends_with_1_where_something_became_worse(tmp_path):
     paths = [str(tmp_path / name) for name in ("a.json", "b.json")]
     for path, value in zip(paths, (80.0, 100.0), strict=True):
         results.write(result(value), Path(path))
@@ -209,9 +201,7 @@ def test_the_command_shows_ratios_and_ends_with_1_where_something_became_worse(
         (b'{"schema": 2}', "no results of mecazen bench: Object missing required field"),
     ],
 )
-def test_a_bad_file_is_refused_in_one_line(
-    content: bytes | None, reason: str, tmp_path: Path
-) -> None:
+def test_a_bad_file_is_refused_in_one_line(content, reason, tmp_path):
     path = tmp_path / "a.json"
     if content is not None:
         path.write_bytes(content)
@@ -221,7 +211,7 @@ def test_a_bad_file_is_refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
-def test_a_folder_or_results_without_a_common_figure_are_refused(tmp_path: Path) -> None:
+def test_a_folder_or_results_without_a_common_figure_are_refused(tmp_path):
     with pytest.raises(ResultsError, match="Is a directory"):
         results.read(tmp_path)
     (tmp_path / "file").touch()
@@ -231,7 +221,7 @@ def test_a_folder_or_results_without_a_common_figure_are_refused(tmp_path: Path)
         compare(result(1.0), msgspec.structs.replace(result(1.0), benchmarks={}))
 
 
-def test_a_figure_that_a_row_lacks_is_an_empty_cell() -> None:
+def test_a_figure_that_a_row_lacks_is_an_empty_cell():
     one, two = Figure.of(12_345.6, "more"), Figure(0.25, "less", (0.2, 0.3), Target(0.9, 1.1))
     group = Group("T", "so", (Row("a", {"x": one, "y": two}), Row("b", {"y": two})))
     cell = "0.25 (0.2 to 0.3) ✗ 1 ± 0.1"
@@ -241,13 +231,13 @@ def test_a_figure_that_a_row_lacks_is_an_empty_cell() -> None:
     )
 
 
-def test_the_tables_of_the_document_are_those_of_the_results_files() -> None:
+def test_the_tables_of_the_document_are_those_of_the_results_files():
     text = document.DOCUMENT.read_text()
     assert document.BLOCK.search(text)
     assert updated(text) == text  # `mecazen bench tables` writes them
 
 
-def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path: Path) -> None:
+def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path):
     def block(name: str) -> str:
         text = updated(f"a\n<!-- bench: {name} -->\nold\n<!-- /bench -->\nb", tmp_path)
         begin, end = f"a\n<!-- bench: {name} -->\n", "<!-- /bench -->\nb"
@@ -268,9 +258,7 @@ def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path:
     assert str(OTHERS) in block("physics")
 
 
-def test_the_gain_of_an_optimisation_is_the_figure_with_it_over_that_without(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_gain_of_an_optimisation_is_the_figure_with_it_over_that_without(tmp_path, monkeypatch):
     name = ("Physics", "nexus", "µs/step")
     rows = {"near": ("near rollers", name), "other": ("other", name)}
     monkeypatch.setattr(document, "OPTIMISATIONS", rows)
@@ -283,7 +271,7 @@ def test_the_gain_of_an_optimisation_is_the_figure_with_it_over_that_without(
     assert "| other | Physics / nexus / µs/step | | | not measured yet |" in shown
 
 
-def test_every_optimisation_has_a_figure_in_the_results() -> None:
+def test_every_optimisation_has_a_figure_in_the_results():
     main = results.read(results.default_path(document.MACHINE, []))
     names = {name for name, _ in document.named(main.groups)}
     assert {name for _, name in document.OPTIMISATIONS.values()} <= names

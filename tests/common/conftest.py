@@ -124,6 +124,11 @@ def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
 
 
 @pytest.fixture
+def pair_of() -> type[Pair]:
+    return Pair
+
+
+@pytest.fixture
 def zenoh_pair(open_bus: Callable[..., ZenohBus]) -> Pair:
     return Pair(open_bus(), open_bus())
 

@@ -4,24 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.errors import BusError
-from mecazen.messages import (
-    Clock,
-    OdometryRequest,
-    SimState,
-    StepRequest,
-    String,
-    Time,
-    Twist,
-    Vector3,
-)
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, MSGPACK_ENCODING, Stamp
 
 STAMP = Stamp(10_000_000, 3, 7)
 
 
 def forward(speed):
-    return Twist(linear=Vector3(x=speed))
+    return m.Twist(linear=m.Vector3(x=speed))
 
 
 @pytest.fixture
@@ -55,9 +46,9 @@ def test_with_every_all_samples_arrive_in_order_also_across_keys(pair):
     clocks, commands = pair.far.publisher(keys.CLOCK), pair.far.publisher(keys.CMD_VEL)
     expected = []
     for tick in range(100):
-        clocks.put(Clock(Time(tick)), STAMP)
+        clocks.put(m.Clock(m.Time(tick)), STAMP)
         commands.put(forward(tick), STAMP)
-        expected += [Clock(Time(tick)), forward(tick)]
+        expected += [m.Clock(m.Time(tick)), forward(tick)]
     pair.settle()
     assert samples == expected
 
@@ -83,7 +74,7 @@ def test_all_that_is_put_within_the_process_arrives_in_order_as_the_objects_them
         pair.near.subscribe(topic, lambda *sample: heard.append(sample))
     put = []
     for tick in range(50):
-        put += [(Clock(Time(tick)), Stamp(tick, 1, 0)), (forward(tick), Stamp(tick, 1, 0))]
+        put += [(m.Clock(m.Time(tick)), Stamp(tick, 1, 0)), (forward(tick), Stamp(tick, 1, 0))]
         clocks.put(*put[-2])
         commands.put(*put[-1])
     pair.near.drain()
@@ -108,10 +99,10 @@ def test_what_is_put_is_heard_once_within_the_process_and_once_outside(pair):
 
 def test_what_the_process_serves_itself_is_answered_on_the_same_thread(pair):
     pair.near.serve(
-        keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks))
+        keys.SIM_STEP, lambda request, reply: reply.answer(m.SimState(tick=request.ticks))
     )
     pair.near.serve_files("robot_description", {"a.stl": b"mesh"})
-    assert pair.near.call(keys.SIM_STEP, StepRequest(ticks=5)) == SimState(tick=5)
+    assert pair.near.call(keys.SIM_STEP, m.StepRequest(ticks=5)) == m.SimState(tick=5)
     files = {"robot_description/a.stl": b"mesh"}
     assert pair.near.fetch_files("robot_description/**") == files
 
@@ -122,19 +113,21 @@ def test_samples_of_other_keys_do_not_arrive(pair, received):
     assert received == []
 
 
-@pytest.mark.parametrize("encoding", ["", JSON_ENCODING])
-def test_an_outsiders_json_arrives_without_a_stamp(pair, received, encoding):
-    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}\n', encoding)
-    pair.settle()
-    assert received == [(forward(0.2), None)]
+JSON = b'{"linear":{"x":0.5}}\n'
+MSGPACK = b"\x81\xa6linear\x81\xa1x\xcb\x3f\xe0" + bytes(6)
 
 
-@pytest.mark.parametrize("encoding", ["", MSGPACK_ENCODING])
-def test_an_outsiders_messagepack_arrives(pair, received, encoding):
-    payload = b"\x81\xa6linear\x81\xa1x\xcb\x3f\xe0" + bytes(6)
-    pair.far.put_bytes("cmd_vel", payload, encoding, STAMP.pack())
+@pytest.mark.parametrize("stamp", [None, STAMP])
+@pytest.mark.parametrize(
+    ("payload", "encoding"),
+    [(JSON, ""), (JSON, JSON_ENCODING), (MSGPACK, ""), (MSGPACK, MSGPACK_ENCODING)],
+)
+def test_an_outsiders_bytes_arrive_with_or_without_a_stamp(
+    pair, received, payload, encoding, stamp
+):
+    pair.far.put_bytes("cmd_vel", payload, encoding, stamp and stamp.pack())
     pair.settle()
-    assert received == [(forward(0.5), STAMP)]
+    assert received == [(forward(0.5), stamp)]
 
 
 @pytest.mark.parametrize(
@@ -161,9 +154,9 @@ def test_what_is_refused_is_counted_and_the_last_good_value_stays(
     pair.settle()
     assert received == [(forward(0.2), None)]
     assert pair.near.refused == {"cmd_vel": 1}
-    assert len(caplog.messages) == 1
-    assert caplog.messages[0].startswith("msg=refused key=cmd_vel count=1 reason=")
-    assert len(caplog.messages[0].splitlines()) == 1
+    (line,) = caplog.messages
+    assert line.startswith("msg=refused key=cmd_vel count=1 reason=")
+    assert len(line.splitlines()) == 1
     pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
     pair.settle()
     assert received[1:] == [(forward(0.3), None)]
@@ -197,12 +190,24 @@ def test_refusals_are_logged_once_a_second_for_each_key_and_all_are_counted(pair
 
 def test_a_query_is_answered(pair):
     pair.near.serve(
-        keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks))
+        keys.SIM_STEP, lambda request, reply: reply.answer(m.SimState(tick=request.ticks))
     )
     pair.link()
     with pair.serving():
-        assert pair.far.call(keys.SIM_STEP, StepRequest(ticks=5)) == SimState(tick=5)
-        assert pair.far.call(keys.SIM_STEP, StepRequest(ticks=6)).tick == 6
+        assert pair.far.call(keys.SIM_STEP, m.StepRequest(ticks=5)) == m.SimState(tick=5)
+        assert pair.far.call(keys.SIM_STEP, m.StepRequest(ticks=6)).tick == 6
+
+
+def test_files_are_fetched_by_key_and_by_expression(pair):
+    files = {"meshes/wheel.stl": b"\x00wheel", "meshes/roller.stl": b"roller", "robot.urdf": b""}
+    pair.near.serve_files("robot_description", files)
+    stl = ["meshes/wheel.stl", "meshes/roller.stl"]
+    by_asked = {stl[0]: stl[:1], "meshes/*": stl, "**": list(files), "meshes/none.stl": []}
+    pair.link()
+    with pair.serving():
+        for asked, paths in by_asked.items():
+            expected = {f"robot_description/{path}": files[path] for path in paths}
+            assert pair.far.fetch_files(f"robot_description/{asked}") == expected
 
 
 def test_a_query_may_be_answered_later(pair):
@@ -212,11 +217,11 @@ def test_a_query_may_be_answered_later(pair):
     def ask_the_clock(request, reply):
         del request
         replies.append(reply)
-        clocks.put(Clock(Time(1)), STAMP)
+        clocks.put(m.Clock(m.Time(1)), STAMP)
 
     pair.near.serve(keys.SIM_RESET, ask_the_clock)
     pair.near.subscribe(
-        keys.CLOCK, lambda clock, _: replies.pop().answer(SimState(tick=clock.clock.sec))
+        keys.CLOCK, lambda clock, _: replies.pop().answer(m.SimState(tick=clock.clock.sec))
     )
     pair.link()
     with pair.serving():
@@ -227,13 +232,13 @@ def test_when_a_query_is_refused_expect_the_reason(pair):
     pair.near.serve(keys.SIM_STEP, lambda _, reply: reply.refuse("pause first"))
     pair.link()
     with pair.serving(), pytest.raises(BusError, match=r"^sim/step: pause first$"):
-        pair.far.call(keys.SIM_STEP, StepRequest())
+        pair.far.call(keys.SIM_STEP, m.StepRequest())
 
 
 def test_when_nobody_answers_expect_that_said(pair):
     pair.link()
     with pytest.raises(BusError, match=r"^set_odometry: nobody answers") as caught:
-        pair.far.call(keys.SET_ODOMETRY, OdometryRequest())
+        pair.far.call(keys.SET_ODOMETRY, m.OdometryRequest())
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -266,7 +271,7 @@ def test_what_a_handler_raises_reaches_who_spins(pair):
 
 
 def test_a_long_text_arrives_whole(pair):
-    text = String("äöü" * 50_000)
+    text = m.String("äöü" * 50_000)
     pair.near.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(text))
     pair.link()
     with pair.serving():

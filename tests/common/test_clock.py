@@ -1,7 +1,5 @@
 """Simulated time: what advances a world, holds, steps and resets it."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from types import SimpleNamespace

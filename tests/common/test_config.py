@@ -1,8 +1,6 @@
 """A scenario is checked whole, and what is wrong with it is one line that says where."""
 
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +32,9 @@ class Toy(Section):
     mixed: float | str = 0.0
 
 
+FAST = "[toy.walk]\nkind = 'fast'\n"
+
+
 @pytest.fixture
 def toy(monkeypatch):
     monkeypatch.setattr(loading, "installed_sections", lambda: {"toy": Toy})
@@ -50,6 +51,7 @@ def problem(path: Path, *overrides: str) -> str:
 
 
 NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
+FILE = "file; allowed: a path to a file"
 
 
 @pytest.mark.parametrize(
@@ -85,10 +87,12 @@ NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
         ("[bus]\nmulticast_scouting = 'yes'", "bus.multicast_scouting: got 'yes'; allowed: true o"),
         ("[bus]\nformat = 'cdr'", "bus.format: got 'cdr'; allowed: 'json' or 'msgpack'"),
         ("[bus]\nzenoh_config = 3", "bus.zenoh_config: got 3; allowed: a path to a file"),
+        ("[bus]\nzenoh_config = 'x'", f"bus.zenoh_config: scenarios/x: no such {FILE}"),
+        ("[bus]\nkeys = 'x'", f"bus.keys: scenarios/x: no such {FILE.replace('file', 'folder')}"),
         ("[sensor]\noccluded = 1", "sensor.occluded: unknown key; "),
         (
-            "[sensor]\nocclusions_s = [[1.0, 2.0], [3.0, 'x']]",
-            "sensor.occlusions_s.1.1: got 'x'; allowed: a number >= 0 ",
+            "[sensor]\nocclusions_s = [[1, 2], [3, 'x']]",
+            "sensor.occlusions_s.1.1: got 'x'; allowed: ",
         ),
         ("[sensor]\nocclusions_s = [[1.0]]", "sensor.occlusions_s.0: got [1.0]; allowed: [a numb"),
         ("[sensor]\nocclusions_s = [[2.0, 1.0]]", "sensor: occlusions_s: [2.0, 1.0] must end aft"),
@@ -106,7 +110,6 @@ def test_when_a_value_is_wrong_expect_file_key_and_what_is_allowed(write_scenari
     ("override", "expected"),
     [
         ("seeed=1", "seeed: unknown key; did you mean seed? "),
-        ("sim.tik_s=1", "sim.tik_s: unknown key; did you mean tick_s? "),
         ("sim.tick_s=5", f"sim.tick_s: got 5; allowed: {NUMBER_OF_TICKS}"),
         ("sim.mode=fast", "sim.mode: got 'fast'; allowed: 'lockstep' or 'real_time'"),
         ("seed=", "seed: got ''; allowed: "),
@@ -198,16 +201,12 @@ def test_when_there_is_no_robot_expect_what_is_missing(write_scenario, robot, ex
     assert problem(write_scenario(robot=robot)) == expected
 
 
-def test_when_the_robot_of_an_override_is_missing_expect_its_path(write_scenario):
+def test_when_a_file_is_missing_expect_its_path(write_scenario):
     assert problem(write_scenario(), "robot=none.toml") == "scenarios/none.toml: no such file"
-
-
-def test_when_there_is_no_scenario_file_expect_its_path(tmp_path):
-    folder = tmp_path / "scenarios"
-    folder.mkdir()
-    assert problem(folder / "none.toml") == "scenarios/none.toml: no such file"
-    (folder / "binary.toml").write_bytes(b"\xff\xfe")
-    assert problem(folder / "binary.toml").startswith("scenarios/binary.toml: can't be read: ")
+    path = write_scenario().with_name("none.toml")
+    assert problem(path) == "scenarios/none.toml: no such file"
+    path.write_bytes(b"\xff\xfe")
+    assert problem(path).startswith("scenarios/none.toml: can't be read: ")
 
 
 @pytest.mark.usefixtures("toy")
@@ -219,14 +218,11 @@ def test_when_there_is_no_scenario_file_expect_its_path(tmp_path):
         ("[toy.walk]\nkind = 'fst'", "toy.walk.kind: got 'fst'; allowed: 'slow' or 'fast'"),
         ("[toy.walk]\nspeed_m_s = 1.0", "toy.walk.kind: missing; must be 'slow' or 'fast'"),
         ("[toy]\nwalk = 3", "toy.walk: got 3; allowed: "),
-        ("[toy.walk]\nkind = 'fast'", "toy.walk.speed_m_s: missing; must be a number > 0"),
+        (FAST, "toy.walk.speed_m_s: missing; must be a number > 0"),
+        (f"{FAST}speed_m_s = 0.0", "toy.walk.speed_m_s: got 0.0; allowed: a number > 0"),
         (
-            "[toy.walk]\nkind = 'fast'\nspeed_m_s = 0.0",
-            "toy.walk.speed_m_s: got 0.0; allowed: a number > 0",
-        ),
-        (
-            "[toy.walk]\nkind = 'fast'\nspeed = 1.0",
-            "toy.walk.speed: unknown key; did you mean speed_m_s? allowed: kind, speed_m_s",
+            f"{FAST}speed = 1.0",
+            "toy.walk.speed: unknown key; did you mean speed_m_s? allowed: kind, sp",
         ),
         ("[toy.weights]\na = 1.0\nb = 'x'", "toy.weights.b: got 'x'; allowed: a number"),
         ("[toy]\nlimit = 0.0", "toy.limit: got 0.0; allowed: a number > 0"),
@@ -291,12 +287,6 @@ def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
     assert loaded.robot.name == "nexus"
 
 
-def test_when_a_file_that_is_named_is_missing_expect_where_it_was_looked_for(write_scenario):
-    path = write_scenario("[bus]\nzenoh_config = 'none.json5'")
-    expected = "bus.zenoh_config: scenarios/none.json5: no such file; allowed: a path to a file"
-    assert problem(path) == f"scenarios/test.toml: {expected}"
-
-
 @pytest.mark.usefixtures("toy")
 def test_the_effective_configuration_loads_again_to_the_same(write_scenario, tmp_path):
     path = write_scenario(
@@ -314,13 +304,8 @@ def test_the_effective_configuration_loads_again_to_the_same(write_scenario, tmp
 
 def test_the_effective_configuration_holds_every_default(scenario):
     tables = effective(scenario)
-    assert tables["sim"] == {
-        "mode": "real_time",
-        "tick_s": 0.01,
-        "speed": 1.0,
-        "duration_s": 60.0,
-        "answer_timeout_s": 10.0,
-    }
+    expected = {"mode": "real_time", "tick_s": 0.01, "speed": 1.0, "duration_s": 60.0}
+    assert tables["sim"] == {**expected, "answer_timeout_s": 10.0}
     assert "namespace" not in tables["bus"]
     assert tables["robot"]["rollers"]["count"] == 9
 
@@ -354,10 +339,8 @@ def test_when_a_time_is_no_multiple_of_the_tick_expect_the_key_and_both(seconds)
 
 def test_when_the_sensors_rate_does_not_divide_the_tick_rate_expect_its_key(write_scenario):
     loaded = load_scenario(write_scenario("[sensor]\nrate_hz = 30.0"))
-    with pytest.raises(
-        ConfigError,
-        match=r"sensor\.rate_hz = 30 must divide .* 100 Hz, as 25 and 33",
-    ):
+    expected = r"sensor\.rate_hz = 30 must divide .* 100 Hz, as 25 and 33"
+    with pytest.raises(ConfigError, match=expected):
         loaded.sensor.ticks_per_frame(loaded.sim.tick_s)
 
 
@@ -372,9 +355,6 @@ def test_a_path_is_found_from_the_scenario_and_then_from_where_one_is(
     write_scenario, tmp_path, monkeypatch
 ):
     path = write_scenario("[bus]\nkeys = 'keys'\n")
-    assert problem(path) == (
-        "scenarios/test.toml: bus.keys: scenarios/keys: no such folder; allowed: a path to a folder"
-    )
     (tmp_path / "elsewhere" / "keys").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert load_scenario(path).bus.keys == tmp_path / "elsewhere" / "keys"
@@ -385,41 +365,24 @@ def test_a_path_is_found_from_the_scenario_and_then_from_where_one_is(
 
 
 def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path, monkeypatch):
-    folder = tmp_path / "configs" / "scenarios"
-    below = tmp_path / "some" / "where"
+    folder, below = tmp_path / "configs" / "scenarios", tmp_path / "some" / "where"
     for each in (folder, below):
         each.mkdir(parents=True)
-    (folder / "back.toml").touch()
-    (folder / "side.toml").touch()
+    for name in ("back", "side"):
+        (folder / f"{name}.toml").touch()
     monkeypatch.chdir(below)
     assert scenario_path("back") == folder / "back.toml"
     assert scenario_path(str(folder / "side.toml")) == folder / "side.toml"
     assert scenario_path("../../configs/scenarios/side.toml").samefile(folder / "side.toml")
-    with pytest.raises(ConfigError) as caught:
+    expected = "^bak: no such scenario; a path to a TOML file, or one of back, side$"
+    with pytest.raises(ConfigError, match=expected):
         scenario_path("bak")
-    assert str(caught.value) == (
-        "bak: no such scenario; a path to a TOML file, or one of back, side"
-    )
 
 
 def test_when_there_are_no_scenarios_expect_that_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^back: no such file, and no configs/scenarios here"):
         scenario_path("back")
-
-
-def test_a_process_with_a_wrong_scenario_prints_one_line_and_exits_with_2(write_scenario):
-    ended = subprocess.run(
-        [sys.executable, "-m", "mecazen.runtime", "router", str(write_scenario("seed = -1"))],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert ended.returncode == 2
-    assert ended.stdout == ""
-    assert ended.stderr.startswith("error: ")
-    assert len(ended.stderr.splitlines()) == 1
 
 
 def test_a_scenario_is_immutable(scenario):

@@ -111,12 +111,6 @@ def test_rates_are_whole_ticks_of_the_scenario(scenario: Scenario) -> None:
         scenario.ticks_per(300.0)
 
 
-@pytest.mark.parametrize("rate", ["sim.mode", "sim.rate_hz"])
-def test_a_setting_that_is_no_rate_is_refused(scenario: Scenario, rate: str) -> None:
-    with pytest.raises(ConfigError, match=f"^{rate}: is no rate$"):
-        scenario.ticks_per(rate)
-
-
 def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None:
     inputs = TABLE["controller"].inputs
     alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
@@ -139,6 +133,6 @@ def test_a_row_with_another_key_on_the_bus() -> None:
 
 
 def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario: Scenario) -> None:
-    for key in ("sensor.rate", "nobody.rate_hz"):
+    for key in ("sensor.rate", "sim.mode", "nobody.rate_hz"):
         with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no number"):
             scenario.ticks_per(key)

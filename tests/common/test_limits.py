@@ -4,64 +4,51 @@ import math
 
 import pytest
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.bus.base import decode_sample
 from mecazen.errors import BusError
-from mecazen.messages import (
-    FollowerState,
-    JointState,
-    Observation,
-    Odometry,
-    OdometryRequest,
-    Point,
-    Pose,
-    PoseWithCovariance,
-    Quaternion,
-    Twist,
-    TwistWithCovariance,
-    Vector3,
-)
 from mecazen.wire import RefusedError, encode
 
 
 def at(x):
-    return Odometry(pose=PoseWithCovariance(pose=Pose(position=Point(x=x))))
+    return m.Odometry(pose=m.PoseWithCovariance(pose=m.Pose(position=m.Point(x=x))))
 
 
 def moving(speed):
-    return Odometry(twist=TwistWithCovariance(twist=Twist(linear=Vector3(y=speed))))
+    return m.Odometry(twist=m.TwistWithCovariance(twist=m.Twist(linear=m.Vector3(y=speed))))
 
 
 def turning(speed):
-    return Odometry(twist=TwistWithCovariance(twist=Twist(angular=Vector3(z=speed))))
+    return m.Odometry(twist=m.TwistWithCovariance(twist=m.Twist(angular=m.Vector3(z=speed))))
 
 
 def forward(speed):
-    return Twist(linear=Vector3(x=speed))
+    return m.Twist(linear=m.Vector3(x=speed))
 
 
 def spinning(speed):
-    return Twist(angular=Vector3(z=speed))
+    return m.Twist(angular=m.Vector3(z=speed))
 
 
 def seen_at(x):
-    return Observation(poses=(PoseWithCovariance(), at(x).pose))
+    return m.Observation(poses=(m.PoseWithCovariance(), at(x).pose))
 
 
 def seen_with(variance):
-    return Observation(poses=(PoseWithCovariance(covariance=(*35 * (0.0,), variance)),))
+    return m.Observation(poses=(m.PoseWithCovariance(covariance=(*35 * (0.0,), variance)),))
 
 
 def estimated_at(x):
-    return FollowerState(estimate=(at(x),))
+    return m.FollowerState(estimate=(at(x),))
 
 
 def bound_for(x):
-    return FollowerState(goal=(Pose(position=Point(y=x)),))
+    return m.FollowerState(goal=(m.Pose(position=m.Point(y=x)),))
 
 
 def joints(speed):
-    return JointState(velocity=(*60 * (0.0,), speed))
+    return m.JointState(velocity=(*60 * (0.0,), speed))
 
 
 LIMITS = [
@@ -105,10 +92,10 @@ def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(
 @pytest.mark.parametrize(
     "harmless",
     [
-        JointState(position=(1e300,), effort=(1e300,)),
-        Odometry(pose=PoseWithCovariance(pose=Pose(orientation=Quaternion(w=1e300)))),
+        m.JointState(position=(1e300,), effort=(1e300,)),
+        m.Odometry(pose=m.PoseWithCovariance(pose=m.Pose(orientation=m.Quaternion(w=1e300)))),
         # not planar, and so of no use to anybody
-        Observation(poses=(PoseWithCovariance(covariance=(*14 * (0.0,), 1e99, *21 * (0.0,))),)),
+        m.Observation(poses=(m.PoseWithCovariance(covariance=(*14 * (0.0,), 1e99, *21 * (0.0,))),)),
     ],
 )
 def test_other_numbers_may_be_of_any_size(harmless):
@@ -120,9 +107,9 @@ def test_a_request_beyond_its_limit_is_refused_and_counted():
     bus, asked = LocalBus(), []
     bus.serve(
         keys.SET_ODOMETRY,
-        lambda request, reply: (asked.append(request), reply.answer(Odometry())),
+        lambda request, reply: (asked.append(request), reply.answer(m.Odometry())),
     )
-    near, far = (OdometryRequest(pose=Pose(position=Point(x=x))) for x in (1e5, 100000.1))
+    near, far = (m.OdometryRequest(pose=m.Pose(position=m.Point(x=x))) for x in (1e5, 100000.1))
     bus.call_bytes(keys.SET_ODOMETRY, encode(near, "json"))
     with pytest.raises(BusError, match=r"^set_odometry: position 100000\.1 is out of range, "):
         bus.call_bytes(keys.SET_ODOMETRY, encode(far, "json"))

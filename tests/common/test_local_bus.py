@@ -69,14 +69,6 @@ def test_when_a_query_stays_open_expect_that_said(bus):
         bus.call(keys.SIM_STEP, StepRequest())
 
 
-def test_served_files_are_there(bus):
-    bus.serve_files("robot_description", {"meshes/wheel.stl": b"solid"})
-    files = {"robot_description/meshes/wheel.stl": b"solid"}
-    assert bus.fetch_files("robot_description/meshes/wheel.stl") == files
-    assert bus.fetch_files("robot_description/**") == files
-    assert bus.fetch_files("robot_description/*.xml") == {}
-
-
 def test_stop_ends_the_next_spin_once(bus):
     bus.publisher(keys.CLOCK).put(Clock(), STAMP)
     bus.stop()

@@ -35,7 +35,7 @@ def test_the_yaw_turns_the_shorter_way():
 
 
 @given(share=st.floats(0.0, 1.0), speed=st.floats(-2.0, 2.0))
-def test_steady_motion_is_placed_where_it_was(share: float, speed: float):
+def test_steady_motion_is_placed_where_it_was(share, speed):
     poses = [Pose2D(speed * 0.01 * n, 0.0, 0.0) for n in range(20)]
     time_ns = round(share * 190 * MS)
     # to the rounding of the time to nanoseconds

@@ -84,6 +84,12 @@ def settings(router):
 
 
 @pytest.fixture
+def places(settings, free_port):
+    """The settings of each part: the router is another one."""
+    return {"toy": settings, "router": [f'bus.connect=["tcp/127.0.0.1:{free_port}"]']}
+
+
+@pytest.fixture
 def tester(settings, open_bus):
     """A bus of that namespace."""
     bus = open_bus(namespace=settings[1].partition("=")[2])
@@ -137,31 +143,25 @@ def one_line(process):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_ends_a_service_cleanly(start, settings, number):
-    with start("toy", settings) as process:
-        line = await_start(process)
-        assert line == "t=0.000 level=info service=toy msg=started mode=real_time\n"
-        process.send_signal(number)
-        out, err = process.communicate(timeout=GUARD_S)
-    assert (process.returncode, out) == (0, "")
-    assert err == "t=0.000 level=info service=toy msg=stopped\n"
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_the_router_cleanly(start, free_port, number):
-    with start("router", [f'bus.connect=["tcp/127.0.0.1:{free_port}"]']) as process:
-        started = r"t=0\.000 level=info service=router msg=started endpoints=\S+\n"
+@pytest.mark.parametrize(
+    ("part", "with_what", "last"),
+    [
+        ("toy", "mode=real_time", "t=0.000 level=info service=toy msg=stopped\n"),
+        ("router", r"endpoints=\S+", ""),
+    ],
+)
+def test_a_signal_ends_it_cleanly(start, places, part, with_what, last, number):
+    with start(part, places[part]) as process:
+        started = rf"t=0\.000 level=info service={part} msg=started {with_what}\n"
         assert re.fullmatch(started, await_start(process))
         process.send_signal(number)
-        _, err = process.communicate(timeout=GUARD_S)
-    assert (process.returncode, err) == (0, "")
+        out, err = process.communicate(timeout=GUARD_S)
+    assert (process.returncode, out, err) == (0, "", last)
 
 
 @pytest.mark.parametrize("part", ["toy", "router"])
-def test_when_standard_input_closes_expect_an_orphan_to_end(start, settings, free_port, part):
-    if part == "router":
-        settings = (f'bus.connect=["tcp/127.0.0.1:{free_port}"]',)
-    with start(part, settings, "--until-orphaned") as process:
+def test_when_standard_input_closes_expect_an_orphan_to_end(start, places, part):
+    with start(part, places[part], "--until-orphaned") as process:
         await_start(process)
         process.communicate(timeout=GUARD_S)  # closes its standard input
     assert process.returncode == 0
@@ -220,21 +220,16 @@ def test_a_service_logs_with_simulated_time(start, settings, tester, wait_until)
     [
         ("nobody", "seed=1", 2, r"nobody: no such node; installed: "),
         ("toy", "sim.speed=fast", 2, r".*test\.toml with --set sim\.speed: got 'fast'; allowed: "),
+        ("router", "seed=-1", 2, r".*test\.toml with --set seed: got -1; allowed: "),
+        ("router", 'bus.connect=["{router}"]', 1, "can't listen on {router}: the port is taken"),
         ("toy", TWO_ROBOTS, 2, r"toy: of which robot\? --robot takes one or two$"),
     ],
 )
-def test_when_it_can_not_begin_expect_one_line(start, name, setting, code, expected):
-    with start(name, [setting]) as process:
+def test_when_it_can_not_begin_expect_one_line(start, router, name, setting, code, expected):
+    with start(name, [setting.replace("{router}", router)]) as process:
         line, found = one_line(process)
-    assert re.match(f"error: {expected}", line)
+    assert re.match(f"error: {expected.replace('{router}', router)}", line)
     assert found == code
-
-
-def test_when_the_routers_port_is_taken_expect_one_line(start, router):
-    with start("router", [f'bus.connect=["{router}"]']) as process:
-        line, code = one_line(process)
-    assert line.startswith(f"error: can't listen on {router}: the port is taken")
-    assert code == 1
 
 
 def test_a_failing_service_shows_where_it_failed(start, settings):

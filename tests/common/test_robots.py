@@ -51,12 +51,7 @@ def test_each_robot_has_its_start_namespace_seed_and_services(write_scenario):
     assert len({loaded.seed, one.seed, two.seed}) == 3
     assert (one.seed, two.seed) == (seed_of(7, "one"), seed_of(7, "two"))
     assert one.names == ("",)
-    assert loaded.parts == (
-        ("physics", ""),
-        ("target", "one"),
-        ("target", "two"),
-        ("viewer", ""),
-    )
+    assert loaded.parts == (("physics", ""), ("target", "one"), ("target", "two"), ("viewer", ""))
 
 
 def test_a_robot_may_be_another_and_its_services_may_differ(write_scenario, tmp_path):

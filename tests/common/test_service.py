@@ -5,40 +5,24 @@ from dataclasses import replace
 import msgspec
 import pytest
 from harness import Rig
+from mecazen import keys
+from mecazen import messages as m
 from mecazen.config import SimConfig
 from mecazen.errors import BusError, ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import Row, due, every, latest
-from mecazen.keys import (
-    CMD_VEL,
-    FOLLOWER_STATE,
-    OBSERVATION,
-    ODOM,
-    SET_ODOMETRY,
-    TARGET_CMD_VEL,
-    diagnostics,
-)
-from mecazen.messages import (
-    FollowerState,
-    Observation,
-    Odometry,
-    OdometryRequest,
-    Time,
-    Twist,
-    planar_odometry,
-)
 from mecazen.node import Node
 from mecazen.wire import RefusedError, Stamp
 
-INPUTS = (every(ODOM), due(OBSERVATION), latest(TARGET_CMD_VEL))
-NO_WORDS = Twist.planar(Twist2D(x=-1.0))
+INPUTS = (every(keys.ODOM), due(keys.OBSERVATION), latest(keys.TARGET_CMD_VEL))
+NO_WORDS = m.Twist.planar(Twist2D(x=-1.0))
 """What the toy cannot use."""
 
 
 class Toy(Node):
     """Writes down its steps, and gives the number of each as a speed."""
 
-    ROW = Row("toy", "", INPUTS, (CMD_VEL,), (SET_ODOMETRY,), resets_with=("controller",))
+    ROW = Row("toy", "", INPUTS, (keys.CMD_VEL,), (keys.SET_ODOMETRY,), resets_with=("controller",))
 
     def __init__(self, scenario):
         super().__init__(scenario)
@@ -49,17 +33,17 @@ class Toy(Node):
         self.events.append(("reset", seed))
 
     def step(self, tick, inputs):
-        if inputs.get(TARGET_CMD_VEL) == NO_WORDS:
-            inputs.refuse(TARGET_CMD_VEL, "not forward")
-        ages = inputs.age_s(OBSERVATION), inputs.age_s(TARGET_CMD_VEL)
-        assert inputs[ODOM].header.stamp == tick.time == Time.from_ns(tick.time_ns)
+        if inputs.get(keys.TARGET_CMD_VEL) == NO_WORDS:
+            inputs.refuse(keys.TARGET_CMD_VEL, "not forward")
+        ages = inputs.age_s(keys.OBSERVATION), inputs.age_s(keys.TARGET_CMD_VEL)
+        assert inputs[keys.ODOM].header.stamp == tick.time == m.Time.from_ns(tick.time_ns)
         self.events.append((tick.number, tick.period_s, *ages))
-        return {CMD_VEL: Twist.planar(Twist2D(x=float(tick.number)))}
+        return {keys.CMD_VEL: m.Twist.planar(Twist2D(x=float(tick.number)))}
 
     def answer(self, call, request):
         if request.pose.position.x < 0.0:
             raise RefusedError("behind the start")
-        return Odometry(child_frame_id=call.key)
+        return m.Odometry(child_frame_id=call.key)
 
     def diagnostics(self):
         return {"events": len(self.events)}
@@ -73,14 +57,14 @@ class Renamed(Toy):
 
     @classmethod
     def row(cls, scenario):
-        return replace(cls.ROW, remap={ODOM.key: f"odom{scenario.seed}"})
+        return replace(cls.ROW, remap={keys.ODOM.key: f"odom{scenario.seed}"})
 
 
 class Talkative(Toy):
     """Gives what is not in its row."""
 
     def step(self, tick, inputs):
-        return {FOLLOWER_STATE: FollowerState(), **super().step(tick, inputs)}
+        return {keys.FOLLOWER_STATE: m.FollowerState(), **super().step(tick, inputs)}
 
 
 @pytest.fixture
@@ -90,15 +74,16 @@ def rig(scenario):
     def make(kind=Toy, mode="lockstep", **changes):
         sim = SimConfig(mode=mode)
         changed = msgspec.structs.replace(scenario, sim=sim, **changes)
-        return Rig("follower", changed, CMD_VEL, diagnostics("follower"), kinds={"follower": kind})
+        topics = keys.CMD_VEL, keys.diagnostics("follower")
+        return Rig("follower", changed, *topics, kinds={"follower": kind})
 
     return make
 
 
 def put_odom(rig, tick, **stamp):
     at = rig.at(tick, **stamp)
-    odom = planar_odometry(at.time, "odom", "base_link", Pose2D(), Twist2D())
-    return [sample for sample in rig.put(ODOM, odom, at) if sample.key == CMD_VEL.key]
+    odom = m.planar_odometry(at.time, "odom", "base_link", Pose2D(), Twist2D())
+    return [sample for sample in rig.put(keys.ODOM, odom, at) if sample.key == keys.CMD_VEL.key]
 
 
 def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
@@ -106,9 +91,9 @@ def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
     toy = rig.service.nodes[0].node
     never = float("inf")
     for tick in (4, 5, 7):
-        rig.put(OBSERVATION, Observation(), 4) if tick == 5 else None
-        rig.put(TARGET_CMD_VEL, Twist(), 7) if tick == 7 else None
-        (command,) = put_odom(rig, tick) or rig.put(OBSERVATION, Observation(), 4)
+        rig.put(keys.OBSERVATION, m.Observation(), 4) if tick == 5 else None
+        rig.put(keys.TARGET_CMD_VEL, m.Twist(), 7) if tick == 7 else None
+        (command,) = put_odom(rig, tick) or rig.put(keys.OBSERVATION, m.Observation(), 4)
         assert command.stamp == rig.at(tick)
         assert command.message.linear.x == tick
     assert toy.events == [
@@ -123,8 +108,8 @@ def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
 def test_a_refused_sample_is_counted_and_as_if_it_never_came(rig):
     rig = rig()
     put_odom(rig, 5)
-    for tick, said in ((6, Twist()), (7, NO_WORDS)):
-        rig.put(TARGET_CMD_VEL, said, tick)
+    for tick, said in ((6, m.Twist()), (7, NO_WORDS)):
+        rig.put(keys.TARGET_CMD_VEL, said, tick)
         put_odom(rig, tick)
     ages = [event[3] for event in rig.service.nodes[0].node.events[2:]]
     assert ages == [float("inf"), 0.0, 0.01]
@@ -164,8 +149,8 @@ def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
     heard = []
     for tick in (0, 1, 2, 8, 9, 100):
         stamp = rig.at(tick)
-        odom = planar_odometry(stamp.time, "", "", Pose2D(), Twist2D())
-        heard += rig.put(ODOM, odom, stamp)
+        odom = m.planar_odometry(stamp.time, "", "", Pose2D(), Twist2D())
+        heard += rig.put(keys.ODOM, odom, stamp)
     (*_, last) = (s.message for s in heard if s.key == "diagnostics/follower")
     said = {value.key: value.value for value in last.status[0].values}
     # 0 and 8 were closed without a frame; at 100 the step of 9 is the last that was made
@@ -175,9 +160,9 @@ def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
 
 def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
     bus = rig().bus
-    assert bus.call(SET_ODOMETRY, OdometryRequest()).child_frame_id == "set_odometry"
+    assert bus.call(keys.SET_ODOMETRY, m.OdometryRequest()).child_frame_id == "set_odometry"
     with pytest.raises(BusError, match=r"^set_odometry: behind the start$"):
-        bus.call_bytes(SET_ODOMETRY, b'{"pose":{"position":{"x":-1}}}')
+        bus.call_bytes(keys.SET_ODOMETRY, b'{"pose":{"position":{"x":-1}}}')
 
 
 def test_a_row_may_hang_on_the_configuration(rig):

@@ -1,20 +1,15 @@
-from __future__ import annotations
-
-from typing import Any
-
 import msgspec
 import pytest
-from mecazen.schema import Section
 from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_physics.config import PhysicsConfig
 
 
-def test_defaults_need_nothing() -> None:
+def test_defaults_need_nothing():
     assert msgspec.convert({}, PhysicsConfig) == PhysicsConfig()
     assert msgspec.convert({}, WorldConfig) == WorldConfig()
 
 
-def test_obstacles_are_told_apart_by_their_kind() -> None:
+def test_obstacles_are_told_apart_by_their_kind():
     raw = [
         {"kind": "box", "size_m": [1.0, 2.0, 0.5], "position_m": [3.0, 0.0], "yaw_deg": 30.0},
         {"kind": "cylinder", "size_m": [0.2, 1.0], "position_m": [0.0, 2.0]},
@@ -49,8 +44,6 @@ def test_obstacles_are_told_apart_by_their_kind() -> None:
         ),
     ],
 )
-def test_a_wrong_value_is_refused_by_name(
-    kind: type[Section], raw: dict[str, Any], message: str
-) -> None:
+def test_a_wrong_value_is_refused_by_name(kind, raw, message):
     with pytest.raises(msgspec.ValidationError, match=message):
         msgspec.convert(raw, kind)

@@ -8,7 +8,7 @@ import dartpy as dart
 import numpy as np
 import pytest
 from mecazen.geometry import Pose2D
-from mecazen.robot import WHEELS, Robot
+from mecazen.robot import WHEELS
 from mecazen.world import Box, Cylinder
 from mecazen_physics.contacts import ContactCandidates, Footprint
 from mecazen_physics.rollers import Roller
@@ -39,8 +39,8 @@ class FakeRoller:
     ],
 )
 def test_candidates_are_the_rollers_that_can_come_down_or_all_of_a_robot_that_is_not_isolated(
-    nexus: Robot, angle: float, speed: float, *, isolated: bool, candidates: list[int]
-) -> None:
+    nexus, angle, speed, *, isolated, candidates
+):
     rollers = [FakeRoller() for _ in range(4 * nexus.rollers.count)]
     chosen = ContactCandidates(nexus, rollers)
     chosen.update([0.0] * 4, [0.0] * 4, 0.01, isolated=True)
@@ -67,14 +67,12 @@ STANDING = Footprint(0.0, 0.0, half_length=0.2, half_width=0.1)
         (STANDING, Footprint(0.1, 0.0, rim=0.2), -0.2),
     ],
 )
-def test_the_gap_between_two_is_known_by_their_circles(
-    one: Footprint, other: Footprint, gap: float
-) -> None:
+def test_the_gap_between_two_is_known_by_their_circles(one, other, gap):
     assert one.gap(other) == pytest.approx(gap)
     assert other.gap(one) == pytest.approx(gap)
 
 
-def test_two_may_touch_that_can_reach_each_other_within_the_horizon() -> None:
+def test_two_may_touch_that_can_reach_each_other_within_the_horizon():
     person = Footprint(0.5, 0.0, rim=0.2)
     assert not STANDING.may_touch(person)
     assert not STANDING._replace(speed=1.0).may_touch(person._replace(speed=2.9))  # 20 + 78 mm
@@ -82,7 +80,7 @@ def test_two_may_touch_that_can_reach_each_other_within_the_horizon() -> None:
     assert STANDING._replace(speed=1.0).may_touch(person._replace(speed=2.0), margin=1.5)
 
 
-def test_a_robots_footprint_holds_its_wheels_and_is_as_fast_as_its_corners(nexus: Robot) -> None:
+def test_a_robots_footprint_holds_its_wheels_and_is_as_fast_as_its_corners(nexus):
     footprint = Footprint.of_robot(nexus.footprint, Pose2D(1.0, 2.0, 0.5), 0.3, -2.0)
     assert footprint[:6] == pytest.approx((1.0, 2.0, 0.5, 0.2, 0.2, 0.0))
     # 0.2 m/s is what it may gain in 20 ms
@@ -90,7 +88,7 @@ def test_a_robots_footprint_holds_its_wheels_and_is_as_fast_as_its_corners(nexus
 
 
 @pytest.mark.parametrize("angle_deg", [10.0, 45.0, 80.0])
-def test_a_robots_footprint_holds_every_roller(robot: Robot, angle_deg: float) -> None:
+def test_a_robots_footprint_holds_every_roller(robot, angle_deg):
     robot = replace(robot, rollers=replace(robot.rollers, angle_deg=angle_deg))
     length, width = robot.footprint
     centres, radii = Roller.of(robot).spheres(41)
@@ -114,8 +112,8 @@ def test_a_robots_footprint_holds_every_roller(robot: Robot, angle_deg: float) -
     ],
 )
 def test_a_robot_is_isolated_that_is_upright_and_out_of_reach_of_everything(
-    nexus: Robot, tilt: float, person: float | None, *, isolated: bool
-) -> None:
+    nexus, tilt, person, *, isolated
+):
     rig = Rig(nexus, rollers="all")
     motion = rig.body.read()
     motion.position[0] = tilt
@@ -128,9 +126,7 @@ def test_a_robot_is_isolated_that_is_upright_and_out_of_reach_of_everything(
 
 
 @pytest.mark.parametrize("obstacle", [Cylinder, Box])
-def test_no_roller_that_touches_anything_is_left_out(
-    nexus: Robot, obstacle: type[Cylinder | Box]
-) -> None:
+def test_no_roller_that_touches_anything_is_left_out(nexus, obstacle):
     size = (0.1, 0.5) if obstacle is Cylinder else (0.2, 0.2, 0.5)
     rig = Rig(nexus, rollers="all", obstacles=(obstacle(size_m=size, position_m=(0.6, 0.0)),))
     bodies = rig.body.skeleton.getBodyNodes()

@@ -96,8 +96,8 @@ def difference(robot: Robot, seconds: float, steps: int, **settings: Any) -> Dif
     ],
 )
 def test_it_is_the_robot_with_every_roller_step_by_step_and_tick_by_tick(
-    nexus: Robot, settings: dict[str, float], seconds: float, steps: int
-) -> None:
+    nexus, settings, seconds, steps
+):
     found = difference(nexus, seconds, steps, **settings)
     # Asked are 2 mm, 0.2 degrees and 1 %. In a minute it comes to 1 um, step by step, and to
     # 0.5 um, tick by tick: what an airborne roller does to its wheel changes within a tick.
@@ -108,7 +108,7 @@ def test_it_is_the_robot_with_every_roller_step_by_step_and_tick_by_tick(
     assert found.spin < 0.01
 
 
-def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus: Robot) -> None:
+def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus):
     found = difference(nexus, 4.5, 10, drive="effort")
     # A controller of torques lets a contact come a step sooner or later, and so it does for a
     # wheel turned by 1e-8 rad: positions differ by some 0.01 mm each time. 2 mm are asked.
@@ -117,8 +117,8 @@ def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus
 
 
 def test_motors_with_torque_headroom_move_the_robot_as_motors_within_their_limit_do(
-    nexus: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    nexus, monkeypatch
+):
     rig = Rig(nexus)
     body, step = rig.body, rig.body.world.step
     torques = []
@@ -144,7 +144,7 @@ def test_motors_with_torque_headroom_move_the_robot_as_motors_within_their_limit
     assert max(torques) < 1.5 * nexus.wheels.max_torque_nm
 
 
-def test_it_bumps_against_a_box_and_comes_free_as_with_every_roller(nexus: Robot) -> None:
+def test_it_bumps_against_a_box_and_comes_free_as_with_every_roller(nexus):
     box = Box(size_m=(0.2, 0.3, 0.5), position_m=(1.4, 0.0))
     bumped, ends = [], []
     for rollers in ("all", "near"):
@@ -174,7 +174,7 @@ def energy(rig: Rig, robot: Robot) -> float:
     return total
 
 
-def test_a_hand_over_changes_neither_energy_nor_motion(robot: Robot) -> None:
+def test_a_hand_over_changes_neither_energy_nor_motion(robot):
     rig = mixed(robot)
     pitch = math.tau / robot.rollers.count
     position, velocity = rig.body.read()
@@ -193,14 +193,14 @@ def test_a_hand_over_changes_neither_energy_nor_motion(robot: Robot) -> None:
     assert energy(rig, robot) == pytest.approx(before, rel=1e-6)
 
 
-def test_it_has_the_energy_of_the_robot_with_every_roller(robot: Robot) -> None:
+def test_it_has_the_energy_of_the_robot_with_every_roller(robot):
     near, everything = mixed(robot), Rig(robot, rollers="all")
     everything.body.write(near.body.read())
     # The same masses with the same velocities. 1e-6: as above.
     assert energy(near, robot) == pytest.approx(energy(everything, robot), rel=1e-6)
 
 
-def test_the_motion_passes_to_every_roller_and_back(nexus: Robot) -> None:
+def test_the_motion_passes_to_every_roller_and_back(nexus):
     rig = mixed(nexus)
     position, velocity = rig.body.read()
     rig.place_person(Pose2D(*rig.state().position[:2]))
@@ -215,7 +215,7 @@ def test_the_motion_passes_to_every_roller_and_back(nexus: Robot) -> None:
     assert rig.body.read().velocity == pytest.approx(velocity, abs=1e-12)
 
 
-def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus: Robot) -> None:
+def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus):
     friction = 2e-5
     robot = replace(nexus, rollers=replace(nexus.rollers, bearing_friction_nms=friction))
     rig = Rig(robot)
@@ -232,7 +232,7 @@ def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus: 
     assert state.joint_position[4 + 4] == pytest.approx(turned, rel=0.02)
 
 
-def test_a_wheel_and_its_rollers_weigh_the_same_in_parts(robot: Robot) -> None:
+def test_a_wheel_and_its_rollers_weigh_the_same_in_parts(robot):
     tree = model.near_tree(robot)
     assert len(tree.links) == 4 + 4 * 2 + 2
     for parts in tree.lumped:
@@ -244,7 +244,7 @@ def test_a_wheel_and_its_rollers_weigh_the_same_in_parts(robot: Robot) -> None:
         assert (np.linalg.eigvalsh(inertia) > 0.0).all()
 
 
-def test_rollers_too_many_for_the_fastest_wheel_are_refused(nexus: Robot) -> None:
+def test_rollers_too_many_for_the_fastest_wheel_are_refused(nexus):
     robot = replace(nexus, rollers=replace(nexus.rollers, count=20))
     with pytest.raises(UnsupportedError, match="fewer than 20 rollers"):
         Rig(robot)

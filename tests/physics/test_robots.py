@@ -74,7 +74,7 @@ def speeds(states: list[list[RobotState]]) -> list[float]:
 
 
 @pytest.mark.parametrize("rollers", ["near", "all"])
-def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus: Robot, rollers: str) -> None:
+def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus, rollers):
     starts = [Pose2D(), Pose2D(0.0, 1.0, 1.0), Pose2D(5.0, -3.0, -2.0)]
     commands = [FORWARD, WheelCommand([6.0, -6.0, -6.0, 6.0]), WheelCommand([-3.0, 5.0, -4.0, 9.0])]
     together = drive(world_with(nexus, *starts, rollers=rollers), 150, *commands)
@@ -83,9 +83,7 @@ def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus: Robot, roll
         assert [states[number] for states in together] == [states[0] for states in by_itself]
 
 
-def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_itself(
-    nexus: Robot,
-) -> None:
+def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_itself(nexus):
     starts = [Pose2D(), Pose2D(0.0, 3.0)]
     obstacle = Cylinder(size_m=(0.1, 0.5), position_m=(0.6, 3.0))
     walk = Twist2D(x=0.4)
@@ -106,7 +104,7 @@ def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_
 
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi])
-def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus: Robot, yaw: float) -> None:
+def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus, yaw):
     world = world_with(nexus, Pose2D(), Pose2D(0.7, 0.0, yaw), ground_friction=0.0)
     throw(world, 0, 0.5)
     before = drive(world, 1, STAND, STAND)[-1]
@@ -118,7 +116,7 @@ def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus: Robot, y
     assert -0.01 <= fast - slow < 0.2 * 0.5
 
 
-def test_a_robot_pushes_one_whose_motors_are_weaker(nexus: Robot) -> None:
+def test_a_robot_pushes_one_whose_motors_are_weaker(nexus):
     states = drive(world_with(nexus, Pose2D(), Pose2D(0.6)), 300, FORWARD, BRAKE)
     # as fast as without a load, which its servos hold, but for slip
     assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)
@@ -126,13 +124,13 @@ def test_a_robot_pushes_one_whose_motors_are_weaker(nexus: Robot) -> None:
     assert CLOSEST <= pushed.position[0] - pusher.position[0] <= TOUCHING
 
 
-def test_a_robot_that_is_hit_rolls_on_without_its_motors(nexus: Robot) -> None:
+def test_a_robot_that_is_hit_rolls_on_without_its_motors(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.6))
     _, hit = drive(world, 300, FORWARD, ROLL)[-1]
     assert hit.linear[0] > 0.25
 
 
-def test_robots_driven_against_each_other_hold_each_other_up(nexus: Robot) -> None:
+def test_robots_driven_against_each_other_hold_each_other_up(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(1.2, 0.0, math.pi))
     one, other = drive(world, 250, FORWARD, FORWARD)[-1]
     # without the other each would have come 0.67 m far
@@ -141,7 +139,7 @@ def test_robots_driven_against_each_other_hold_each_other_up(nexus: Robot) -> No
     assert CLOSEST <= math.dist(one.position[:2], other.position[:2]) <= TOUCHING
 
 
-def test_robots_that_have_touched_and_separated_are_isolated_again(nexus: Robot) -> None:
+def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.9))
     first, second = world.robots
 
@@ -159,7 +157,7 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus: Robot)
     assert first.state().linear[0] == pytest.approx(-0.3, rel=0.01)
 
 
-def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus: Robot) -> None:
+def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.5), Pose2D(1.0))
     states = drive(world, 300, FORWARD, BRAKE, BRAKE)
     assert speeds(states) == pytest.approx([0.3] * 3, rel=JUDDER)
@@ -167,7 +165,7 @@ def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus: Robot) -> Non
     assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []
 
 
-def test_a_robot_is_pushed_by_the_person_of_another(nexus: Robot) -> None:
+def test_a_robot_is_pushed_by_the_person_of_another(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
     for tick in range(300):
         world.place_person(1, Pose2D(-1.0 + 0.004 * tick), Twist2D(x=0.4))
@@ -177,7 +175,7 @@ def test_a_robot_is_pushed_by_the_person_of_another(nexus: Robot) -> None:
     assert world.robots[1].state().position[:2] == pytest.approx((0.0, 3.0), abs=1e-3)
 
 
-def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus: Robot) -> None:
+def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus):
     rig = Rig(nexus)
     for x in (0.6, 5.0):  # close, and away
         rig.place_person(Pose2D(x=x))
@@ -189,7 +187,7 @@ def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus: Robot) -> N
     assert rig.state().position[0] == pytest.approx(-0.2, abs=0.02)
 
 
-def test_people_walk_through_each_other(nexus: Robot) -> None:
+def test_people_walk_through_each_other(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
     for _ in range(2):
         world.place_person(0, Pose2D(0.45), Twist2D())
@@ -198,7 +196,7 @@ def test_people_walk_through_each_other(nexus: Robot) -> None:
     assert math.dist(world.robots[0].state().position, (0.0, 0.0, 0.0)) < 1e-3
 
 
-def test_the_same_collision_again_gives_the_same_to_the_bit(nexus: Robot) -> None:
+def test_the_same_collision_again_gives_the_same_to_the_bit(nexus):
     def collide() -> list[list[RobotState]]:
         world = world_with(nexus, Pose2D(), Pose2D(1.0, 0.05, 3.0), Pose2D(1.0, 1.0, -1.5))
         return drive(world, 250, FORWARD, FORWARD, FORWARD)
@@ -206,13 +204,13 @@ def test_the_same_collision_again_gives_the_same_to_the_bit(nexus: Robot) -> Non
     assert collide() == collide()
 
 
-def test_robots_of_different_rollers_can_not_share_a_ground(nexus: Robot) -> None:
+def test_robots_of_different_rollers_can_not_share_a_ground(nexus):
     slippery = replace(nexus, rollers=replace(nexus.rollers, contact_friction=0.5))
     with pytest.raises(UnsupportedError, match=r"same rollers\.contact_friction"):
         world_of([(nexus, Pose2D()), (slippery, Pose2D(2.0))])
 
 
-def test_robots_of_two_sizes_push_each_other(nexus: Robot) -> None:
+def test_robots_of_two_sizes_push_each_other(nexus):
     world = world_of([(nexus, Pose2D()), (load_robot("artbul"), Pose2D(0.8))])
     states = drive(world, 350, FORWARD, BRAKE)
     assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)

@@ -34,9 +34,7 @@ def surface(roller: Roller) -> Array:
     return along[:, None, :] + r[:, None, None] * around
 
 
-def test_each_circle_of_the_barrel_reaches_the_wheels_radius_and_no_farther(
-    roller: Roller,
-) -> None:
+def test_each_circle_of_the_barrel_reaches_the_wheels_radius_and_no_farther(roller):
     points = surface(roller)
     reach = np.hypot(points[..., 0], points[..., 2]).max(axis=1)
     assert reach.max() <= roller.wheel_radius + 1e-12  # rounding
@@ -44,7 +42,7 @@ def test_each_circle_of_the_barrel_reaches_the_wheels_radius_and_no_farther(
     np.testing.assert_allclose(reach, roller.wheel_radius, atol=1e-8)
 
 
-def test_the_arcs_of_all_rollers_cover_the_circle_without_gap(roller: Roller) -> None:
+def test_the_arcs_of_all_rollers_cover_the_circle_without_gap(roller):
     points = surface(roller)
     farthest = np.hypot(points[..., 0], points[..., 2]).argmax(axis=1)
     touching = points[np.arange(len(points)), farthest]
@@ -55,7 +53,7 @@ def test_the_arcs_of_all_rollers_cover_the_circle_without_gap(roller: Roller) ->
     assert np.ptp(angles) == pytest.approx(2.0 * np.pi / roller.count, abs=step)
 
 
-def test_neighbouring_rollers_do_not_touch(roller: Roller) -> None:
+def test_neighbouring_rollers_do_not_touch(roller):
     heights, radii = roller.spheres(301)
     here = np.array([0.0, 0.0, -roller.axis_distance]) + heights[:, None] * axis(roller)
     c, s = np.cos(2.0 * np.pi / roller.count), np.sin(2.0 * np.pi / roller.count)
@@ -65,9 +63,7 @@ def test_neighbouring_rollers_do_not_touch(roller: Roller) -> None:
 
 
 @pytest.mark.parametrize(("number", "sag"), [(9, 5e-5), (41, 2e-6)])
-def test_the_hull_of_the_spheres_is_round_to_its_chords_sag(
-    roller: Roller, number: int, sag: float
-) -> None:
+def test_the_hull_of_the_spheres_is_round_to_its_chords_sag(roller, number, sag):
     heights, radii = roller.spheres(number)
     centres = np.array([0.0, 0.0, -roller.axis_distance]) + heights[:, None] * axis(roller)
     turn = np.linspace(-roller.half_arc, roller.half_arc, 4001)
@@ -78,7 +74,7 @@ def test_the_hull_of_the_spheres_is_round_to_its_chords_sag(
     assert reach.min() > roller.wheel_radius - sag
 
 
-def test_the_middle_and_the_ends_have_the_radii_of_the_formula_by_hand() -> None:
+def test_the_middle_and_the_ends_have_the_radii_of_the_formula_by_hand():
     roller = Roller(wheel_radius=0.05, max_radius=0.0095, angle=np.pi / 4, count=9, mass=0.02)
     s, r = roller.profile([0.0, np.pi / 9])
     # φ = 20°: s = (0.05·sin φ + 0.0405·tan φ)/√2, r = (0.05·cos φ - 0.0405)·√(1 + tan²φ/2)
@@ -86,7 +82,7 @@ def test_the_middle_and_the_ends_have_the_radii_of_the_formula_by_hand() -> None
     np.testing.assert_allclose(r, [0.0095, 0.00669595], atol=5e-9)
 
 
-def test_a_mesh_is_closed_fine_and_points_outward(roller: Roller) -> None:
+def test_a_mesh_is_closed_fine_and_points_outward(roller):
     vertices, triangles = roller.mesh()
     assert len(triangles) > 5000
     edges = Counter((int(row[i]), int(row[(i + 1) % 3])) for row in triangles for i in range(3))
@@ -99,7 +95,7 @@ def test_a_mesh_is_closed_fine_and_points_outward(roller: Roller) -> None:
     assert volume == pytest.approx(np.trapezoid(np.pi * r**2, s), rel=2e-3)
 
 
-def test_inertia_is_that_of_the_mesh(roller: Roller) -> None:
+def test_inertia_is_that_of_the_mesh(roller):
     vertices, triangles = roller.mesh(rings=201, segments=256)
     corners = vertices[triangles]
     volumes = np.linalg.det(corners) / 6.0
@@ -114,7 +110,7 @@ def test_inertia_is_that_of_the_mesh(roller: Roller) -> None:
     np.testing.assert_allclose(moments, [across, across, along], rtol=3e-4)
 
 
-def test_binary_stl_holds_every_triangle_with_its_normal(roller: Roller) -> None:
+def test_binary_stl_holds_every_triangle_with_its_normal(roller):
     vertices, triangles = roller.mesh(rings=9, segments=12)
     data = binary_stl(vertices, triangles)
     assert struct.unpack_from("<I", data, 80) == (len(triangles),)
@@ -126,16 +122,14 @@ def test_binary_stl_holds_every_triangle_with_its_normal(roller: Roller) -> None
 
 
 @pytest.mark.parametrize(("count", "expected"), [(9, 0.978), (12, 0.988)])
-def test_lateral_gain_is_the_mean_over_the_rollers_arc(
-    nexus: Robot, count: int, expected: float
-) -> None:
+def test_lateral_gain_is_the_mean_over_the_rollers_arc(nexus, count, expected):
     rollers = msgspec.structs.replace(nexus.rollers, count=count)
     robot = msgspec.structs.replace(nexus, rollers=rollers)
     # The expected figures average over rollers whose arcs overlap by 4 %; ours just meet.
     assert lateral_gain(robot) == pytest.approx(expected, abs=0.002)
 
 
-def test_gains_follow_from_no_slip_at_sampled_wheel_angles(robot: Robot) -> None:
+def test_gains_follow_from_no_slip_at_sampled_wheel_angles(robot):
     roller = Roller.of(robot)
     theta = (np.arange(2000) + 0.5) / 1000 * roller.half_arc - roller.half_arc
     axes = np.stack([np.sin(roller.angle) * np.cos(theta), np.full(2000, np.cos(roller.angle))])

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import dartpy as dart
@@ -16,33 +15,33 @@ def tree(robot: Robot) -> ET.Element:
     return ET.fromstring(build_urdf(robot))  # noqa: S314 - our own text
 
 
-def test_moving_joints_are_those_of_the_world_in_its_order(tree: ET.Element, robot: Robot) -> None:
+def test_moving_joints_are_those_of_the_world_in_its_order(tree, robot):
     moving = [joint.get("name") for joint in tree.iter("joint") if joint.get("type") != "fixed"]
     assert tuple(moving) == Rig(robot).joint_names
     fixed = [joint.get("name") for joint in tree.iter("joint") if joint.get("type") == "fixed"]
     assert fixed == ["camera_joint", "lidar_joint"]
 
 
-def test_every_link_but_the_root_hangs_on_one_joint(tree: ET.Element) -> None:
+def test_every_link_but_the_root_hangs_on_one_joint(tree):
     links = [link.get("name") for link in tree.findall("link")]
     children = [child.get("link") for child in tree.findall("joint/child")]
     assert sorted(children) == sorted(set(links) - {"base_link"})
     assert len(set(links)) == len(links)
 
 
-def test_masses_sum_up_to_the_robot_files(tree: ET.Element, robot: Robot) -> None:
+def test_masses_sum_up_to_the_robot_files(tree, robot):
     total = sum(float(mass.get("value", "nan")) for mass in tree.iter("mass"))
     wheel = robot.wheels.hub_mass_kg + robot.rollers.count * robot.rollers.mass_kg
     expected = robot.base.mass_kg + 4 * wheel + robot.camera.mass_kg + robot.lidar.mass_kg
     assert total == pytest.approx(expected, rel=1e-12)
 
 
-def test_one_mesh_serves_all_rollers(tree: ET.Element, robot: Robot) -> None:
+def test_one_mesh_serves_all_rollers(tree, robot):
     used = {mesh.get("filename") for mesh in tree.iter("mesh")}
     assert used == set(meshes(robot)) == {"meshes/roller.stl"}
 
 
-def test_an_independent_reader_finds_the_bodies_of_the_world(robot: Robot, tmp_path: Path) -> None:
+def test_an_independent_reader_finds_the_bodies_of_the_world(robot, tmp_path):
     (tmp_path / "meshes").mkdir()
     for name, data in meshes(robot).items():
         (tmp_path / name).write_bytes(data)

@@ -8,6 +8,7 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
+from harness import error_of
 from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
@@ -25,13 +26,6 @@ def folder(tmp_path_factory):
 
 def load(folder, name):
     return x509.load_pem_x509_certificate((folder / f"{name}.crt").read_bytes())
-
-
-def error_of(run):
-    with pytest.raises(MecazenError) as caught:
-        run()
-    assert len(str(caught.value).splitlines()) == 1
-    return str(caught.value)
 
 
 def test_every_part_has_a_certificate():
@@ -70,27 +64,31 @@ def test_private_keys_are_for_their_owner_alone(folder):
 
 def test_what_is_there_is_not_overwritten(folder):
     before = {file: file.read_bytes() for file in folder.iterdir()}
-    assert error_of(lambda: certificates.create(folder)).startswith(f"{folder}: is there already")
+    assert error_of(MecazenError, lambda: certificates.create(folder)).startswith(
+        f"{folder}: is there already"
+    )
     assert {file: file.read_bytes() for file in folder.iterdir()} == before
 
 
 @pytest.mark.parametrize("host", ["", "a b", "-/", "256.1.1.1", "a..b", "*", "ä.de"])
 def test_when_a_host_is_none_expect_one_line_and_no_folder(tmp_path, host):
-    text = error_of(lambda: certificates.create(tmp_path / "keys", [host]))
+    text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys", [host]))
     assert text.startswith(f"--host {host}: ")
     assert not (tmp_path / "keys").exists()
 
 
 def test_when_the_folder_cant_be_made_expect_one_line(tmp_path):
     (tmp_path / "file").write_text("")
-    assert "can't be made" in error_of(lambda: certificates.create(tmp_path / "file" / "keys"))
+    assert "can't be made" in error_of(
+        MecazenError, lambda: certificates.create(tmp_path / "file" / "keys")
+    )
 
 
 def test_when_the_library_is_missing_expect_one_line_that_says_what_to_install(
     tmp_path, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, "cryptography", None)
-    text = error_of(lambda: certificates.create(tmp_path / "keys"))
+    text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys"))
     assert text == "keys need the library cryptography: pip install 'mecazen-tools[keys]'"
 
 

@@ -1,7 +1,5 @@
 """What repeats the graph does so truly: documents, access rules, compose file, folders."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -20,7 +18,7 @@ OURS = sorted(set(SERVICES) - {COLLECTOR})
 @pytest.mark.parametrize(
     ("path", "text"), [pytest.param(*made, id=made[0].name) for made in files(ROOT)]
 )
-def test_a_file_that_is_made_from_the_graph_is_up_to_date(path: Path, text: str):
+def test_a_file_that_is_made_from_the_graph_is_up_to_date(path, text):
     assert path.read_text() == text, "`make graph` writes it anew"
 
 

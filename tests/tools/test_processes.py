@@ -137,21 +137,22 @@ def test_a_line_of_a_process_comes_with_its_name(supervisor):
     assert line == Line("toy", "t=0.000 level=warning service=toy msg=hello")
 
 
-def test_when_nothing_is_said_expect_none(supervisor):
+def test_when_nothing_is_started_expect_nothing_to_be_said_or_ended(supervisor):
     assert supervisor.poll(0.0) is None
     assert supervisor.poll(0.001) is None
-
-
-FAILURES = [
-    ("fails", "fails: the wheel came off"),
-    ("crashes", "crashes: ZeroDivisionError: twice"),
-    ("quits", "quits: ended with code 7"),
-    ("nobody", "nobody: nobody: no such node; installed: "),
-]
+    assert supervisor.stop() == []
 
 
 @pytest.mark.parametrize("restart", [False, True])
-@pytest.mark.parametrize(("name", "error"), FAILURES)
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        ("fails", "fails: the wheel came off"),
+        ("crashes", "crashes: ZeroDivisionError: twice"),
+        ("quits", "quits: ended with code 7"),
+        ("nobody", "nobody: nobody: no such node; installed: "),
+    ],
+)
 def test_when_a_process_fails_before_it_ever_worked_expect_its_own_words(
     make_supervisor, name, error, restart
 ):
@@ -251,10 +252,6 @@ def is_running(pid):
     except ProcessLookupError:
         return False
     return True
-
-
-def test_stop_of_nothing_is_nothing(supervisor):
-    assert supervisor.stop() == []
 
 
 def test_start_router_waits_until_it_listens(write_scenario, free_port):

@@ -68,7 +68,7 @@ def test_those_that_there_should_be_come_first_then_whoever_else_is_there():
     status = status_of(None, PARTS, {"test", "physics", "physics/ready"}, {"record": {}})
     assert list(status.services) == ["physics", "controller", "follower", "record", "test"]
     assert [service.state for service in status.services.values()] == [
-        *("ready", "gone", "gone", "gone", "alive"),
+        *("ready", "gone", "gone", "gone", "alive")
     ]
 
 
