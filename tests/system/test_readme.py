@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
+from harness import ROOT, SCENARIOS
 from mecazen import keys
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 
@@ -31,5 +29,5 @@ def test_its_links_lead_somewhere() -> None:
 
 
 def test_every_scenario_is_named() -> None:
-    names = [path.stem for path in (ROOT / "configs" / "scenarios").glob("*.toml")]
+    names = [path.stem for path in SCENARIOS.glob("*.toml")]
     assert all(f"`{name}`" in README for name in names)
