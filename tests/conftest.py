@@ -7,6 +7,7 @@ import signal
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -67,3 +68,16 @@ def router() -> Iterator[str]:
             yield endpoint
         return
     pytest.fail("no free port")
+
+
+@pytest.fixture
+def attach() -> Iterator[Any]:
+    """A native viewer without a window: Rerun's `ViewerClient`."""
+    from mecazen_viewer.headless import headless_viewer
+    from mecazen_viewer.rerun_process import RerunError
+
+    try:
+        with headless_viewer() as viewer:
+            yield viewer
+    except RerunError as error:
+        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")

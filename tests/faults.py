@@ -7,7 +7,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -15,17 +14,14 @@ from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
+from harness import COMMAND_GUARD_S, Newest, command, options, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, scenario_path
-from mecazen.messages import FollowerState, Odometry
+from mecazen.messages import Odometry
 from mecazen.wire import Stamp
 from mecazen_tools.processes import private_router
-
-ROOT = Path(__file__).parents[1]
-GUARD_S = 60.0
-"""Far beyond what anything here takes: only a hang gets there."""
 
 SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")
@@ -53,17 +49,15 @@ class Watch:
     def __init__(self, bus: ZenohBus) -> None:
         self.bus = bus
         self.stamp: Stamp | None = None
-        self.robot = self.person = Pose2D()
+        self.robot = Pose2D()
         self.twist = Twist2D()
         """Of the robot, in base_link."""
-        self.tracking = ""
+        self.person = Newest(bus, keys.TARGET_ODOM)
+        self.state = Newest(bus, keys.FOLLOWER_STATE)
         self.fastest_m_s = self.hardest_m_s2 = 0.0
-        self._tracked_run: int | None = None
         self._recent: deque[tuple[Stamp, Twist2D]] = deque()
         self.following_since: Stamp | None = None
         bus.subscribe(keys.GROUND_TRUTH, self._on_robot, every=True)
-        bus.subscribe(keys.TARGET_ODOM, self._on_person)
-        bus.subscribe(keys.FOLLOWER_STATE, self._on_state)
 
     def begin_anew(self) -> None:
         """Forget the worst, and count as following only what comes now."""
@@ -71,7 +65,8 @@ class Watch:
         self.following_since = None
 
     def __repr__(self) -> str:
-        return f"{self.stamp}: {self.robot} {self.twist}, {self.person}, {self.tracking}"
+        follower = self.state.message
+        return f"{self.stamp}: {self.robot} {self.twist}, {self.person.message}, {follower}"
 
     @property
     def follows(self) -> bool:
@@ -105,19 +100,19 @@ class Watch:
         if passed_s > WINDOW_S / 2:
             change = max(abs(self.twist.x - before.x), abs(self.twist.y - before.y))
             self.hardest_m_s2 = max(self.hardest_m_s2, change / passed_s)
-        near = abs(self.robot.distance(self.person) - STANDOFF_M) < NEAR_M
-        if not (self._tracked_run == stamp.run and self.tracking == "following" and near):
+        if not self._is_near(stamp):
             self.following_since = None
         elif self.following_since is None:
             self.following_since = stamp
 
-    def _on_person(self, odom: Odometry, stamp: Stamp | None) -> None:
-        del stamp
-        self.person = odom.pose.pose.to_planar()
-
-    def _on_state(self, state: FollowerState, stamp: Stamp | None) -> None:
-        assert stamp is not None
-        self.tracking, self._tracked_run = state.tracking, stamp.run
+    def _is_near(self, stamp: Stamp) -> bool:
+        """Whether in this run it says that it follows, and is where it is to be."""
+        state = self.state
+        return (
+            None not in (state.stamp, self.person.message)
+            and (state.stamp.run, state.message.tracking) == (stamp.run, "following")
+            and abs(self.robot.distance(self.person.pose) - STANDOFF_M) < NEAR_M
+        )
 
 
 def seconds(begin: Stamp, end: Stamp) -> float:
@@ -131,12 +126,9 @@ class Up:
     def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
         self.settings = (*settings, *private_router())
         self.scenario = load_scenario(scenario_path(scenario), self.settings)
-        options = [*(["--restart"] if restart else []), "--no-viewer"]
-        flags = [f"--set={setting}" for setting in self.settings]
+        how = [*(["--restart"] if restart else []), "--no-viewer", *options(self.settings)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "mecazen_tools", "up", scenario, *options, *flags],
-            stdout=subprocess.DEVNULL,
-            cwd=ROOT,
+            **command(["up", scenario, *how]), stdout=subprocess.DEVNULL
         )
         self.bus = ZenohBus(self.scenario.bus, lossless=True)
         self.bus.declare_alive("test")
@@ -156,11 +148,12 @@ class Up:
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Deliver samples until a condition holds."""
-        end = time.monotonic() + GUARD_S
-        while not condition():
-            assert time.monotonic() < end, "what was waited for did not come"
+
+        def going() -> bool:
             assert self.process.poll() is None, "`up` has ended"
-            self.bus.spin_once(0.05)
+            return condition()
+
+        wait(self.bus, going)
 
     def wait_until_it_follows(self) -> None:
         """Deliver samples until all are ready, and the robot follows."""
@@ -174,7 +167,7 @@ class Up:
         """End everything."""
         self.bus.close()
         self.process.send_signal(signal.SIGINT)
-        self.process.wait(GUARD_S)
+        self.process.wait(COMMAND_GUARD_S)
 
     def __enter__(self) -> Up:
         return self

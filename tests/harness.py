@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import struct
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -21,6 +23,7 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError, MecazenError
+from mecazen.geometry import Pose2D
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
@@ -31,27 +34,79 @@ from mecazen.wire import ENCODINGS, Stamp, decode, encode
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "configs" / "robots"
+SCENARIOS = ROOT / "configs" / "scenarios"
 COMMAND_GUARD_S = 60.0
 """Far beyond what any command takes: only a hang gets there."""
+
+
+def command(arguments: Sequence[object], **variables: str) -> dict[str, Any]:
+    """What `subprocess` is told of a command, with some variables in its environment."""
+    return {
+        "args": [sys.executable, "-m", "mecazen_tools", *map(str, arguments)],
+        "text": True,
+        "cwd": ROOT,
+        "env": {**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
+    }
 
 
 def mecazen(
     *arguments: object, before: Callable[[], None] | None = None, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end, with some variables in its environment.
-
-    `before` is called in its process, before it begins.
-    """
+    """Run a command to its end; `before` is called in its process, before it begins."""
     return subprocess.run(
-        [sys.executable, "-m", "mecazen_tools", *map(str, arguments)],
+        **command(arguments, **variables),
         capture_output=True,
-        text=True,
         timeout=COMMAND_GUARD_S,
-        cwd=ROOT,
         check=False,
         preexec_fn=before,
-        env={**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
     )
+
+
+class Command:
+    """A command that goes on, in a process of its own."""
+
+    def __init__(self, *arguments: object) -> None:
+        self.process: subprocess.Popen[str] = subprocess.Popen(
+            **command(arguments, PYTHONUNBUFFERED="1"),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        self.text = ""
+        """What it has printed so far."""
+
+    def read_until(self, words: str) -> str:
+        """Read what it prints until some words come; return the line with them."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.text += line
+            if words in line:
+                return line
+        raise AssertionError(f"ended without {words!r}: {self.text}")
+
+    def await_start(self) -> None:
+        """Wait until it says that it has started."""
+        assert self.process.stderr is not None
+        assert "msg=started" in self.process.stderr.readline()
+
+    def end(self, number: int | None = signal.SIGINT) -> tuple[int, str, str]:
+        """Send a signal, Ctrl-C's by default; return the exit code, what it printed and errors."""
+        if number is not None:
+            self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=COMMAND_GUARD_S)
+        return self.process.returncode, self.text + out, err
+
+
+def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
+    """A command failed, and said why in one line with some words in it."""
+    assert done.returncode == code, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    for word in words:
+        assert word in done.stderr
+
+
+def options(settings: Sequence[str]) -> list[str]:
+    """Return the options that lay settings over a scenario."""
+    return [f"--set={setting}" for setting in settings]
 
 
 def endpoint_of(settings: Sequence[str]) -> str:
@@ -82,6 +137,32 @@ class Sample(NamedTuple):
     key: str
     message: Any
     stamp: Stamp | None
+
+
+class Newest:
+    """The newest sample of a topic: `message` and `stamp`, None before the first."""
+
+    def __init__(self, bus: Any, topic: Topic[Any]) -> None:
+        self.message: Any = None
+        self.stamp: Any = None
+        bus.subscribe(topic, self._take)
+
+    def _take(self, message: Any, stamp: Stamp | None) -> None:
+        self.message, self.stamp = message, stamp
+
+    @property
+    def pose(self) -> Pose2D:
+        """Of odometry."""
+        pose: Pose2D = self.message.pose.pose.to_planar()
+        return pose
+
+
+def wait(bus: Any, condition: Callable[[], bool]) -> None:
+    """Deliver samples until a condition holds."""
+    end = time.monotonic() + COMMAND_GUARD_S
+    while not condition():
+        assert time.monotonic() < end, "what was waited for did not come"
+        bus.spin_once(0.05)
 
 
 class Listener:

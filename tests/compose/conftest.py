@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 import threading
 import time
@@ -12,10 +11,12 @@ from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
+from harness import Newest
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError, MecazenError
+from mecazen.geometry import Pose2D
 from mecazen_bench.compose import Compose, command, docker
 
 GUARD_S = 120.0
@@ -32,31 +33,19 @@ class Follower:
     """Whom the follower sees, and where the robot and the person are."""
 
     def __init__(self, bus: ZenohBus) -> None:
-        self.state: Any
-        self.robot: Any
-        self.person: Any
-        self.state = self.robot = self.person = None
-        bus.subscribe(keys.FOLLOWER_STATE, self._on_state)
-        bus.subscribe(keys.ODOM, self._on_robot)
-        bus.subscribe(keys.TARGET_ODOM, self._on_person)
-
-    def _on_state(self, state, stamp) -> None:
-        self.state = state
-
-    def _on_robot(self, odom, stamp) -> None:
-        self.robot = odom.pose.pose.position
-
-    def _on_person(self, odom, stamp) -> None:
-        self.person = odom.pose.pose.position
+        topics = keys.FOLLOWER_STATE, keys.ODOM, keys.TARGET_ODOM
+        self.state, self.robot, self.person = (Newest(bus, topic) for topic in topics)
 
     def follows(self, distance_m: float) -> bool:
         """Return whether the robot follows, is so far from its start, and near the person."""
-        if self.state is None or self.robot is None or self.person is None:
+        if None in (self.state.message, self.robot.message, self.person.message):
             return False
-        moved = math.hypot(self.robot.x - -1.0, self.robot.y)  # from the start of `back`
-        apart = math.hypot(self.robot.x - self.person.x, self.robot.y - self.person.y)
+        moved = self.robot.pose.distance(Pose2D(-1.0))  # from the start of `back`
+        apart = self.robot.pose.distance(self.person.pose)
         # it is to keep 1.2 m; one that stands still soon falls behind
-        return self.state.tracking == "following" and moved > distance_m and 0.8 < apart < 1.6
+        return (
+            self.state.message.tracking == "following" and moved > distance_m and 0.8 < apart < 1.6
+        )
 
 
 class Stack(Compose):

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import msgspec
+from harness import ROOT, SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario
 from mecazen_bench import containers
@@ -16,7 +17,6 @@ from mecazen_bench.compose import docker
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 
-ROOT = Path(__file__).parents[2]
 IMAGE_BYTES = 450e6
 """Above the base, of every image but the viewer's: the limit that the project has set itself."""
 LOCKSTEP_S = 6.0
@@ -59,7 +59,7 @@ def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks)
     stack = stacks("lockstep", MECAZEN_SCENARIO="side", MECAZEN_SET=" ".join(settings))
     stack.run("up", "--abort-on-container-exit", "--exit-code-from", "score")
     result = json.loads(docker("logs", stack.containers()["score"]["Id"]))
-    scenario = load_scenario(ROOT / "configs" / "scenarios" / "side.toml", settings)
+    scenario = load_scenario(SCENARIOS / "side.toml", settings)
     expected = msgspec.to_builtins(simulate(scenario, "side")[0])
     for fields in (result, expected):
         del fields["wall_s"], fields["rtf"]

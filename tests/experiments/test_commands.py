@@ -17,19 +17,23 @@ from distributed import LocalCluster
 STANDING = """
 import os, signal
 from pathlib import Path
-from mecazen.follower import Follower
-from mecazen.geometry import Twist2D
+from mecazen.graph import Row, every
+from mecazen.keys import CMD_VEL, ODOM
+from mecazen.messages import Twist
+from mecazen.node import Node
 
 HERE = Path(__file__).parent
 
-class Standing(Follower):
+class Standing(Node):
+    ROW = Row("follower", inputs=(every(ODOM),), outputs=(CMD_VEL,))
+
     def reset(self, seed):
         self.seed = seed
 
-    def follow(self, odom, frame, stamp):
-        if self.seed == 3 and stamp.time_ns == 1_000_000_000:
+    def step(self, tick, inputs):
+        if self.seed == 3 and tick.time_ns == 1_000_000_000:
             self.half_way()
-        return Twist2D()
+        return {CMD_VEL: Twist()}
 
     def half_way(self):
         pass
@@ -122,8 +126,22 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(
     assert held.runs("out.json") == undisturbed
 
 
-def test_a_worker_that_is_killed_loses_nothing(held: Any, undisturbed: Any) -> None:
-    process = held.popen("run", "short_experiment.toml", "--jobs", 2, "--json", "out.json")
+@pytest.fixture(params=["processes", "Dask"])
+def workers(request: pytest.FixtureRequest) -> Iterator[tuple[object, ...]]:
+    """The options for two workers: processes, or Dask's on loopback; one that dies is replaced."""
+    if request.param == "processes":
+        yield "--jobs", 2
+        return
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        yield "--scheduler", cluster.scheduler_address
+
+
+def test_a_worker_that_is_killed_loses_nothing(
+    held: Any, undisturbed: Any, workers: tuple[object, ...]
+) -> None:
+    process = held.popen("run", "short_experiment.toml", *workers, "--json", "out.json")
     os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
     _, errors = held.finish(process)
     assert errors == ""
@@ -135,24 +153,3 @@ def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_kept(fold
     _, errors = folder.mecazen("run", "short_experiment.toml", "--jobs", 2, code=1)
     assert errors == "error: short, seed 3: its worker died, each time it was tried"
     assert stored(folder.path / "experiments.sqlite").keys() == {1, 2, 4}
-
-
-@pytest.fixture
-def cluster() -> Iterator[LocalCluster]:
-    """Two workers of Dask on loopback; one that dies is started again."""
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-    ) as cluster:
-        yield cluster
-
-
-def test_a_dask_worker_that_is_killed_loses_nothing(
-    held: Any, undisturbed: Any, cluster: LocalCluster
-) -> None:
-    address = cluster.scheduler_address
-    command = ("run", "short_experiment.toml", "--scheduler", address, "--json", "out.json")
-    process = held.popen(*command)
-    os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
-    _, errors = held.finish(process)
-    assert errors == ""
-    assert held.runs("out.json") == undisturbed

@@ -9,12 +9,9 @@ def normal(seed, n=30, mean=2.0, deviation=1.0):
     return np.random.default_rng(seed).normal(mean, deviation, n).tolist()
 
 
-def test_a_single_value_has_no_width():
-    assert mean_interval([0.3]) == Interval(mean=0.3, low=0.3, high=0.3, n=1)
-
-
-def test_equal_values_have_no_width():
-    assert mean_interval([0.1] * 30) == Interval(mean=0.1, low=0.1, high=0.1, n=30)
+@pytest.mark.parametrize("n", [1, 30])
+def test_equal_values_have_no_width(n):
+    assert mean_interval([0.1] * n) == Interval(mean=0.1, low=0.1, high=0.1, n=n)
 
 
 def test_no_value_is_an_error():

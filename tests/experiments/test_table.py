@@ -47,10 +47,6 @@ def test_columns_hold_the_rows():
     assert table["robot_y_m"].tolist() == [0.0, 1.0, 2.0]
     assert table["cmd_yaw_rate_rad_s"].tolist() == [0.0, 1.0, 2.0]
     assert table.tracking.tolist() == ["waiting", "following", "waiting"]
-
-
-def test_every_column_of_a_trajectory_is_there_as_float64():
-    table = Table.of(trajectory())
     assert {table[name].dtype for name in COLUMNS if name != "tracking"} == {np.dtype(np.float64)}
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from follower.walks import make
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.estimators import ESTIMATORS, make_params
 from mecazen_follower.estimators.adaptive import MAX_FACTOR, MIN_FACTOR, NoiseScale
 from mecazen_follower.estimators.turn_rate import SEEN, move
 
@@ -56,9 +56,7 @@ def test_one_frame_is_forgotten_exponentially():
 
 
 def test_with_a_memory_of_0_the_noise_is_as_reported_as_with_one_that_never_learns():
-    estimators = [
-        ESTIMATORS["imm"](make_params("imm", {"noise_memory_s": memory})) for memory in (0.0, 1e9)
-    ]
+    estimators = [make("imm", noise_memory_s=memory) for memory in (0.0, 1e9)]
     for tick in range(50):
         for estimator in estimators:
             estimator.predict(DT)
@@ -97,7 +95,7 @@ IMM = {
 def error_and_nees(memory):
     """Return mean position error [m] and NEES with a sensor 3 times worse than reported."""
     rng = np.random.default_rng(5)
-    estimator = ESTIMATORS["imm"](make_params("imm", {**IMM, "noise_memory_s": memory}))
+    estimator = make("imm", **IMM, noise_memory_s=memory)
     state = np.array([0.0, 0.0, 0.0, 0.8, 0.0])
     errors, nees = [], []
     for frame in range(1500):  # a minute, in turns of 10 s straight and 10 s of a circle

@@ -50,11 +50,6 @@ def test_effective_control_names_its_kind_and_loads_to_the_same(kind):
     assert msgspec.convert(table, FollowerConfig) == config
 
 
-def test_explicit_angles_take_the_views_place():
-    config = load(view="back", bearing_deg=135, heading_deg=-45.0, standoff_m=2)
-    assert config.standoff == pytest.approx((2.0, math.radians(135.0), math.radians(-45.0)))
-
-
 def test_effective_configuration_has_every_parameter_and_loads_to_the_same():
     config = load(estimator="kf_displacement", estimator_params={"smoothing_s": 2})
     assert config.estimator_params["smoothing_s"] == 2.0

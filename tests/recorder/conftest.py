@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import secrets
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import mecazen
+from harness import Command, mecazen, wait
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import stamp_of, tick, topic_named
-
-GUARD_S = 30.0
-"""Only ends a test that would hang."""
 
 
 @pytest.fixture
@@ -48,27 +41,14 @@ class Net:
         self.tools = ("--connect", endpoint, "--namespace", f"test{secrets.token_hex(6)}")
         config = BusConfig(connect=(endpoint,), namespace=self.tools[3])
         self.bus = ZenohBus(config, lossless=True)
-        self.processes: list[subprocess.Popen[str]] = []
+        self.commands: list[Command] = []
 
-    def start(self, *arguments: object) -> subprocess.Popen[str]:
-        """Start a command that goes on, and wait until it says that it has started."""
-        process = self.start_quietly(*arguments)
-        assert process.stderr is not None
-        assert "msg=started" in process.stderr.readline()
-        return process
+    def start(self, *arguments: object) -> Command:
+        """Start a command that goes on."""
+        self.commands.append(Command(*arguments, *self.tools))
+        return self.commands[-1]
 
-    def start_quietly(self, *arguments: object) -> subprocess.Popen[str]:
-        """Start a command that goes on and says nothing."""
-        process = subprocess.Popen(
-            [sys.executable, "-m", "mecazen_tools", *map(str, arguments), *self.tools],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.processes.append(process)
-        return process
-
-    def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+    def run(self, *arguments: object) -> Any:
         return mecazen(*arguments, *self.tools)
 
     def publish(self, ticks: Sequence[int], **run: int) -> None:
@@ -80,22 +60,13 @@ class Net:
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Deliver what arrives until `condition` holds."""
-        end = time.monotonic() + GUARD_S
-        while not condition():
-            assert time.monotonic() < end, "what was waited for did not come"
-            self.bus.spin_once(0.05)
+        wait(self.bus, condition)
 
     def close(self) -> None:
         self.bus.close()
-        for process in self.processes:
-            process.kill()
-            process.communicate()
-
-
-def stop(process: subprocess.Popen[str]) -> tuple[int, str, str]:
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=GUARD_S)
-    return process.returncode, out, err
+        for command in self.commands:
+            command.process.kill()
+            command.process.communicate()
 
 
 @pytest.fixture

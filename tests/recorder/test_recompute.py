@@ -198,7 +198,7 @@ def test_the_first_difference_is_named_to_the_last_bit(
     assert str(difference).startswith(line)
 
 
-def test_an_answer_that_is_missing_or_new_is_a_difference(
+def test_an_answer_that_is_missing_is_a_difference(
     program: Callable[..., str], recorded: Callable[..., Path]
 ) -> None:
     mine = program()

@@ -192,15 +192,14 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
     assert "rosbag2 0.26" in problem(path)
 
 
-def test_a_file_that_exists_is_not_overwritten(make_recording: Callable[..., Path]) -> None:
+def test_a_file_that_exists_is_not_overwritten_and_a_missing_folder_is_one_line(
+    make_recording: Callable[..., Path], tmp_path: Path
+) -> None:
     path = make_recording()
     before = path.read_bytes()
     with pytest.raises(RecordingError, match="exists already"):
         RecordingWriter(path, "cdr")
     assert path.read_bytes() == before
-
-
-def test_when_the_folder_is_missing_expect_one_line(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="No such file or directory"):
         RecordingWriter(tmp_path / "none" / "a.mcap", "cdr")
 

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from harness import wait
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.loading import load_scenario
 from mecazen_tools.processes import Supervisor, private_router
-
-ROOT = Path(__file__).parents[2]
-SCENARIOS = ROOT / "configs" / "scenarios"
-
-GUARD_S = 60.0
-"""Far beyond what anything here takes: only a hang gets there."""
 
 
 class Stack:
@@ -57,10 +51,7 @@ class Stack:
 
     def wait_unwatched(self, condition: Callable[[], bool]) -> None:
         """Deliver samples until a condition holds, whichever process ends meanwhile."""
-        end = time.monotonic() + GUARD_S
-        while not condition():
-            assert time.monotonic() < end, "what was waited for did not come"
-            self.bus.spin_once(0.1)
+        wait(self.bus, condition)
 
     def close(self) -> None:
         """End everything."""

@@ -6,26 +6,23 @@ import hashlib
 import os
 import select
 import signal
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import msgspec
 import pytest
-from harness import ROOT, endpoint_of, mecazen
+from harness import (
+    COMMAND_GUARD_S,
+    ROOT,
+    SCENARIOS,
+    Command,
+    assert_one_line,
+    endpoint_of,
+    mecazen,
+    options,
+)
 from mecazen.loading import effective, load_scenario
 from mecazen_tools.processes import private_router
-
-SCENARIOS = ROOT / "configs" / "scenarios"
-GUARD_S = 60
-
-
-def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    assert done.returncode == code, done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -36,17 +33,11 @@ def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: s
         (("simulate", "back", "--set", "physics.dt_s=fast"), ("physics.dt_s", "number")),
         (("simulate", "back", "--set", "physics.dt_s=7"), ("physics.dt_s", "0.005")),
         (("simulate", "back", "--set", "physics.dt_s=0.003"), ("sim.tick_s", "whole number")),
-        (
-            ("simulate", "back", "--set", "sensor.rate_hz=30"),
-            ("sensor.rate_hz = 30", "25 and 33.3"),
-        ),
         (("simulate", "back", "--set", "follower.estimator=magic"), ("magic", "kf_cv")),
         (("simulate", "back", "--set", "follower.view=top"), ("follower.view", "side_left")),
         (("simulate", "back", "--set", "robot=none.toml"), ("none.toml", "no such file")),
-        (("simulate", "back", "--set", "robot.wheels.radius_m=-1"), ("wheels.radius_m", "> 0")),
         (("simulate", "pedestrian", "--set", "target.path.file=x.csv"), ("x.csv",)),
         (("simulate", "back", "--set", "services=['physics','pilot']"), ("pilot", "installed")),
-        (("simulate", "back", "--set", "controller.update_rate_hz=30"), ("update_rate_hz",)),
         (("simulate", "back", "--set", "nonsense"), ("--set nonsense", "key.path=value")),
         (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
         (("collect", "back"), ("sim.mode=lockstep", "collector")),
@@ -116,8 +107,8 @@ def test_scenario_and_settings_may_come_from_the_environment() -> None:
 
 
 def test_every_command_has_help_that_says_what_it_does() -> None:
-    names = ["up", "run", "simulate", "collect", "topics", "status"]
-    names += ["echo", "pub", "config", "sim", "view", "graph"]
+    names = ["up", "run", "simulate", "collect", "topics", "status", "echo", "pub", "config"]
+    names += ["sim", "view", "graph", "record", "replay", "info"]
     for name in names:
         done = mecazen(name, "--help")
         assert done.returncode == 0
@@ -126,44 +117,23 @@ def test_every_command_has_help_that_says_what_it_does() -> None:
     assert all(name in overview for name in names)
 
 
-class Up:
-    """`mecazen up` in a process of its own."""
+class Up(Command):
+    """`mecazen up`, at a router of its own."""
 
     def __init__(self, scenario: str, *settings: str) -> None:
-        self.meeting = private_router()
+        self.router = private_router()
         ports = ("viewer.web_port=0", "viewer.data_port=0")
-        flags = [f"--set={setting}" for setting in (*settings, *ports, *self.meeting)]
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "mecazen_tools", "up", scenario, *flags],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-            env={**os.environ, "COLUMNS": "160", "PYTHONUNBUFFERED": "1"},
-        )
-        self.text = ""
+        super().__init__("up", scenario, *options((*settings, *ports, *self.router)))
 
     @property
     def tools(self) -> tuple[str, ...]:
         """The options by which tools reach it."""
-        namespace = self.meeting[1].partition("=")[2]
-        return ("--connect", endpoint_of(self.meeting), "--namespace", namespace)
-
-    def read_until(self, words: str) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.text += line
-            if words in line:
-                return
-        raise AssertionError(f"ended without {words!r}: {self.text}")
+        namespace = self.router[1].partition("=")[2]
+        return ("--connect", endpoint_of(self.router), "--namespace", namespace)
 
     def pids(self) -> dict[str, int]:
         rows = [line.split("│") for line in self.text.splitlines() if line.startswith("│")]
         return {row[1].strip(): int(row[2]) for row in rows}
-
-    def end(self) -> tuple[int, str, str]:
-        out, err = self.process.communicate(timeout=GUARD_S)
-        return self.process.returncode, self.text + out, err
 
 
 def gone(pid: int) -> bool:
@@ -186,7 +156,6 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
     assert odom["header"]["frame_id"] == "odom"
     live = mecazen("topics", "--live", *up.tools).stdout
     assert "nav_msgs/msg/Odometry" in live
-    up.process.send_signal(signal.SIGINT)
     code, out, err = up.end()
     assert (code, err) == (0, "")
     assert "all processes have ended" in out
@@ -198,7 +167,7 @@ def test_when_a_process_dies_up_ends_all_and_names_it() -> None:
     up.read_until("following")
     pids = up.pids()
     os.kill(pids["target"], signal.SIGKILL)
-    code, _, err = up.end()
+    code, _, err = up.end(None)
     assert code == 1
     assert err.splitlines()[-1].startswith("error: target:")
     assert all(gone(pid) for pid in pids.values())
@@ -206,7 +175,7 @@ def test_when_a_process_dies_up_ends_all_and_names_it() -> None:
 
 def test_when_a_service_fails_up_shows_its_own_error() -> None:
     up = Up("back", "controller.wheel_joints=['a','b','c','d']")
-    code, _, err = up.end()
+    code, _, err = up.end(None)
     assert code == 1
     assert "controller.wheel_joints" in err.splitlines()[-1]
 
@@ -214,11 +183,10 @@ def test_when_a_service_fails_up_shows_its_own_error() -> None:
 def test_when_the_port_is_taken_up_says_so_in_one_line() -> None:
     up = Up("back")
     up.read_until("t = ")
-    flags = [f"--set={setting}" for setting in up.meeting]
+    flags = options(up.router)
     assert_one_line(mecazen("up", "teleop", *flags), 1, "port is taken")
     name_taken = mecazen("run", "target", "back", *flags)
-    up.process.send_signal(signal.SIGTERM)
-    up.end()
+    up.end(signal.SIGTERM)
     assert_one_line(name_taken, 1, "another target is already running")
 
 
@@ -226,13 +194,12 @@ def test_when_up_itself_is_killed_its_processes_end_too() -> None:
     up = Up("back")
     up.read_until("t = ")
     pids = up.pids()
-    up.process.kill()
-    up.end()
+    up.end(signal.SIGKILL)
     # they end by themselves, a moment after their standard input closes
     for pid in pids.values():
         if not gone(pid):
             process = os.pidfd_open(pid)
-            assert select.select([process], [], [], GUARD_S)[0]
+            assert select.select([process], [], [], COMMAND_GUARD_S)[0]
             os.close(process)
 
 
@@ -240,24 +207,14 @@ def test_when_up_itself_is_killed_its_processes_end_too() -> None:
 def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file: Path) -> None:
     up = Up("teleop", f"bus.zenoh_config={file}", 'bus.listen=["tcp/127.0.0.1:0"]')
     up.read_until("t = ")
-    up.process.send_signal(signal.SIGINT)
     assert up.end()[0] == 0
 
 
 def test_status_says_in_one_line_that_nobody_is_there() -> None:
-    meeting = private_router()
-    flags = [f"--set={setting}" for setting in meeting]
-    router = subprocess.Popen(
-        [sys.executable, "-m", "mecazen_tools", "run", "router", "back", *flags],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    with router:
-        assert router.stderr is not None
-        assert "msg=started" in router.stderr.readline()
-        endpoint = endpoint_of(meeting)
-        assert_one_line(
-            mecazen("status", "--connect", endpoint), 1, "no service is alive", endpoint
-        )
-        router.terminate()
+    settings = private_router()
+    router = Command("run", "router", "back", *options(settings))
+    router.await_start()
+    endpoint = endpoint_of(settings)
+    done = mecazen("status", "--connect", endpoint)
+    router.end(signal.SIGTERM)
+    assert_one_line(done, 1, "no service is alive", endpoint)

@@ -27,6 +27,14 @@ def test_an_example_gives_the_same_in_one_process_and_in_many(name: str) -> None
     assert alone.trajectory_sha256 == apart.trajectory_sha256
 
 
+def test_the_follower_keeps_its_distance() -> None:
+    scenario = load_scenario(EXAMPLES / "my_follower.toml", ("sim.duration_s=6.0",))
+    d_err_m = simulate(scenario, "mine")[0].d_err_m
+    assert d_err_m is not None
+    # a proportional law lags by speed over gain, 0.2/1.5 m
+    assert d_err_m < 0.15
+
+
 def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance() -> None:
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
     run = InProcess(load_scenario(RANGE, settings))

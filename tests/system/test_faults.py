@@ -12,18 +12,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from faults import (
-    RESUME_S,
-    ROOT,
-    SERVICES,
-    WALK,
-    Up,
-    Watch,
-    seconds,
-    strike,
-    strikes,
-)
-from harness import mecazen, tools
+from faults import RESUME_S, SERVICES, WALK, Up, Watch, seconds, strike, strikes
+from harness import ROOT, SCENARIOS, mecazen, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.messages import Empty, JointState, ResetRequest
@@ -35,7 +25,7 @@ from mecazen_tools.processes import ProcessError
 
 WATCHFUL = ROOT / "configs" / "zenoh" / "watchful.json5"
 """With a lease of 1 s instead of 10 s."""
-CIRCLE = ROOT / "configs" / "scenarios" / "circle.toml"
+CIRCLE = SCENARIOS / "circle.toml"
 AT_REST_M_S = 0.02
 """Rollers that settle still move the body by less."""
 STROLL_M_S = 0.3

@@ -6,13 +6,10 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from harness import COMMAND_GUARD_S, SCENARIOS
 from mecazen_tools.processes import ProcessError, private_router
-
-SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
-GUARD_S = 60
 
 
 def health(name: str, scenario: str, *settings: str) -> tuple[int, str]:
@@ -21,7 +18,7 @@ def health(name: str, scenario: str, *settings: str) -> tuple[int, str]:
         env={**os.environ, "MECAZEN_SCENARIO": scenario, "MECAZEN_SET": " ".join(settings)},
         capture_output=True,
         text=True,
-        timeout=GUARD_S,
+        timeout=COMMAND_GUARD_S,
         check=False,
     )
     assert not done.stderr

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import psutil
 import zenoh
+from harness import SCENARIOS
 from mecazen import keys
 from mecazen.bus.session import open_session
 from mecazen.loading import load_scenario
@@ -15,7 +14,6 @@ from mecazen_bench.malformed import CALLS, Malformed, sample_messages
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
-SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 BACK = SCENARIOS / "back.toml"
 
 PAYLOADS = 30_000

@@ -5,17 +5,13 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from harness import SCENARIOS, mecazen, options
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import collect, simulate, simulate_distributed
-
-ROOT = Path(__file__).parents[2]
-SCENARIOS = ROOT / "configs" / "scenarios"
 
 HARD = (
     "sensor.dropout_probability=0.2",
@@ -39,25 +35,20 @@ def many_processes(scenario: str, *settings: str) -> str:
     return simulate_distributed(path, settings, scenario)[0].trajectory_sha256
 
 
-@pytest.mark.parametrize("seed", [3, 4711])
-def test_processes_over_zenoh_give_the_trajectory_of_one_process(seed: int) -> None:
-    settings = (*HARD, f"seed={seed}")
-    assert many_processes("back", *settings) == one_process("back", *settings)
-
-
-def test_the_side_view_in_msgpack_with_drive_by_effort_is_the_same_in_processes() -> None:
-    settings = (*HARD, "physics.drive=effort", "bus.format=msgpack")
-    assert many_processes("side", *settings) == one_process("side", *settings)
-
-
-def test_a_run_without_a_follower_is_the_same_in_processes() -> None:
-    settings = ("sim.duration_s=3.0",)
-    assert many_processes("teleop", *settings) == one_process("teleop", *settings)
-
-
-def test_odometry_at_a_rate_of_its_own_is_the_same_in_processes() -> None:
-    settings = ("sim.duration_s=3.0", "controller.update_rate_hz=20")
-    assert many_processes("back", *settings) == one_process("back", *settings)
+@pytest.mark.parametrize(
+    ("scenario", "settings"),
+    [
+        ("back", (*HARD, "seed=3")),
+        ("back", (*HARD, "seed=4711")),
+        ("side", (*HARD, "physics.drive=effort", "bus.format=msgpack")),
+        ("back", ("sim.duration_s=3.0", "controller.update_rate_hz=20")),
+    ],
+    ids=["seed 3", "seed 4711", "efforts in msgpack", "odometry at a rate of its own"],
+)
+def test_processes_over_zenoh_give_the_trajectory_of_one_process(
+    scenario: str, settings: tuple[str, ...]
+) -> None:
+    assert many_processes(scenario, *settings) == one_process(scenario, *settings)
 
 
 SCENARIO_NAMES = sorted(path.stem for path in SCENARIOS.glob("*.toml"))
@@ -133,25 +124,9 @@ def test_load_from_other_processes_does_not_change_the_trajectory() -> None:
 @pytest.mark.parametrize("hash_seed", ["0", "1"])
 def test_a_fresh_interpreter_gives_the_same_trajectory(hash_seed: str, tmp_path: Path) -> None:
     file = tmp_path / "run.csv"
-    settings = [f"--set={setting}" for setting in HARD]
-    done = subprocess.run(
-        [sys.executable, "-m", "mecazen_tools", "simulate", str(SCENARIOS / "back.toml"), "--json",
-         "--trajectory", str(file), *settings],
-        env={**os.environ, "PYTHONHASHSEED": hash_seed},
-        capture_output=True,
-        check=True,
-    )  # fmt: skip
+    how = ("--json", "--trajectory", file, *options(HARD))
+    done = mecazen("simulate", SCENARIOS / "back.toml", *how, PYTHONHASHSEED=hash_seed)
+    assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["trajectory_sha256"] == one_process("back", *HARD)
     assert result["ticks"] == len(file.read_text().splitlines()) - 1 == 800
-
-
-def test_a_follower_of_ones_own_from_the_readme_is_the_same_in_processes() -> None:
-    path = ROOT / "examples" / "my_follower.toml"
-    settings = ("sim.duration_s=6.0",)
-    alone = simulate(load_scenario(path, settings), "mine")[0]
-    apart = simulate_distributed(path, settings, "mine")[0]
-    assert alone.trajectory_sha256 == apart.trajectory_sha256
-    # it keeps about 1 m: a proportional law lags by speed over gain, 0.2/1.5 m
-    assert alone.d_err_m is not None
-    assert alone.d_err_m < 0.15

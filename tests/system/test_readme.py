@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from harness import ROOT
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 
@@ -19,5 +18,5 @@ def test_its_links_lead_somewhere() -> None:
 
 
 def test_every_scenario_is_named() -> None:
-    names = [path.stem for path in (ROOT / "configs" / "scenarios").glob("*.toml")]
+    names = [path.stem for path in SCENARIOS.glob("*.toml")]
     assert all(f"`{name}`" in README for name in names)

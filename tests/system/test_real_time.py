@@ -5,40 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 import pytest
+from harness import SCENARIOS, Newest
 from mecazen import keys
 from mecazen.errors import BusError
-from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
-from mecazen.messages import Empty, Odometry, ResetRequest, SimState, StepRequest
-from mecazen.wire import Stamp
+from mecazen.messages import Empty, ResetRequest, SimState, StepRequest
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
-ROOT = Path(__file__).parents[2]
-SCENARIOS = ROOT / "configs" / "scenarios"
 ZENOH_CLI = Path(sys.executable).parent / "zenoh"
 TWIST = '{"linear":{"x":0.3}}'
-
-
-class Watch:
-    """The newest sample of a key."""
-
-    def __init__(self, stack, topic) -> None:
-        self.message = None
-        self.stamp: Stamp | None = None
-        stack.bus.subscribe(topic, self._take)
-
-    def _take(self, message, stamp: Stamp | None) -> None:
-        self.message, self.stamp = message, stamp
-
-
-def pose(odom: Odometry) -> Pose2D:
-    return odom.pose.pose.to_planar()
 
 
 def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack) -> None:
@@ -56,42 +36,43 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
 
 def test_the_robot_follows_the_person_to_within_a_hand(stack) -> None:
     running = stack(SCENARIOS / "back.toml", "sim.speed=2", "target.path.start_after_s=0.5")
-    robot, person = Watch(running, keys.GROUND_TRUTH), Watch(running, keys.TARGET_ODOM)
-    state = Watch(running, keys.FOLLOWER_STATE)
+    topics = keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.FOLLOWER_STATE
+    robot, person, state = (Newest(running.bus, topic) for topic in topics)
     running.start()
-    running.wait(lambda: person.message is not None and pose(person.message).x > 1.0)
+    running.wait(lambda: person.message is not None and person.pose.x > 1.0)
     assert state.message.tracking == "following"
     # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
-    assert pose(robot.message).distance(pose(person.message)) == pytest.approx(1.0, abs=0.1)
+    assert robot.pose.distance(person.pose) == pytest.approx(1.0, abs=0.1)
+
+
+def zenoh_command(running, *arguments: str) -> list[object]:
+    namespace = f'namespace:"{running.scenario.bus.namespace}"'
+    where = "--mode", "client", "--connect", running.endpoint, "--cfg", namespace
+    return [ZENOH_CLI, *where, *arguments]
 
 
 def zenoh_cli(running, *arguments: str, **options) -> subprocess.CompletedProcess[str]:
-    # fmt: off
-    command = [ZENOH_CLI, "--mode", "client", "--connect", running.endpoint,
-               "--cfg", f'namespace:"{running.scenario.bus.namespace}"', *arguments]
-    # fmt: on
     return subprocess.run(
-        command, capture_output=True, text=True, check=True, timeout=60, **options
-    )
+        zenoh_command(running, *arguments),
+        capture_output=True, text=True, check=True, timeout=60, **options,
+    )  # fmt: skip
 
 
 def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack) -> None:
     running = stack(SCENARIOS / "teleop.toml")
-    odom = Watch(running, keys.ODOM)
+    odom = Newest(running.bus, keys.ODOM)
     running.start()
     zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
-    running.wait(lambda: odom.message is not None and pose(odom.message).x > -0.95)
+    running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
     # one command: the robot comes to rest when it is stale
     running.wait(lambda: odom.message.twist.twist.linear.x < 1e-3)
-    at_rest = pose(odom.message).x
+    at_rest = odom.pose.x
     zenoh_cli(
         running, "put", "-k", "cmd_vel", "--line", "{value}", input=f"{TWIST}\n{TWIST}\n{TWIST}\n"
     )
-    running.wait(lambda: pose(odom.message).x > at_rest + 0.05)
+    running.wait(lambda: odom.pose.x > at_rest + 0.05)
     shown = subprocess.Popen(
-        [ZENOH_CLI, "--mode", "client", "--connect", running.endpoint,
-         "--cfg", f'namespace:"{running.scenario.bus.namespace}"',
-         "subscribe", "-k", "odom", "--decoder", "json"],
+        zenoh_command(running, "subscribe", "-k", "odom", "--decoder", "json"),
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
@@ -103,24 +84,24 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
     assert line["child_frame_id"] == "base_link"
     answer = zenoh_cli(running, "get", "-s", "sim/reset", "--decoder", "json").stdout
     assert msgspec.json.decode(answer)["tick"] == 0
-    running.wait(lambda: pose(odom.message).x == pytest.approx(-1.0, abs=1e-6))
+    running.wait(lambda: odom.pose.x == pytest.approx(-1.0, abs=1e-6))
 
 
 def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_the_same(
     stack,
 ) -> None:
     running = stack(SCENARIOS / "teleop.toml", "processes=[['physics', 'controller', 'target']]")
-    odom = Watch(running, keys.ODOM)
+    odom = Newest(running.bus, keys.ODOM)
     running.start()
     assert set(running.supervisor.pids) == {"router", "physics+controller+target"}
     zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
-    running.wait(lambda: odom.message is not None and pose(odom.message).x > -0.95)
+    running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
 
 
 def test_simulated_time_is_held_stepped_and_let_go(stack) -> None:
     running = stack(SCENARIOS / "back.toml")
-    clock = Watch(running, keys.CLOCK)
+    clock = Newest(running.bus, keys.CLOCK)
     running.start()
     held = running.bus.call(keys.SIM_PAUSE, Empty())
     assert held.paused
@@ -142,7 +123,7 @@ def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack) -> 
         lambda frame, stamp: observed.append((stamp.seed, stamp.time_ns, frame)),
         every=True,
     )
-    state = Watch(running, keys.FOLLOWER_STATE)
+    state = Newest(running.bus, keys.FOLLOWER_STATE)
     running.start()
     running.wait(lambda: len(observed) > 10)
     first: SimState = running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
@@ -153,20 +134,3 @@ def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack) -> 
     before = [frame for seed, time_ns, frame in observed if seed == 1 and time_ns == 0]
     assert len(anew) == 1
     assert anew != before
-
-
-def test_when_the_controller_dies_the_robot_comes_to_rest_and_a_new_one_moves_it_again(
-    stack: Callable[..., object],
-) -> None:
-    running = stack(SCENARIOS / "back.toml", "target.path.start_after_s=0.0")
-    truth = Watch(running, keys.GROUND_TRUTH)
-
-    def speed() -> float:
-        return truth.message.twist.twist.linear.x
-
-    running.start()
-    running.wait(lambda: truth.message is not None and speed() > 0.1)
-    os.kill(running.supervisor.pids["controller"], 9)
-    running.wait_unwatched(lambda: abs(speed()) < 1e-3)
-    running.launch("controller")
-    running.wait_unwatched(lambda: speed() > 0.1)

@@ -11,14 +11,12 @@ from typing import Any
 
 import msgspec
 import pytest
-from harness import mecazen
+from harness import SCENARIOS, assert_one_line, mecazen, options
 from mecazen import keys
 from mecazen.graph import GRAPH
 from mecazen.messages import Empty
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
-
-ROOT = Path(__file__).parents[2]
 
 HARD = (
     "sensor.dropout_probability=0.2",
@@ -30,11 +28,9 @@ NODES = ("odometry", "controller", "target", "follower")
 EVERY_TICK = {topic.key for row in GRAPH for topic in row.outputs} - {keys.OBSERVATION.key}
 
 
-def simulate(scenario: str, duration_s: float, *options: object) -> dict[str, object]:
-    settings = [f"--set={setting}" for setting in HARD]
-    done = mecazen(
-        "simulate", scenario, "--duration", duration_s, "--seed", 5, "--json", *settings, *options
-    )
+def simulate(scenario: str, duration_s: float, *more: object) -> dict[str, object]:
+    how = ("--duration", duration_s, "--seed", 5, "--json", *options(HARD))
+    done = mecazen("simulate", scenario, *how, *more)
     assert done.returncode == 0, done.stderr
     result: dict[str, object] = msgspec.json.decode(done.stdout)
     return result
@@ -82,9 +78,7 @@ def test_several_robots_are_recorded_whole_and_each_is_computed_anew(
     anew = "replay", path, "--through", "follower"
     same = mecazen(*anew, "--robot", "two")
     assert "identical: 200 of two/cmd_vel, 200 of two/follower/state" in same.stdout
-    whose = mecazen(*anew)
-    assert (whose.returncode, len(whose.stderr.splitlines())) == (2, 1)
-    assert "--robot takes one or two" in whose.stderr
+    assert_one_line(mecazen(*anew), 2, "--robot takes one or two")
 
 
 def test_at_ten_times_real_time_all_that_is_published_is_recorded(
@@ -95,7 +89,7 @@ def test_at_ten_times_real_time_all_that_is_published_is_recorded(
     parts = ("physics", *NODES)
     path, counted = tmp_path / "run.mcap", Path(__file__).with_name("counted.py")
     running = stack(
-        ROOT / "configs" / "scenarios" / "side.toml",
+        SCENARIOS / "side.toml",
         f"services={json.dumps(services)}",
         f"recorder.file={json.dumps(str(path))}",
         "sim.speed=10",
@@ -121,9 +115,5 @@ def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_p
     assert (same.returncode, same.stderr) == (0, "")
     assert "identical: 200 of cmd_vel, 200 of follower/state" in same.stdout
     changed = mecazen("replay", path, "--through", "examples/my_follower.py:MyFollower")
-    assert changed.returncode == 1
-    assert len(changed.stderr.splitlines()) == 1
-    assert "cmd_vel" in changed.stderr
-    assert "recorded" in changed.stderr
-    time_itself = mecazen("replay", path, "--through", "physics")
-    assert (time_itself.returncode, len(time_itself.stderr.splitlines())) == (2, 1)
+    assert_one_line(changed, 1, "cmd_vel", "recorded")
+    assert_one_line(mecazen("replay", path, "--through", "physics"), 2)

@@ -6,16 +6,15 @@ import json
 import math
 
 import pytest
-from harness import ROOT, mecazen, tools
+from harness import SCENARIOS, Newest, mecazen, tools
 from mecazen import keys
 from mecazen.config import join_key
-from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
-from mecazen.messages import Empty, Odometry, ResetRequest
+from mecazen.messages import Empty, ResetRequest
 from mecazen_tools.cli.status import _Listener
 from mecazen_tools.simulate import simulate, simulate_distributed
 
-CONVOY = ROOT / "configs" / "scenarios" / "convoy.toml"
+CONVOY = SCENARIOS / "convoy.toml"
 
 CLOSE = (
     "sim.duration_s=6.0",
@@ -72,41 +71,23 @@ def test_the_command_line_scores_each_robot() -> None:
     assert json.loads(done.stdout)["d_err_m"] == pytest.approx(mean, rel=1e-12)
 
 
-class Watch:
-    """The newest sample of a key of each robot."""
-
-    def __init__(self, running, topic) -> None:
-        self.newest: dict[str, Odometry] = {}
-        self.seeds: dict[str, int] = {}
-        for robot in running.scenario.names:
-            self._watch(running.bus.namespaced(robot), topic, robot)
-
-    def _watch(self, bus, topic, robot: str) -> None:
-        def take(message, stamp) -> None:
-            self.newest[robot] = message
-            self.seeds[robot] = stamp.seed
-
-        bus.subscribe(topic, take)
-
-    def pose(self, robot: str) -> Pose2D:
-        return self.newest[robot].pose.pose.to_planar()
+def of_each(running, topic) -> dict[str, Newest]:
+    """The newest sample of a topic of each robot."""
+    return {name: Newest(running.bus.namespaced(name), topic) for name in running.scenario.names}
 
 
 def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
     running = stack(CONVOY, "sim.speed=2", "target.path.start_after_s=0.5")
-    robots, persons = Watch(running, keys.GROUND_TRUTH), Watch(running, keys.TARGET_ODOM)
+    robots, persons = of_each(running, keys.GROUND_TRUTH), of_each(running, keys.TARGET_ODOM)
     running.start()
-    running.wait(
-        lambda: len(persons.newest) == 2 and all(persons.pose(of).x > 1.0 for of in ("one", "two"))
-    )
-    for name in ("one", "two"):
+    running.wait(lambda: all(of.message and of.pose.x > 1.0 for of in persons.values()))
+    for name, person in persons.items():
         # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
-        gap = robots.pose(name).distance(persons.pose(name))
-        assert gap == pytest.approx(1.0, abs=0.1)
+        assert robots[name].pose.distance(person.pose) == pytest.approx(1.0, abs=0.1)
     assert running.bus.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
     wanted = {name: running.scenario.of(name).seed for name in ("one", "two")}
-    running.wait(lambda: all(robots.seeds[name] != wanted[name] for name in wanted))
-    assert robots.seeds["one"] != robots.seeds["two"]
+    running.wait(lambda: all(robots[name].stamp.seed != wanted[name] for name in wanted))
+    assert robots["one"].stamp.seed != robots["two"].stamp.seed
     listener = _Listener(running.bus)
     listener.status()
     running.wait(lambda: "two/follower" in listener.reports and "physics" in listener.reports)
@@ -118,12 +99,12 @@ def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
 
 def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack) -> None:
     running = stack(CONVOY, "services=['physics', 'controller']")
-    odom = Watch(running, keys.ODOM)
+    odom = of_each(running, keys.ODOM)
     running.start()
-    running.wait(lambda: len(odom.newest) == 2)
+    running.wait(lambda: all(of.message for of in odom.values()))
     drive = '{"linear":{"x":0.3}}'
     done = mecazen("pub", join_key("cmd_vel", "one"), drive, *tools(running.scenario.bus))
     assert done.returncode == 0, done.stderr
-    running.wait(lambda: odom.pose("one").x > -0.95)
-    assert odom.pose("two").x == pytest.approx(-1.0, abs=1e-3)
+    running.wait(lambda: odom["one"].pose.x > -0.95)
+    assert odom["two"].pose.x == pytest.approx(-1.0, abs=1e-3)
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0

@@ -22,10 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, options
 from mecazen_tools import certificates
 
-ROOT = Path(__file__).parents[2]
-BACK = ROOT / "configs" / "scenarios" / "back.toml"
+BACK = SCENARIOS / "back.toml"
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 
 DELAY_S = 0.005
@@ -33,8 +33,6 @@ LOSS = 0.01
 CUT_S = 3.0
 MAX_DECELERATION = 2.5
 """The controller's limit, as the scenario has it [m/s²]."""
-GUARD_S = 60.0
-"""Far beyond what anything here takes: only a hang gets there."""
 
 TUN = Path("/dev/net/tun")
 TUNSETIFF = 0x400454CA
@@ -114,15 +112,9 @@ class Link(threading.Thread):
 class Echo:
     """The newest message of a key, as `mecazen echo` prints it on a host."""
 
-    def __init__(self, host: Host, key: str, options: list[str]) -> None:
-        self.process = host.run(
-            "mecazen_tools",
-            "echo",
-            key,
-            *options,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+    def __init__(self, host: Host, key: str, tools: list[str]) -> None:
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        self.process = host.run("mecazen_tools", "echo", key, *tools, **pipes)
         self.messages: list[Any] = []
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)
@@ -140,7 +132,7 @@ class Echo:
         seen = len(self.messages)
         with self._changed:
             met = self._changed.wait_for(
-                lambda: len(self.messages) > seen and condition(self.messages[-1]), GUARD_S
+                lambda: len(self.messages) > seen and condition(self.messages[-1]), COMMAND_GUARD_S
             )
             assert met, f"what was waited for did not come; the last was {self.messages[-1:]}"
             return self.messages[-1]
@@ -181,7 +173,7 @@ class Hosts:
             for name in names:
                 process = host.run(
                     "mecazen.runtime", name, str(BACK),
-                    *(f"--set={one}" for one in settings),
+                    *options(settings),
                     stderr=subprocess.PIPE,
                 )  # fmt: skip
                 stack.callback(self._end, process)

@@ -7,27 +7,23 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
-import sys
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
+from harness import ROOT, SCENARIOS, Command, Newest, mecazen, options
 from mecazen import keys
 from mecazen.messages import ResetRequest
 from mecazen_tools.processes import private_router
 from mecazen_viewer.entities import of_robot
 from mecazen_viewer.plots import LINES
 from mecazen_viewer.recorded import draw
-from mecazen_viewer.rerun_process import RerunError, headless_viewer
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-ROOT = Path(__file__).parents[2]
-SCENARIOS = ROOT / "configs" / "scenarios"
 FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
 FRAMES = 200
 """Pictures taken one after the other until one shows what it should: only a hang needs so many."""
@@ -42,15 +38,16 @@ class Shown:
 
     def __init__(self, stack, scenario: str, *settings: str) -> None:
         self.running = stack(SCENARIOS / f"{scenario}.toml", *FREE_PORTS, *settings)
-        self.time_s = 0.0
-        self.running.bus.subscribe(keys.CLOCK, self._tell)
+        self._clock = Newest(self.running.bus, keys.CLOCK)
         self.running.start()
         self.running.launch("viewer", needed=False)
         self.url = ""
         self.running.wait_unwatched(self._has_url)
 
-    def _tell(self, clock, stamp) -> None:
-        self.time_s = stamp.time_ns / 1e9
+    @property
+    def time_s(self) -> float:
+        """Simulated time."""
+        return self._clock.stamp.time_ns / 1e9 if self._clock.stamp else 0.0
 
     def _has_url(self) -> bool:
         line = self.running.supervisor.poll(0.0)
@@ -66,16 +63,6 @@ class Shown:
     def until(self, time_s: float) -> None:
         """Let simulated time pass."""
         self.running.wait(lambda: self.time_s > time_s)
-
-
-@pytest.fixture
-def attach() -> Iterator[ViewerClient]:
-    """A native viewer without a window."""
-    try:
-        with headless_viewer() as viewer:
-            yield viewer
-    except RerunError as error:
-        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -222,44 +209,26 @@ def test_a_viewer_that_hangs_holds_nobody_up(stack) -> None:
         os.kill(viewer, signal.SIGCONT)
 
 
-def mecazen(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "mecazen_tools", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "COLUMNS": "160", "PYTHONUNBUFFERED": "1"},
-    )
+def up(*arguments: str) -> Command:
+    return Command("up", "side", *arguments, *options(private_router()))
 
 
-def read_until(process: subprocess.Popen[str], words: str) -> str:
-    assert process.stdout is not None
-    text = ""
-    for line in process.stdout:
-        text += line
-        if words in line:
-            return text
-    raise AssertionError(f"ended without {words!r}: {text}")
+def assert_answers(url: str) -> None:
+    with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
+        assert page.status == 200
 
 
 def test_up_prints_where_to_watch() -> None:
-    up = mecazen(
-        "up", "side", *(f"--set={setting}" for setting in (*FREE_PORTS, *private_router()))
-    )
-    url = read_until(up, "Watch it at").splitlines()[-1].split()[-1]
-    with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
-        assert page.status == 200
-    up.send_signal(signal.SIGINT)
-    assert up.communicate(timeout=60)[1] == ""
-    assert up.returncode == 0
+    running = up(*options(FREE_PORTS))
+    assert_answers(running.read_until("Watch it at").split()[-1])
+    code, _, err = running.end()
+    assert (code, err) == (0, "")
 
 
 def test_up_without_a_viewer_starts_none() -> None:
-    up = mecazen("up", "side", "--no-viewer", *(f"--set={setting}" for setting in private_router()))
-    text = read_until(up, "t = ")
-    up.send_signal(signal.SIGINT)
-    text += up.communicate(timeout=60)[0]
+    running = up("--no-viewer")
+    running.read_until("t = ")
+    text = running.end()[1]
     assert "Watch" not in text
     assert "│ viewer" not in text
 
@@ -267,14 +236,12 @@ def test_up_without_a_viewer_starts_none() -> None:
 def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        settings = ("viewer.web_port=0", f"viewer.data_port={port}", *private_router())
-        up = mecazen("up", "side", *(f"--set={setting}" for setting in settings))
-        text = read_until(up, "viewer has ended")
-        assert text.count("address already in use") == 1
-        assert f"viewer.data_port = {port}" in text
-        read_until(up, "t = 5")
-        up.send_signal(signal.SIGINT)
-        assert up.communicate(timeout=60)[1] == ""
+        running = up(*options(("viewer.web_port=0", f"viewer.data_port={port}")))
+        running.read_until("viewer has ended")
+        assert running.text.count("address already in use") == 1
+        assert f"viewer.data_port = {port}" in running.text
+        running.read_until("t = 5")
+        assert running.end()[2] == ""
 
 
 def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
@@ -285,26 +252,21 @@ def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
     recording.save(file)
     recording.log("text", rr.TextLog("hello"))
     recording.flush()
-    view = mecazen("view", str(file))
-    url = read_until(view, "http").split()[1]
-    with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
-        assert page.status == 200
-    view.send_signal(signal.SIGINT)
-    assert view.communicate(timeout=60)[1] == ""
+    view = Command("view", file)
+    assert_answers(view.read_until("http").split()[-1])
+    assert view.end()[2] == ""
 
 
-def recorded(scenario: str, seconds: str, folder: Path) -> Path:
+def recorded(scenario: str, seconds: float, folder: Path) -> Path:
     """Simulate and record a scenario; return what is drawn of the recording."""
     file = folder / "run.mcap"
-    record = mecazen("simulate", scenario, "--duration", seconds, "--record", str(file))
-    record.communicate(timeout=60)
-    assert record.returncode == 0
+    assert mecazen("simulate", scenario, "--duration", seconds, "--record", file).returncode == 0
     (drawn,) = draw(file, folder)
     return drawn
 
 
 def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerClient) -> None:
-    attach.open(str(recorded("side", "12", tmp_path)))
+    attach.open(str(recorded("side", 12, tmp_path)))
     until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
     state = attach.get_state()
     (follow,) = (view.view_id for view in state.views if view.name == "following")
@@ -318,7 +280,7 @@ def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerCli
 def test_a_recorded_run_of_several_robots_is_shown_whole(
     tmp_path: Path, attach: ViewerClient
 ) -> None:
-    attach.open(str(recorded("convoy", "4", tmp_path)))
+    attach.open(str(recorded("convoy", 4, tmp_path)))
     until_shown(attach.take_screenshot, shows_two_persons)
     (recording,) = attach.get_state().recordings
     schema = attach.get_recording_schema(recording.store_id, paths_only=True)
@@ -336,14 +298,13 @@ def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path: Path) -> Non
         writer = Writer(stream)
         writer.start()
         writer.finish()
-    view = mecazen("view", str(file))
-    read_until(view, "http")
-    view.send_signal(signal.SIGINT)
-    (line,) = view.communicate(timeout=60)[1].splitlines()
+    view = Command("view", file)
+    view.read_until("http")
+    (line,) = view.end()[2].splitlines()
     assert "not of `mecazen record`; shown without the scene" in line
 
 
 def test_a_recording_that_is_not_there_is_one_line() -> None:
     view = mecazen("view", "nowhere.rrd")
-    out, err = view.communicate(timeout=60)
-    assert (view.returncode, out, err) == (2, "", "error: nowhere.rrd: no such file\n")
+    assert (view.returncode, view.stdout) == (2, "")
+    assert view.stderr == "error: nowhere.rrd: no such file\n"

@@ -157,5 +157,3 @@ def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
 def test_what_no_target_can_do_is_one_clear_error_before_the_start(tmp_path):
     with pytest.raises(ConfigError, match=r"^target.path: .*none.csv: can't be read: No such .*$"):
         Target(Recorded(file=tmp_path / "none.csv"))
-    with pytest.raises(ConfigError, match=r"^sensor.rate_hz = 30 must divide the tick rate .*$"):
-        Target(STANDING, rate_hz=30.0)

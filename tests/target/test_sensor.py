@@ -2,8 +2,6 @@
 
 import math
 import statistics
-import subprocess
-import sys
 
 import pytest
 from hypothesis import given
@@ -44,27 +42,6 @@ def test_frames_come_at_their_rate_from_tick_0() -> None:
 def test_rate_and_latency_must_be_whole_ticks(settings: dict[str, float], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         sensor(**settings)
-
-
-def test_pose_is_in_base_link_or_in_world() -> None:
-    robot, person = Pose2D(1.0, 1.0, math.pi / 2), Pose2D(0.5, 3.0, math.pi)
-    in_base = sensor(**PERFECT).observe(0, robot, person)
-    in_world = sensor(**PERFECT, frame="world").observe(0, robot, person)
-    assert in_base is not None
-    assert in_base.pose == pytest.approx((2.0, 0.5, math.pi / 2))
-    assert in_world == Frame(0, person)
-
-
-def test_frame_shows_what_was_captured_latency_ticks_before() -> None:
-    eye = sensor(**PERFECT, latency_s=0.03)
-    seen = [eye.observe(tick, Pose2D(0.1 * tick), Pose2D(1.0 + 0.3 * tick)) for tick in range(6)]
-    assert seen[:3] == [Frame(0, None)] * 3
-    for tick in range(3, 6):
-        frame = seen[tick]
-        assert frame is not None
-        assert frame.capture_tick == tick - 3
-        assert frame.pose is not None
-        assert frame.pose.x == pytest.approx(1.0 + 0.2 * (tick - 3))  # base_link of the capture
 
 
 def test_tick_that_never_came_is_not_seen() -> None:
@@ -134,28 +111,6 @@ def test_noise_starts_again_after_its_array() -> None:
     assert first is not None
     assert again is not None
     assert again.pose == first.pose
-
-
-def test_same_seed_gives_the_same_frames_and_another_others() -> None:
-    settings = {"dropout_probability": 0.2}
-    first, second = (frames(sensor(seed=3, **settings), 200) for _ in range(2))
-    assert first == second
-    assert first != frames(sensor(seed=4, **settings), 200)
-
-
-def test_another_process_sees_the_same_frames() -> None:
-    program = """
-from mecazen.config import SensorConfig
-from mecazen.geometry import Pose2D
-from mecazen_target.sensor import Sensor
-sensor = Sensor(SensorConfig(), 3, 0.01)
-print([sensor.observe(tick, Pose2D(), Pose2D(1.0, 0.2, 0.3)) for tick in range(40)])
-"""
-    printed = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    ).stdout
-    eye = sensor(seed=3)
-    assert printed.strip() == repr([eye.observe(tick, ROBOT, PERSON) for tick in range(40)])
 
 
 def test_dropouts_come_as_often_as_configured() -> None:

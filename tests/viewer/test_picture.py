@@ -249,11 +249,6 @@ def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
     assert "0.1235" not in text
 
 
-def test_a_pose_beyond_what_can_be_drawn_is_refused() -> None:
-    with pytest.raises(ValueError, match="out of range"):
-        list(picture().on_ground_truth(odometry(Pose2D(1e7)), 0))
-
-
 def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far() -> None:
     shown = picture()
     assert list(shown.ground()) == []

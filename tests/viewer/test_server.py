@@ -18,7 +18,7 @@ import psutil
 import pytest
 from mecazen_viewer.config import ViewerConfig
 from mecazen_viewer.layout import blueprint
-from mecazen_viewer.rerun_process import RerunError, headless_viewer
+from mecazen_viewer.rerun_process import RerunError
 from mecazen_viewer.server import Server, serving
 from rerun.experimental import ViewerClient, ViewerState
 from viewer_stage import Stage
@@ -27,16 +27,6 @@ ANYWHERE = ViewerConfig(web_port=0, data_port=0)
 LAYOUT = blueprint(("",))
 GUARD = 200
 """Questions to a viewer that are answered one after the other: only a hang needs so many."""
-
-
-@pytest.fixture
-def attach() -> Iterator[ViewerClient]:
-    """A native viewer without a window."""
-    try:
-        with headless_viewer() as viewer:
-            yield viewer
-    except RerunError as error:
-        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")
 
 
 def wait(viewer: ViewerClient, recordings: int) -> ViewerState:

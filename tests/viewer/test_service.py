@@ -76,53 +76,43 @@ def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none() -> None:
     assert len(taken.names) == 1
 
 
-def test_without_a_description_the_rest_is_shown_and_one_line_says_so(
-    caplog: pytest.LogCaptureFixture,
+@pytest.mark.parametrize(
+    ("robots", "whose"), [((), "the robot"), (("one", "two"), "two")], ids=["one", "several"]
+)
+def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robot(
+    caplog: pytest.LogCaptureFixture, robots: tuple[str, ...], whose: str
 ) -> None:
-    stage = Stage(described=False)
+    stage = Stage(described=False, robots=robots)
     taken = Recordings(stage)
+    for robot in robots[:-1]:
+        serve_description(stage.bus.namespaced(robot), RobotDescription(URDF, {}))
     with caplog.at_level(logging.WARNING):
         stage.play(run=1, ticks=20)
     assert [record.getMessage() for record in caplog.records] == [
-        "msg='no picture of the robot: robot_description: nobody answers'"
+        f"msg='no picture of {whose}: robot_description: nobody answers'"
     ]
     assert taken.messages() > 0
 
 
-def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown() -> None:
-    stage = Stage()
-    Recordings(stage)
-    stage.play(run=1, ticks=1)
-    far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
-    stage.bus.publisher(keys.GROUND_TRUTH).put(far, Stamp(10**9, 1, 7))
-    stage.bus.spin()
-    assert stage.bus.refused == {"ground_truth/odom": 1}
-    stage.play(run=1, ticks=1, begin=101)
-    assert stage.bus.refused.total() == 1
-
-
-def test_several_robots_are_in_one_recording_each_by_its_own_samples() -> None:
-    stage = Stage(robots=("one", "two"))
+@pytest.mark.parametrize(
+    ("robots", "key"),
+    [((), "ground_truth/odom"), (("one", "two"), "two/ground_truth/odom")],
+    ids=["one robot", "several robots"],
+)
+def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_same_recording(
+    robots: tuple[str, ...], key: str
+) -> None:
+    stage = Stage(robots=robots)
     taken = Recordings(stage)
     stage.play(run=1, ticks=1)
-    assert taken.names == ["00000001"]
     far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
-    stage.bus.namespaced("two").publisher(keys.GROUND_TRUTH).put(far, Stamp(10**9, 1, 7))
+    publisher = stage.bus.namespaced(stage.names[-1]).publisher(keys.GROUND_TRUTH)
+    publisher.put(far, Stamp(10**9, 1, 7))
     stage.bus.spin()
-    assert stage.bus.refused == {"two/ground_truth/odom": 1}
-
-
-def test_of_several_robots_the_one_that_nobody_describes_is_named(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    stage = Stage(described=False, robots=("one", "two"))
-    Recordings(stage)
-    serve_description(stage.bus.namespaced("one"), RobotDescription(URDF, {}))
-    with caplog.at_level(logging.WARNING):
-        stage.play(run=1, ticks=2)
-    assert [record.getMessage() for record in caplog.records] == [
-        "msg='no picture of two: robot_description: nobody answers'"
-    ]
+    assert stage.bus.refused == {key: 1}
+    stage.play(run=1, ticks=1, begin=101)
+    assert stage.bus.refused.total() == 1
+    assert taken.names == ["00000001"]
 
 
 POSE = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)

@@ -1,0 +1,55 @@
+"""Runs that are made up, and their scores."""
+
+import math
+
+import numpy as np
+from mecazen.geometry import Pose2D
+from mecazen_experiments.poses import Poses
+from mecazen_experiments.scores import score
+from mecazen_experiments.table import Table
+from mecazen_follower.goal import Standoff
+from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
+
+BACK = Standoff(1.0, math.pi, 0.0)
+TICK_S = 0.01
+
+
+def run(ticks, **given):
+    """A run with only the columns that are given; `who=(x, y, yaw)` gives a pose."""
+    columns = {name: np.full(ticks, np.nan) for name in COLUMNS}
+    columns["t_s"] = np.arange(ticks) * TICK_S
+    columns["tracking"] = np.full(ticks, "")
+    for who in ("robot", "odom", "target", "estimate"):
+        for name, column in zip(POSE, given.pop(who, ()), strict=False):
+            columns[f"{who}_{name}"] = np.broadcast_to(column, ticks).astype(float)
+    for name, column in given.items():
+        columns[name] = np.broadcast_to(column, ticks)
+    return Table(columns, TICK_S)
+
+
+def twist(who, vx, vy=0.0, yaw_rate=0.0):
+    return {f"{who}_{name}": value for name, value in zip(TWIST, (vx, vy, yaw_rate), strict=True)}
+
+
+def line(ticks, yaw=0.0, speed=0.2):
+    """A person who walks straight on from the origin, towards `yaw` [rad]."""
+    way = speed * TICK_S * np.arange(ticks)
+    return Poses(way * math.cos(yaw), way * math.sin(yaw), np.full(ticks, yaw))
+
+
+def beside(person, distance, bearing_deg, heading_deg):
+    """The robot at a distance and a bearing from the person, by its heading less theirs."""
+    return person.compose(
+        Standoff(distance, math.radians(bearing_deg), math.radians(heading_deg)).goal(Pose2D())
+    )
+
+
+def whole(table, standoff=BACK):
+    return score(table, standoff).whole
+
+
+def covariances(matrix):
+    """The columns of one 3x3 covariance, or of one for each tick."""
+    matrix = np.asarray(matrix)
+    triangle = zip(COVARIANCE, *np.triu_indices(3), strict=True)
+    return {f"estimate_{name}": matrix[..., i, j] for name, i, j in triangle}

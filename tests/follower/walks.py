@@ -1,0 +1,47 @@
+"""Estimators, and the persons whom they see."""
+
+import math
+
+import numpy as np
+from mecazen.geometry import Pose2D, wrap
+from mecazen_follower.estimators import ESTIMATORS, make_params
+
+DT = 0.01
+ORIGIN = Pose2D()
+NOISE = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
+
+
+def make(name, **params):
+    return ESTIMATORS[name](make_params(name, params))
+
+
+def walk(estimator, seconds, velocity, start=ORIGIN):
+    """Walk with `velocity`, in odom, and an observation each 40 ms; return the last pose."""
+    pose = start
+    for tick in range(round(seconds / DT)):
+        estimator.predict(DT)
+        t = tick * DT
+        pose = Pose2D(
+            start.x + velocity.x * t,
+            start.y + velocity.y * t,
+            wrap(start.yaw + velocity.yaw * t),
+        )
+        if tick % 4 == 0:
+            estimator.update(pose, NOISE)
+    return pose
+
+
+MATCHED = {
+    "sway_m_sqrt_m": 0.05,
+    "acceleration_std_m_s2": 0.3,
+    "yaw_acceleration_std_rad_s2": 0.3,
+    "initial_speed_std_m_s": 0.5,
+    "initial_yaw_rate_std_rad_s": 0.3,
+}
+FRAME_S = 0.04
+
+
+def frame(estimator, pose, noise=NOISE):
+    """Let a frame pass in which the estimator sees a person, at the heading `pose[2]` [rad]."""
+    estimator.predict(FRAME_S)
+    estimator.update(Pose2D(float(pose[0]), float(pose[1]), wrap(float(pose[2]))), noise)
