@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harness import ROOT
+from harness import ROOT, SCENARIOS
 
 README = (ROOT / "README.md").read_text()
 
