@@ -15,6 +15,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
+from harness import COMMAND_GUARD_S as GUARD_S
+from harness import ROOT
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.geometry import Pose2D, Twist2D
@@ -22,10 +24,6 @@ from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import FollowerState, Odometry
 from mecazen.wire import Stamp
 from mecazen_tools.processes import private_router
-
-ROOT = Path(__file__).parents[1]
-GUARD_S = 60.0
-"""Far beyond what anything here takes: only a hang gets there."""
 
 SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")

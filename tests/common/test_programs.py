@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -44,8 +43,6 @@ class Nowhere(Node):
 
 NOT_A_CLASS = 3
 """
-
-WriteScenario = Callable[..., Path]
 
 
 @pytest.fixture(autouse=True)

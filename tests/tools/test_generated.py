@@ -1,16 +1,15 @@
 """What repeats the graph does so truly: documents, access rules, compose file, folders."""
 
 import re
-from pathlib import Path
 
 import pytest
+from harness import ROOT
 from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
 from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.loading import load_scenario
 from mecazen_tools.generated import files
 
-ROOT = Path(__file__).parents[2]
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 OURS = sorted(set(SERVICES) - {COLLECTOR})
 
