@@ -131,12 +131,8 @@ def test_what_is_wrong_with_robots_is_one_line(write_scenario, text, expected):
 
 
 def test_when_there_is_no_such_robot_expect_those_there_are(write_scenario, scenario):
-    two = load_scenario(write_scenario(TWO))
-    for given, name, there in (
-        (two, "three", "one, two"),
-        (two, "", "one, two"),
-        (scenario, "one", "none"),
-    ):
+    two = load_scenario(write_scenario(TWO)), "one, two"
+    for (given, there), name in ((two, "three"), (two, ""), ((scenario, "none"), "one")):
         expected = f"'{name}': no such robot in the scenario; its robots: {there}"
         with pytest.raises(ConfigError, match=expected):
             given.of(name)

@@ -48,8 +48,6 @@ def test_the_containers_of_each_profile_are_the_services_of_its_scenario():
         profile: {name for prefix, name in names if prefix == profile and name not in OBSERVERS}
         for profile in ("", "teleop", "lockstep")
     }
-    scenarios = ROOT / "configs" / "scenarios"
-    back, teleop = (
-        set(load_scenario(scenarios / f"{n}.toml").services) for n in ("back", "teleop")
-    )
+    paths = (ROOT / "configs" / "scenarios" / f"{name}.toml" for name in ("back", "teleop"))
+    back, teleop = (set(load_scenario(path).services) for path in paths)
     assert by_profile == {"": back, "teleop": teleop, "lockstep": back}
