@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from harness import ROBOTS
 from hypothesis import HealthCheck, settings
 from mecazen.bus.session import open_session
 from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario
-
-ROBOT_FILE = Path(__file__).parents[1] / "configs" / "robots" / "nexus.toml"
 
 # a shared core may be slow: examples are limited in number, not in time
 settings.register_profile("mecazen", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -33,7 +32,7 @@ def write_scenario(tmp_path: Path) -> Callable[..., Path]:
     """Write a scenario into `scenarios/`, beside `robots/nexus.toml`; return its path."""
     for folder in ("robots", "scenarios"):
         (tmp_path / folder).mkdir()
-    shutil.copy(ROBOT_FILE, tmp_path / "robots" / "nexus.toml")
+    shutil.copy(ROBOTS / "nexus.toml", tmp_path / "robots" / "nexus.toml")
 
     def write(text: str = "", robot: str = 'robot = "../robots/nexus.toml"\n') -> Path:
         path = tmp_path / "scenarios" / "test.toml"

@@ -265,9 +265,8 @@ def test_the_gain_of_an_optimisation_is_the_figure_with_it_over_that_without(tmp
     for value, only in ((40.0, []), (80.0, ["without", "near"])):
         results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
     shown = updated("<!-- bench: optimisations -->\n<!-- /bench -->", tmp_path)
-    assert (
-        "| near rollers | Physics / nexus / µs/step | 80 | 40 | 2.00 |" in shown
-    )  # less is better
+    # less is better
+    assert "| near rollers | Physics / nexus / µs/step | 80 | 40 | 2.00 |" in shown
     assert "| other | Physics / nexus / µs/step | | | not measured yet |" in shown
 
 

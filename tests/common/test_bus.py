@@ -134,16 +134,12 @@ def test_an_outsiders_bytes_arrive_with_or_without_a_stamp(
     ("payload", "attachment"),
     [
         (b"", None),
-        (b"{", None),
-        (b"hello", None),
-        (b'{"linear":{"x":"fast"}}', None),
         (b"\x81\xa6linear\x81\xa1x\xcb\x7f\xf8" + bytes(6), None),
-        (b"[" * 100_000, None),
         (b"{}" + b" " * MAX_PAYLOAD_BYTES, None),
         (b"{}", b"15 bytes, not 16"[:15]),
         (b"{}", b"\xff" * 16),
     ],
-    ids=["empty", "truncated", "text", "type", "nan", "nested", "oversize", "short", "negative"],
+    ids=["empty", "nan", "oversize", "short", "negative"],
 )
 def test_what_is_refused_is_counted_and_the_last_good_value_stays(
     pair, received, caplog, payload, attachment

@@ -15,77 +15,64 @@ def at(x):
     return m.Odometry(pose=m.PoseWithCovariance(pose=m.Pose(position=m.Point(x=x))))
 
 
-def moving(speed):
-    return m.Odometry(twist=m.TwistWithCovariance(twist=m.Twist(linear=m.Vector3(y=speed))))
-
-
-def turning(speed):
-    return m.Odometry(twist=m.TwistWithCovariance(twist=m.Twist(angular=m.Vector3(z=speed))))
+def moving(**twist):
+    return m.Odometry(twist=m.TwistWithCovariance(twist=m.Twist(**twist)))
 
 
 def forward(speed):
     return m.Twist(linear=m.Vector3(x=speed))
 
 
-def spinning(speed):
-    return m.Twist(angular=m.Vector3(z=speed))
-
-
-def seen_at(x):
-    return m.Observation(poses=(m.PoseWithCovariance(), at(x).pose))
-
-
-def seen_with(variance):
-    return m.Observation(poses=(m.PoseWithCovariance(covariance=(*35 * (0.0,), variance)),))
-
-
-def estimated_at(x):
-    return m.FollowerState(estimate=(at(x),))
-
-
-def bound_for(x):
-    return m.FollowerState(goal=(m.Pose(position=m.Point(y=x)),))
-
-
-def joints(speed):
-    return m.JointState(velocity=(*60 * (0.0,), speed))
-
-
+MESSAGES = {
+    "at": at,
+    "moving": lambda speed: moving(linear=m.Vector3(y=speed)),
+    "turning": lambda speed: moving(angular=m.Vector3(z=speed)),
+    "forward": forward,
+    "spinning": lambda speed: m.Twist(angular=m.Vector3(z=speed)),
+    "seen_at": lambda x: m.Observation(poses=(m.PoseWithCovariance(), at(x).pose)),
+    "seen_with": lambda variance: m.Observation(
+        poses=(m.PoseWithCovariance(covariance=(*35 * (0.0,), variance)),)
+    ),
+    "estimated_at": lambda x: m.FollowerState(estimate=(at(x),)),
+    "bound_for": lambda x: m.FollowerState(goal=(m.Pose(position=m.Point(y=x)),)),
+    "joints": lambda speed: m.JointState(velocity=(*60 * (0.0,), speed)),
+}
 LIMITS = [
-    (keys.GROUND_TRUTH, at, "position", 1e6, " m"),
-    (keys.ODOM, at, "position", 1e6, " m"),
-    (keys.ODOM, moving, "linear velocity", 1e6, " m/s"),
-    (keys.ODOM, turning, "angular velocity", 1e6, " rad/s"),
-    (keys.TARGET_ODOM, at, "position", 1e6, " m"),
-    (keys.TARGET_ODOM, moving, "linear velocity", 1e6, " m/s"),
-    (keys.TARGET_ODOM, turning, "angular velocity", 1e6, " rad/s"),
-    (keys.CMD_VEL, forward, "linear velocity", 1e6, " m/s"),
-    (keys.CMD_VEL, spinning, "angular velocity", 1e6, " rad/s"),
-    (keys.TARGET_CMD_VEL, forward, "linear velocity", 10.0, " m/s"),
-    (keys.TARGET_CMD_VEL, spinning, "angular velocity", 10.0, " rad/s"),
-    (keys.JOINT_STATES, joints, "joint velocity", 1e6, " rad/s"),
-    (keys.JOINT_COMMAND, joints, "joint velocity", 1e6, " rad/s"),
-    (keys.OBSERVATION, seen_at, "position", 1e6, " m"),
-    (keys.OBSERVATION, seen_with, "covariance", 1e12, ""),
-    (keys.FOLLOWER_STATE, estimated_at, "position", 1e6, " m"),
-    (keys.FOLLOWER_STATE, bound_for, "position", 1e6, " m"),
+    (keys.GROUND_TRUTH, "at", "position", 1e6, " m"),
+    (keys.ODOM, "at", "position", 1e6, " m"),
+    (keys.ODOM, "moving", "linear velocity", 1e6, " m/s"),
+    (keys.ODOM, "turning", "angular velocity", 1e6, " rad/s"),
+    (keys.TARGET_ODOM, "at", "position", 1e6, " m"),
+    (keys.TARGET_ODOM, "moving", "linear velocity", 1e6, " m/s"),
+    (keys.TARGET_ODOM, "turning", "angular velocity", 1e6, " rad/s"),
+    (keys.CMD_VEL, "forward", "linear velocity", 1e6, " m/s"),
+    (keys.CMD_VEL, "spinning", "angular velocity", 1e6, " rad/s"),
+    (keys.TARGET_CMD_VEL, "forward", "linear velocity", 10.0, " m/s"),
+    (keys.TARGET_CMD_VEL, "spinning", "angular velocity", 10.0, " rad/s"),
+    (keys.JOINT_STATES, "joints", "joint velocity", 1e6, " rad/s"),
+    (keys.JOINT_COMMAND, "joints", "joint velocity", 1e6, " rad/s"),
+    (keys.OBSERVATION, "seen_at", "position", 1e6, " m"),
+    (keys.OBSERVATION, "seen_with", "covariance", 1e12, ""),
+    (keys.FOLLOWER_STATE, "estimated_at", "position", 1e6, " m"),
+    (keys.FOLLOWER_STATE, "bound_for", "position", 1e6, " m"),
 ]
 
 
 @pytest.mark.parametrize(
     ("topic", "message", "what", "most", "unit"),
     LIMITS,
-    ids=[f"{topic.key} {message.__name__}" for topic, message, *_ in LIMITS],
+    ids=[f"{topic.key} {message}" for topic, message, *_ in LIMITS],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(
     topic, message, what, most, unit, sign
 ):
-    good = message(sign * most)
+    make = MESSAGES[message]
+    good = make(sign * most)
     assert decode_sample(topic, encode(good, "json"), "", None) == (good, None)
     number = math.nextafter(most, math.inf) * sign
     with pytest.raises(RefusedError) as refusal:
-        decode_sample(topic, encode(message(number), "json"), "", None)
+        decode_sample(topic, encode(make(number), "json"), "", None)
     assert str(refusal.value) == f"{what} {number} is out of range, at most {most:g}{unit}"
 
 

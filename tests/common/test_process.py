@@ -11,12 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from harness import COMMAND_GUARD_S as GUARD_S
 from mecazen.keys import SIM_STATE
 from mecazen.messages import Empty
 from mecazen.wire import Stamp
-
-GUARD_S = 60.0
-"""Only ends a test that would hang."""
 
 TOYS = """
 from mecazen.graph import Row, every, latest

@@ -131,16 +131,11 @@ def test_what_is_wrong_with_robots_is_one_line(write_scenario, text, expected):
 
 
 def test_when_there_is_no_such_robot_expect_those_there_are(write_scenario, scenario):
-    with pytest.raises(
-        ConfigError, match="'three': no such robot in the scenario; its robots: one, two"
-    ):
-        load_scenario(write_scenario(TWO)).of("three")
-    with pytest.raises(
-        ConfigError, match="'': no such robot in the scenario; its robots: one, two"
-    ):
-        load_scenario(write_scenario(TWO)).of("")
-    with pytest.raises(ConfigError, match="'one': no such robot in the scenario; its robots: none"):
-        scenario.of("one")
+    two = load_scenario(write_scenario(TWO)), "one, two"
+    for (given, there), name in ((two, "three"), (two, ""), ((scenario, "none"), "one")):
+        expected = f"'{name}': no such robot in the scenario; its robots: {there}"
+        with pytest.raises(ConfigError, match=expected):
+            given.of(name)
 
 
 @pytest.mark.parametrize("setting", ["robots.three.start.x_m=2.0", "robots.three=2"])

@@ -207,18 +207,10 @@ encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, MSGPACK_ENCODING,
 some_names = st.sampled_from(
     sorted({name for kind in KINDS for name in kind.__struct_fields__} | {"x", "sec", "stamp"})
 )
+scalars = st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats()
 values = st.recursive(
-    st.one_of(
-        st.none(),
-        st.booleans(),
-        st.integers(-(2**63), 2**64 - 1),
-        st.floats(),
-        st.text(max_size=5),
-        st.binary(max_size=5),
-    ),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=4), st.dictionaries(some_names, inner, max_size=5)
-    ),
+    scalars | st.text(max_size=5) | st.binary(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(some_names, inner, max_size=5),
     max_leaves=15,
 )
 

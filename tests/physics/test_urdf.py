@@ -59,14 +59,10 @@ def test_an_independent_reader_finds_the_bodies_of_the_world(robot, tmp_path):
         if body.getName() == "front_axle":  # weighs nothing, and hardly swings
             continue
         other = read.getBodyNode(body.getName())
-        np.testing.assert_allclose(
-            other.getWorldTransform().matrix(),
-            body.getWorldTransform().matrix(),
-            atol=1e-9,  # the URDF has twelve digits
-        )
+        found, expected = (each.getWorldTransform().matrix() for each in (other, body))
+        np.testing.assert_allclose(found, expected, atol=1e-9)  # the URDF has twelve digits
     # The world's base carries camera and lidar, so the whole robot is compared.
     assert read.getMass() == pytest.approx(ours.getMass(), rel=1e-9)
     np.testing.assert_allclose(read.getCOM(), ours.getCOM(), atol=1e-9)
-    np.testing.assert_allclose(
-        read.getMassMatrix()[:6, :6], ours.getMassMatrix()[:6, :6], atol=1e-8
-    )
+    found, expected = (each.getMassMatrix()[:6, :6] for each in (read, ours))
+    np.testing.assert_allclose(found, expected, atol=1e-8)

@@ -1,16 +1,15 @@
 """What repeats the graph does so truly: documents, access rules, compose file, folders."""
 
 import re
-from pathlib import Path
 
 import pytest
+from harness import ROOT
 from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
 from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.loading import load_scenario
 from mecazen_tools.generated import files
 
-ROOT = Path(__file__).parents[2]
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 OURS = sorted(set(SERVICES) - {COLLECTOR})
 
@@ -49,8 +48,6 @@ def test_the_containers_of_each_profile_are_the_services_of_its_scenario():
         profile: {name for prefix, name in names if prefix == profile and name not in OBSERVERS}
         for profile in ("", "teleop", "lockstep")
     }
-    scenarios = ROOT / "configs" / "scenarios"
-    back, teleop = (
-        set(load_scenario(scenarios / f"{n}.toml").services) for n in ("back", "teleop")
-    )
+    paths = (ROOT / "configs" / "scenarios" / f"{name}.toml" for name in ("back", "teleop"))
+    back, teleop = (set(load_scenario(path).services) for path in paths)
     assert by_profile == {"": back, "teleop": teleop, "lockstep": back}

@@ -9,12 +9,10 @@ import sys
 import time
 
 import pytest
+from harness import COMMAND_GUARD_S as GUARD_S
 from mecazen.config import Process
 from mecazen_tools import processes
 from mecazen_tools.processes import Line, ProcessError, Supervisor
-
-GUARD_S = 60.0
-"""Only ends a test that would hang."""
 
 TOY = """
 import logging, signal, sys

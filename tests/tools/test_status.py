@@ -91,7 +91,5 @@ def test_the_screen_shows_a_line_for_each_and_simulated_time_above():
 
 def test_the_screen_says_when_time_is_held_and_when_nobody_simulates():
     held = SimState(mode="lockstep", paused=True, seed=1)
-    assert (
-        text_of(status_of(held, (), set(), {}))[0] == "t = 0.0 s  ·  paused  ·  lockstep  ·  seed 1"
-    )
-    assert text_of(status_of(None, (), set(), {}))[0] == "nobody simulates"
+    expected = {held: "t = 0.0 s  ·  paused  ·  lockstep  ·  seed 1", None: "nobody simulates"}
+    assert {sim: text_of(status_of(sim, (), set(), {}))[0] for sim in expected} == expected
