@@ -73,7 +73,7 @@ def mjcf(robot: Robot, dt_s: float, shape: Shape) -> str:
 
 def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
     """Add the links as bodies; camera and lidar are part of the base, as in our world."""
-    links = model.links(robot)
+    links, roller = model.links(robot), Roller.of(robot)
     mass, centre, inertia = model.lump(
         [model.base(robot), *(link for link in links if link.axis is None)]
     )
@@ -90,23 +90,16 @@ def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
         body = ET.SubElement(bodies[link.parent], "body", name=link.name, pos=place, xyaxes=axes)
         bodies[link.name] = body
         joint = ET.SubElement(body, "joint", name=link.joint, axis=_text(link.axis))
-        centre_of_mass, moments = _text(link.centre), _text(link.moments)
-        ET.SubElement(
-            body, "inertial", pos=centre_of_mass, mass=str(link.mass), diaginertia=moments
-        )
+        centre_of_mass, moments = _text(link.centre), {"diaginertia": _text(link.moments)}
+        ET.SubElement(body, "inertial", moments, pos=centre_of_mass, mass=str(link.mass))
         if link.parent != "base_link":
             joint.set("damping", str(robot.rollers.bearing_friction_nms))
-            _add_roller(body, Roller.of(robot), shape)
-
-
-def _add_roller(body: ET.Element, roller: Roller, shape: Shape) -> None:
-    """Add a roller's shape, which collides with the ground only."""
-    geom = ET.SubElement(body, "geom", type=shape, contype="0")
-    if shape == "mesh":
-        geom.set("mesh", "roller")
-    else:
-        radius = roller.max_radius
-        geom.set("size", _text([radius, roller.length / 2.0 - radius]))
+            # it collides with the ground only
+            geom = ET.SubElement(body, "geom", type=shape, contype="0")
+            if shape == "mesh":
+                geom.set("mesh", "roller")
+            else:
+                geom.set("size", _text([roller.max_radius, roller.length / 2 - roller.max_radius]))
 
 
 def _text(values: Iterable[float]) -> str:

@@ -24,17 +24,23 @@ class ClusterWorkers:
     The scheduler itself gives the job of a worker that dies to another, and gives it up after
     its `allowed-failures`. joblib's backend for Dask would wait forever for such a job.
 
-    Args:
-        address: The scheduler's, as `tcp://192.0.2.1:8786`.
-
     Raises:
-        ConfigError: That is no address of one.
+        ConfigError: The address is not as `tcp://192.0.2.1:8786`.
         MecazenError: Nothing answers there, or there are no workers.
     """
 
     def __init__(self, address: str) -> None:
+        # checked here: with a wrong one Dask's client hangs at the end of the process
+        if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
+            raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
+        # errors of the scheduler are reported in one line instead of the client's
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         self._address = address
-        self._client = _connect(address)
+        try:
+            connect: Any = Client  # which is not typed
+            self._client = connect(address, timeout=CONNECT_S, set_as_default=False)
+        except OSError:
+            raise MecazenError(f"--scheduler {address}: no Dask scheduler answers there") from None
         if not self._client.ncores():
             self.close()
             raise MecazenError(
@@ -80,17 +86,3 @@ class ClusterWorkers:
     def close(self) -> None:
         """Leave the cluster."""
         self._client.close()
-
-
-def _connect(address: str) -> Any:
-    # checked here: with a wrong one Dask's client hangs at the end of the process
-    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
-        raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
-    # errors of the scheduler are reported in one line instead of the client's
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-    try:
-        return Client(  # type: ignore[no-untyped-call]
-            address, timeout=CONNECT_S, set_as_default=False
-        )
-    except OSError:
-        raise MecazenError(f"--scheduler {address}: no Dask scheduler answers there") from None

@@ -8,6 +8,7 @@ import math
 import pkgutil
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version as version_of
 from itertools import product
@@ -29,13 +30,11 @@ LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
 
 
 class Key(msgspec.Struct, frozen=True):
-    """What the result of a run depends on, and nothing else."""
+    """What the result of a run depends on, and nothing else; see `fingerprint` and `version`."""
 
     scenario_sha256: str
-    """See `fingerprint`."""
     seed: int
     version: str
-    """See `version`."""
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -164,15 +163,14 @@ def _with_content(program: str) -> str:
     place, colon, name = program.partition(":")
     if not colon:
         return program
-    if place.endswith(".py"):
-        return f"{_content(Path(place))}:{name}"
-    try:
-        spec = importlib.util.find_spec(place)
-    except (ImportError, ValueError):
+    if not place.endswith(".py"):
         spec = None
-    if spec is None or spec.origin is None:
-        raise ConfigError(f"{program}: there is no module {place}")
-    return f"{_content(Path(spec.origin))}:{name}"
+        with suppress(ImportError, ValueError):
+            spec = importlib.util.find_spec(place)
+        if spec is None or spec.origin is None:
+            raise ConfigError(f"{program}: there is no module {place}")
+        place = spec.origin
+    return f"{_content(Path(place))}:{name}"
 
 
 @cache

@@ -140,9 +140,9 @@ def _score(table: Table, standoff: Standoff) -> Score:
     distance, bearing, yaw = map(abs, deviations(table, standoff))
     acceleration = np.diff(_velocity(table, "robot") * np.exp(1j * robot.yaw)) / table.tick_s
     estimated = table.where(~np.isnan(table["estimate_x_m"] + table["odom_x_m"]))
-    error = _estimate_error(estimated)
+    error, covariances = _estimate_errors(estimated)
     speed = abs(_velocity(estimated, "estimate")) - abs(_velocity(estimated, "target"))
-    consistency = nees(np.stack(error, axis=-1), _covariances(estimated))
+    consistency = nees(np.stack(error, axis=-1), covariances)
     commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
     return Score(
         **{f"d_{name}_m": _of(measure, distance) for name, measure in MEASURES.items()},
@@ -172,19 +172,14 @@ def _velocity(table: Table, who: str) -> npt.NDArray[np.complex128]:
     return table[f"{who}_vx_m_s"] + 1j * table[f"{who}_vy_m_s"]
 
 
-def _estimate_error(table: Table) -> Poses:
-    """Return the estimated less the true person, along the axes of odom."""
+def _estimate_errors(table: Table) -> tuple[Poses, Floats]:
+    """Return the estimated less the true person along the axes of odom, and n×3×3 covariances."""
     seen = table.poses("robot").between(table.poses("target"))
-    truth = table.poses("odom").compose(seen)
-    estimate = table.poses("estimate")
-    return Poses(estimate.x - truth.x, estimate.y - truth.y, wrap(estimate.yaw - truth.yaw))
-
-
-def _covariances(table: Table) -> Floats:
-    """Return the n×3×3 covariances of the estimated poses."""
+    truth, estimate = table.poses("odom").compose(seen), table.poses("estimate")
+    error = Poses(estimate.x - truth.x, estimate.y - truth.y, wrap(estimate.yaw - truth.yaw))
     xx, xy, xyaw, yy, yyaw, yawyaw = (table[f"estimate_{name}"] for name in COVARIANCE)
     rows = [[xx, xy, xyaw], [xy, yy, yyaw], [xyaw, yyaw, yawyaw]]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return error, np.moveaxis(np.array(rows), -1, 0)
 
 
 def _variation(table: Table, command: Floats | npt.NDArray[np.complex128]) -> float | None:

@@ -74,15 +74,8 @@ def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
         raise MecazenError(f"every trial failed; the last: {failed[-1]}")
     training_cost, settings = best
     rows = _run(tuning.cases, settings, tuning.held_out_seeds, do)
-    return Best(
-        objective=tuning.objective,
-        trials=tuning.trials,
-        failed_trials=len(failed),
-        settings=settings,
-        training_cost=training_cost,
-        held_out_cost=cost(tuning, rows, settings),
-        rows=tuple(rows),
-    )
+    costs = training_cost, cost(tuning, rows, settings)
+    return Best(tuning.objective, tuning.trials, len(failed), settings, *costs, tuple(rows))
 
 
 def suggest(tuning: Tuning, choose: Callable[..., float]) -> dict[str, dict[str, float]]:
@@ -106,15 +99,14 @@ def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str
     Raises:
         MecazenError: A row has no such score.
     """
-    of_row = match_cost if tuning.objective == "match" else limits_cost
-    costs = [of_row(row) for row in rows]
-    costs += [
+    costs = map(match_cost if tuning.objective == "match" else limits_cost, rows)
+    preferences = [
         preference(settings[case.name][key], within.prefer)
         for case in tuning.cases
         for key, within in (tuning.parameters | case.parameters).items()
         if within.prefer is not None
     ]
-    return math.fsum(costs)
+    return math.fsum([*costs, *preferences])
 
 
 def match_cost(row: Row) -> float:

@@ -19,8 +19,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.messages import Empty, JointState, ResetRequest
 from mecazen.wire import Stamp
 from mecazen_recorder.reader import Recording
-from mecazen_target.config import TargetConfig
-from mecazen_target.walker import Walker
+from mecazen_target.node import TargetNode
 from mecazen_tools.processes import ProcessError
 
 WATCHFUL = ROOT / "configs" / "zenoh" / "watchful.json5"
@@ -100,7 +99,8 @@ def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running:
 
 
 def test_a_target_that_is_back_goes_on_where_the_person_would_be(running: Running) -> None:
-    person = Walker(running.stack.scenario.section(TargetConfig, "target"), 0.01)
+    person = TargetNode(running.stack.scenario)
+    person.reset(0)
     seen: list[tuple[int, object]] = []
     running.signal("target", signal.SIGKILL)
     running.wait(lambda: "target" not in running.stack.bus.presence.names)
@@ -112,7 +112,7 @@ def test_a_target_that_is_back_goes_on_where_the_person_would_be(running: Runnin
     running.wait(lambda: len(seen) > 100)
     for time_ns, pose in seen:
         # the yaw goes through a quaternion, which costs its last bits
-        assert pose == pytest.approx(person.at(time_ns // 10_000_000).pose, abs=1e-12)
+        assert pose == pytest.approx(person.motion_at(time_ns // 10_000_000).pose, abs=1e-12)
 
 
 def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_come_back(

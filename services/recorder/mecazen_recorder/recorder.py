@@ -153,12 +153,7 @@ class Recorder:
 
 
 def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
-    """Record on a tool's bus until a signal; return the number of samples.
-
-    Raises:
-        RecordingError: The file can't be written.
-        BusError: A key is no key expression.
-    """
+    """Record on a tool's bus until a signal; return the number of samples; raises as `Recorder`."""
 
     def scenario() -> str | None:
         try:

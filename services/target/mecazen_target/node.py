@@ -39,7 +39,7 @@ class TargetNode(Node):
         timeout_s = path.timeout_s if isinstance(path, config.Driven) else 0.0
         self.driven = Driven(start_pose(path), timeout_s, tick_s)
         self.tick = 0
-        self.motion = self._motion_at(0)
+        self.motion = self.motion_at(0)
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
@@ -47,7 +47,7 @@ class TargetNode(Node):
         command = inputs.get(TARGET_CMD_VEL)
         if command is not None:
             self.driven.command(command.to_planar())
-        person = self.motion = self._motion_at(tick.number)
+        person = self.motion = self.motion_at(tick.number)
         outputs: dict[Topic[Any], m.Message] = {
             TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
         }
@@ -57,7 +57,7 @@ class TargetNode(Node):
             outputs[OBSERVATION] = self._message(frame)
         return outputs
 
-    def _motion_at(self, tick: int) -> Motion:
+    def motion_at(self, tick: int) -> Motion:
         """Return the motion at a tick, which is not before the last one."""
         if self.path is not None:
             motion = self.path.at(tick * self.scenario.sim.tick_s)

@@ -81,10 +81,8 @@ def scalars(values: Iterable[float]) -> Components:
     return [rr.DescribedComponentBatch(_Batch(numbers), _SCALARS)]
 
 
-def _vectors(
-    descriptor: rr.ComponentDescriptor, values: Array, width: int
-) -> rr.DescribedComponentBatch:
-    return rr.DescribedComponentBatch(_Batch(_vector_array(values, width)), descriptor)
+def _vectors(what: rr.ComponentDescriptor, values: Array, width: int) -> rr.DescribedComponentBatch:
+    return rr.DescribedComponentBatch(_Batch(_vector_array(values, width)), what)
 
 
 def _vector_array(values: Array, width: int) -> pa.FixedSizeListArray:

@@ -85,7 +85,9 @@ class Picture:
             raise ValueError(f"pose out of range: {odom.pose.pose}")
         yield e.ROBOT, transform(place, turn)
         self._centre = things.grid_centre(pose)
-        yield things.frame(e.FOLLOW, self._middle(pose))
+        other = self._person.newest or pose  # the view is centred between both
+        middle = Pose2D((pose.x + other.x) / 2.0, (pose.y + other.y) / 2.0)
+        yield things.frame(e.FOLLOW, middle)
         if self._robot.add(time_ns, pose):
             yield things.trail("robot", self._robot.trail)
 
@@ -118,7 +120,9 @@ class Picture:
         yield things.frame(e.PERSON, pose)
         if self._person.add(time_ns, pose):
             yield things.trail("person", self._person.trail)
-        if self._reports(time_ns) or not self._is_due("true errors", time_ns):
+        # a follower that publishes its state has the errors plotted with it
+        reports = time_ns - self._shown_ns.get(e.ESTIMATE, -SILENCE_NS) < SILENCE_NS
+        if reports or not self._is_due("true errors", time_ns):
             return
         if (robot := self._robot.at(time_ns)) is not None:
             yield from plots.errors(self._standoff, pose.between(robot))
@@ -183,11 +187,6 @@ class Picture:
             self._grid = self._centre
             yield things.ground(self._grid)
 
-    def _reports(self, time_ns: int) -> bool:
-        """Return whether a follower publishes its state; the errors are plotted with it."""
-        shown_ns = self._shown_ns.get(e.ESTIMATE)
-        return shown_ns is not None and time_ns - shown_ns < SILENCE_NS
-
     def _is_due(self, what: str, time_ns: int) -> bool:
         """Return whether an entity limited to ten times a second is due."""
         if time_ns - self._shown_ns.get(what, -PLOT_STEP_NS) < PLOT_STEP_NS:
@@ -202,11 +201,6 @@ class Picture:
             return seen._replace(yaw=0.0)
         robot = self._robot.at(frame.header.stamp.ns)
         return None if robot is None else robot.compose(seen)._replace(yaw=robot.yaw)
-
-    def _middle(self, robot: Pose2D) -> Pose2D:
-        """Return the midpoint of robot and person, or the robot if there is nobody; yaw 0."""
-        person = self._person.newest or robot
-        return Pose2D((robot.x + person.x) / 2.0, (robot.y + person.y) / 2.0)
 
 
 def _planar(odom: m.Odometry) -> Pose2D:
