@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mecazen.graph import Input
@@ -48,6 +48,7 @@ class Join:
         inputs = tuple(inputs)
         self._whole = whole
         self._triggers = tuple(i.topic for i in inputs if i.rule == "every")
+        self._only_trigger = self._triggers[0] if len(self._triggers) == 1 else None
         self._due = {i.topic: periods_ns[i.topic] for i in inputs if i.rule == "due"}
         self._revising = {i.topic for i in inputs if i.revises}
         self.late: dict[str, int] = {i.topic.key: 0 for i in inputs if i.rule == "due"}
@@ -66,6 +67,8 @@ class Join:
         awaited = (*self._due, *self._triggers)
         # one topic alone is never ahead of another
         holds = self._whole and self._triggers and len(awaited) > 1
+        self._holding = False
+        """Whether any sample is held back."""
         self._held: dict[Topic[Any], deque[tuple[Message, Stamp]]] = {
             topic: deque(maxlen=AHEAD_AT_MOST) for topic in (awaited if holds else ())
         }
@@ -74,18 +77,34 @@ class Join:
         """Return whether steps wait for a topic's samples."""
         return topic in self._due or topic in self._triggers
 
-    def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Iterator[Joined]:
-        """Take a sample of this run; yield the steps that can be made now."""
-        last_ns = -1 if self._last is None else self._last.time_ns
-        if stamp is None or topic not in self._held or stamp.time_ns <= last_ns:
-            yield from self._put(topic, message, stamp)
-            return
-        self._held[topic].append((message, stamp))
+    def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Sequence[Joined]:
+        """Take a sample of this run; return the steps that can be made now."""
+        held = self._held.get(topic)
+        if held is None or stamp is None or (not held and self._is_next(topic, stamp)):
+            joined = self._put(topic, message, stamp)
+            return joined if not self._holding else (*joined, *self._release())
+        held.append((message, stamp))
+        self._holding = True
+        return self._release()
+
+    def _is_next(self, topic: Topic[Any], stamp: Stamp) -> bool:
+        """Return whether a sample is of the tick whose turn it is: most are, and wait for none."""
+        if self._last is not None and stamp.time_ns <= self._last.time_ns:
+            return True
+        if self._open is None:
+            return topic is self._only_trigger and not self._holding
+        return topic in self._due and stamp.time_ns <= self._open.time_ns
+
+    def _release(self) -> list[Joined]:
+        """Take what was held back of each tick of which all has come."""
+        steps: list[Joined] = []
         while (tick_ns := self._next_whole_ns()) is not None:
             # what is due comes before what makes the step
             for given, held in self._held.items():
                 while held and held[0][1].time_ns <= tick_ns:
-                    yield from self._put(given, *held.popleft())
+                    steps += self._put(given, *held.popleft())
+        self._holding = any(self._held.values())
+        return steps
 
     def _next_whole_ns(self) -> int | None:
         """Return the next tick [ns] of which all has come; None: it is still awaited."""
@@ -100,40 +119,42 @@ class Join:
                 held.popleft()
         return None
 
-    def _put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Iterator[Joined]:
-        if topic in self._triggers:
-            if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
-                return
-            if self._open is not None:
-                yield self._close()
-            self._newest_ns[topic] = stamp.time_ns
+    def _put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Sequence[Joined]:
+        if topic not in self._triggers:
             self._new[topic] = message
-            if any(self._newest_ns.get(other) != stamp.time_ns for other in self._triggers):
-                return
-            self._open = stamp
-            if not self._missing(stamp):
-                yield self._close()
-            return
+            if stamp is not None:
+                self._newest_ns[topic] = max(stamp.time_ns, self._newest_ns.get(topic, -1))
+            return self._go_on(topic, stamp)
+        if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
+            return ()
+        closed = () if self._open is None else (self._close(),)
+        self._newest_ns[topic] = stamp.time_ns
         self._new[topic] = message
-        if stamp is not None:
-            self._newest_ns[topic] = max(stamp.time_ns, self._newest_ns.get(topic, -1))
-        yield from self._go_on(topic, stamp)
+        if topic is not self._only_trigger and any(
+            self._newest_ns.get(other) != stamp.time_ns for other in self._triggers
+        ):
+            return closed
+        self._open = stamp
+        return closed if self._missing(stamp) else (*closed, self._close())
 
-    def _go_on(self, topic: Topic[Any], stamp: Stamp | None) -> Iterator[Joined]:
+    def _go_on(self, topic: Topic[Any], stamp: Stamp | None) -> Sequence[Joined]:
         last = self._last
         if self._open is not None:
             if topic in self._due and not self._missing(self._open):
-                yield self._close()
+                return (self._close(),)
         elif (
             last is not None
             and topic in self._revising
             # one that is ahead of its tick waits for it
             and (stamp is None or stamp.time_ns <= last.time_ns)
         ):
-            yield self._take(last, again=True)
+            return (self._take(last, again=True),)
+        return ()
 
     def _missing(self, stamp: Stamp) -> list[Topic[Any]]:
         """Return the topics of samples that are due since the last step and have not come."""
+        if not self._due:
+            return []
         last_ns = stamp.time_ns - 1 if self._last is None else self._last.time_ns
         missing = []
         for topic, period_ns in self._due.items():

@@ -135,9 +135,7 @@ class _Stepped:
         stamp, samples, again = joined
         now_ns = stamp.time_ns
         known = self._known_ns
-        ages_s = {
-            topic: (now_ns - known[topic]) / NS_PER_S for topic in self._aged if topic in known
-        }
+        ages_s = {topic: (now_ns - at_ns) / NS_PER_S for topic, at_ns in known.items()}
         inputs = Inputs(samples, ages_s)
         if again:
             period_ns = 0
