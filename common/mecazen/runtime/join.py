@@ -108,6 +108,8 @@ class Join:
 
     def _next_whole_ns(self) -> int | None:
         """Return the next tick [ns] of which all has come; None: it is still awaited."""
+        if self._open is not None and self._missing(self._open):
+            return None
         heads = [self._held[topic] for topic in self._triggers]
         while all(heads):
             stamps = [held[0][1] for held in heads]
