@@ -256,21 +256,3 @@ def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path)
     write(90.0, "physics")
     assert "| nexus | 90 |" in block("physics")
     assert str(OTHERS) in block("physics")
-
-
-def test_the_gain_of_an_optimisation_is_the_figure_with_it_over_that_without(tmp_path, monkeypatch):
-    name = ("Physics", "nexus", "µs/step")
-    rows = {"near": ("near rollers", name), "other": ("other", name)}
-    monkeypatch.setattr(document, "OPTIMISATIONS", rows)
-    for value, only in ((40.0, []), (80.0, ["without", "near"])):
-        results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
-    shown = updated("<!-- bench: optimisations -->\n<!-- /bench -->", tmp_path)
-    # less is better
-    assert "| near rollers | Physics / nexus / µs/step | 80 | 40 | 2.00 |" in shown
-    assert "| other | Physics / nexus / µs/step | | | not measured yet |" in shown
-
-
-def test_every_optimisation_has_a_figure_in_the_results():
-    main = results.read(results.default_path(document.MACHINE, []))
-    names = {name for name, _ in document.named(main.groups)}
-    assert {name for _, name in document.OPTIMISATIONS.values()} <= names

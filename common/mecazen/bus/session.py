@@ -23,7 +23,8 @@ logger = logging.getLogger(__name__)
 Mode = Literal["router", "peer", "client"]
 
 RUNTIME_THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
-"""Zenoh's threads: a service receives little, in turns, and more threads only wake each other."""
+"""Zenoh's threads: a service receives little, in turns, and more threads only wake each other: with
+Zenoh's own number a distributed run of `back` makes 8 % fewer ticks a second."""
 
 SHARED_MEMORY = False
 """It pays from a megabyte on, and has a thread that wakes twenty times a second."""

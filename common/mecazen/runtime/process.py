@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import logging
 import os
 import signal
@@ -63,9 +62,6 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
             declare_alive(member.bus, member.name, member.scenario)
         for member in members:
             announce_readiness(member.bus, member.name, member.scenario)
-        # what is loaded stays: the garbage collector need not look through it in mid-tick
-        gc.collect()
-        gc.freeze()
         _set_real_time_priority(process, scenario)
         logger.info("msg=started mode=%s", scenario.sim.mode)
         reporter.tell(Report("started"))
