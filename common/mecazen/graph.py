@@ -20,10 +20,7 @@ Rule = Literal["every", "due", "latest"]
 
 @dataclass(frozen=True)
 class Input:
-    """A topic that a node takes, and the rule by which its samples join a step.
-
-    Where nobody in the scenario gives the topic, no step waits for it, whatever the rule.
-    """
+    """A topic that a node takes, and the rule by which its samples join a step."""
 
     topic: Topic[Any]
     rule: Rule
@@ -37,12 +34,18 @@ def every(topic: Topic[Any]) -> Input:
 
 
 def due(topic: Topic[Any], *, revises: bool = False) -> Input:
-    """A step waits for the newest sample that is due by its tick, by the topic's rate."""
+    """A step waits for the newest sample that is due by its tick, by the topic's rate.
+
+    Where no node of the scenario gives the topic, no step waits.
+    """
     return Input(topic, "due", revises)
 
 
 def latest(topic: Topic[Any]) -> Input:
-    """A step waits for nothing, and takes what has come since the last one."""
+    """A step waits for nothing, and takes what has come since the last one.
+
+    In lockstep it is "due" of a topic that a node gives: order of arrival counts for nothing.
+    """
     return Input(topic, "latest")
 
 
@@ -269,12 +272,20 @@ class Graph:
         """
         return self._rows[name]
 
-    def resolved(self, row: Row) -> tuple[Input, ...]:
-        """Return a node's inputs; nothing is due of topics that no node gives."""
-        return tuple(
-            replace(i, rule="latest") if i.rule == "due" and not self.giver(i.topic.key) else i
-            for i in row.inputs
-        )
+    def resolved(self, row: Row, *, lockstep: bool = False) -> tuple[Input, ...]:
+        """Return a node's inputs with the rules that hold in a run.
+
+        Nothing is due of topics that no node gives. In lockstep whatever a node gives is due:
+        the latest sample would be another with each order of arrival.
+        """
+
+        def rule(i: Input) -> Rule:
+            if i.rule == "every":
+                return i.rule
+            given = self.giver(i.topic.key) is not None
+            return "due" if given and (lockstep or i.rule == "due") else "latest"
+
+        return tuple(replace(i, rule=rule(i)) for i in row.inputs)
 
     def giver(self, key: str) -> Row | None:
         """Return the node that gives a topic, by its key."""

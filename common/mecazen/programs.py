@@ -154,4 +154,12 @@ def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
         ConfigError: There is no such class.
     """
     rows = graph.services().get(service) or (Row(service),)
-    return {row.name: find(row.name, scenario.programs) for row in rows if not row.owns_time}
+    found = {row.name: find(row.name, scenario.programs) for row in rows if not row.owns_time}
+    for name, kind in found.items():
+        # a service that owns time has a world in it
+        wanted: type = World if any(row.owns_time for row in rows) else Node
+        wanted = Observer if rows[0].observes else wanted
+        if not issubclass(kind, wanted):
+            program = scenario.programs.get(name, name)
+            raise ConfigError(f"{program}: in the place of {name} there is a {wanted.__name__}")
+    return found

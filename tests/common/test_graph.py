@@ -136,3 +136,12 @@ def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario: Scenari
     for key in ("sensor.rate", "sim.mode", "nobody.rate_hz"):
         with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no number"):
             scenario.ticks_per(key)
+
+
+def test_in_lockstep_what_a_node_gives_is_due_and_never_the_latest() -> None:
+    driver = Row("driver", inputs=(every(ODOM),), outputs=(keys.TARGET_CMD_VEL,))
+    driven = Graph((*GRAPH, driver))
+    target = TABLE["target"]
+    assert [i.rule for i in driven.resolved(target)] == ["every", "latest"]
+    assert [i.rule for i in driven.resolved(target, lockstep=True)] == ["every", "due"]
+    assert [i.rule for i in GRAPH_OF_ALL.resolved(target, lockstep=True)] == ["every", "latest"]

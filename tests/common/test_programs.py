@@ -15,7 +15,7 @@ from mecazen.graph import TABLE, every
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
 from mecazen.loading import load_scenario
 from mecazen.node import Inputs, Node, Outputs, Row, Tick
-from mecazen.programs import find, graph_of, installed_nodes
+from mecazen.programs import classes, find, graph_of, installed_nodes
 
 NODE = """
 from mecazen.graph import Row, every, latest
@@ -176,3 +176,14 @@ def test_what_takes_a_place_must_give_what_others_wait_for(
     expected = f"{place}: in the place of {place} it must give {missing} waits for"
     with pytest.raises(ConfigError, match=f"^{re.escape(expected)}$"):
         graph_of(scenario, {place: Mine})
+
+
+@pytest.mark.parametrize(
+    ("place", "program", "wanted"),
+    [("viewer", "Mine", "Observer"), ("follower", "Earth", "Node"), ("physics", "Mine", "World")],
+)
+def test_what_takes_a_place_is_of_its_kind(write_scenario, place, program, wanted):
+    scenario = load_scenario(write_scenario(f"programs.{place} = '../my.py:{program}'\n"))
+    expected = rf"my.py:{program}: in the place of {place} there is a {wanted}$"
+    with pytest.raises(ConfigError, match=expected):
+        classes(place, scenario)

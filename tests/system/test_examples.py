@@ -133,3 +133,55 @@ def test_the_sensors_section_is_checked_as_strictly_as_ours(setting: str, said: 
         InProcess(load_scenario(RANGE, (*SHORT, setting)))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path: Path) -> None:
+    (tmp_path / "walk.py").write_text(
+        "from mecazen.geometry import Twist2D\n"
+        "from mecazen.keys import GROUND_TRUTH, TARGET_CMD_VEL\n"
+        "from mecazen.messages import Twist\n"
+        "from mecazen.node import Node, Row, every\n"
+        "class Walk(Node):\n"
+        "    ROW = Row('walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,))\n"
+        "    def reset(self, seed): pass\n"
+        "    def step(self, tick, inputs):\n"
+        "        return {TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}\n"
+    )
+    path = tmp_path / "walk.toml"
+    robot = EXAMPLES.parent / "configs" / "robots" / "nexus.toml"
+    path.write_text(
+        f"robot = '{robot}'\nprograms.walk = 'walk.py:Walk'\n[start]\nx_m = -1.0\n"
+        "[target.path]\nkind = 'driven'\n"
+    )
+    alone = simulate(load_scenario(path, SHORT), "walk")[0].trajectory_sha256
+    for groups in ("[]", '[["walk", "target"]]', '[["physics", "walk"]]'):
+        settings = (*SHORT, f"processes={groups}")
+        assert simulate_distributed(path, settings, "walk")[0].trajectory_sha256 == alone, groups
+
+
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [
+        ("None", "step must return messages by their topics, not None"),
+        ("{CMD_VEL: Odometry()}", "with a wrong message"),
+        ("{CMD_VEL: Twist.planar(Twist2D(x=float('nan')))}", "linear velocity nan is out of range"),
+    ],
+)
+def test_a_node_that_returns_nonsense_is_told_in_one_line(
+    tmp_path: Path, returned: str, said: str
+) -> None:
+    (tmp_path / "bad.py").write_text(
+        "from mecazen.geometry import Twist2D\n"
+        "from mecazen.keys import CMD_VEL, ODOM\n"
+        "from mecazen.messages import Odometry, Twist\n"
+        "from mecazen.node import Node, Row, every\n"
+        "class Bad(Node):\n"
+        "    ROW = Row('follower', inputs=(every(ODOM),), outputs=(CMD_VEL,))\n"
+        "    def reset(self, seed): pass\n"
+        f"    def step(self, tick, inputs): return {returned}\n"
+    )
+    done = mecazen("simulate", "back", "--set", f"programs.follower={tmp_path}/bad.py:Bad")
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: follower")
+    assert said in line

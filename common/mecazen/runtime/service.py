@@ -106,7 +106,7 @@ class _Stepped:
         self._tick_ns = service.tick_ns
         for rate in row.rates.values():
             scenario.ticks_per(rate)  # refuses one that does not suit the tick
-        inputs = graph.resolved(row)
+        inputs = graph.resolved(row, lockstep=scenario.sim.mode == "lockstep")
         periods_ns = {
             i.topic: scenario.ticks_per(graph.rate(i.topic.key)) * service.tick_ns
             for i in inputs
@@ -146,6 +146,8 @@ class _Stepped:
         self._last = stamp
         tick = Tick(now_ns // self._tick_ns, now_ns, period_ns / NS_PER_S)
         outputs = self.node.step(tick, inputs)
+        if self._is_own:
+            self._check(outputs)
         for topic, reason in inputs.refused:
             self._bus.refuse(topic.key, reason)
         for topic in self._aged:
@@ -155,20 +157,26 @@ class _Stepped:
             publisher = self._publishers.get(topic)
             if publisher is None:
                 raise ConfigError(f"{self.row.name} gives {topic.key}, which is not in its row")
-            if self._is_own:
-                self._check(topic, message)
             publisher.put(message, stamp)
 
-    def _check(self, topic: Topic[Any], message: Message) -> None:
+    def _check(self, outputs: object) -> None:
         """Refuse what every other process would refuse from this node.
 
         Raises:
-            MecazenError: A number is NaN or beyond its limit.
+            MecazenError: A number is NaN or beyond its limit, or the outputs are of wrong types.
         """
-        try:
-            refuse_implausible(topic.key, message)
-        except RefusedError as refusal:
-            raise MecazenError(f"{self.row.name} gives {topic.key} whose {refusal}") from None
+        name = self.row.name
+        if not isinstance(outputs, Mapping):
+            raise MecazenError(
+                f"{name}: step must return messages by their topics, not {outputs!r}"
+            )
+        for topic, message in outputs.items():
+            if not isinstance(topic, Topic) or type(message) is not topic.type:
+                raise MecazenError(f"{name}: step returns {topic!r:.80} with a wrong message")
+            try:
+                refuse_implausible(topic.key, message)
+            except RefusedError as refusal:
+                raise MecazenError(f"{name} gives {topic.key} whose {refusal}") from None
 
 
 def _deliver(
