@@ -185,7 +185,7 @@ class TimeOwner(Participant):
     @property
     def is_answered(self) -> bool:
         """Whether all answers to this tick have come."""
-        return all(link.answered for link in self.links)
+        return not any(link.pending for link in self.links)
 
     def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
         """Hold simulated time at this tick."""

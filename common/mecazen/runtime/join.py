@@ -129,7 +129,7 @@ class Join:
             return self._go_on(topic, stamp)
         if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
             return ()
-        closed = () if self._open is None else (self._close(),)
+        closed = () if self._open is None else (self._close(self._missing(self._open)),)
         self._newest_ns[topic] = stamp.time_ns
         self._new[topic] = message
         if topic is not self._only_trigger and any(
@@ -167,11 +167,11 @@ class Join:
                 missing.append(topic)
         return missing
 
-    def _close(self) -> Joined:
-        """Return the step of the open tick."""
+    def _close(self, missing: Sequence[Topic[Any]] = ()) -> Joined:
+        """Return the step of the open tick, without the samples that are `missing`."""
         stamp = self._open
         assert stamp is not None
-        for topic in self._missing(stamp):
+        for topic in missing:
             self.late[topic.key] += 1
         self._open = None
         if self._last is not None:

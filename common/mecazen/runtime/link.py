@@ -58,17 +58,13 @@ class Link:
         """Await the answers to a tick."""
         self.stamp = Stamp(stamp.time_ns, stamp.run, self._seed)
         self._samples = {}
-        self._awaited = set(self._givers)
+        self.pending = set(self._givers)
+        """Topics whose answers to the tick are still to come."""
 
     @property
     def awaits(self) -> bool:
         """Whether any node of the scenario answers its ticks."""
         return bool(self._givers)
-
-    @property
-    def answered(self) -> bool:
-        """Whether all answers to the tick have come."""
-        return not self._awaited
 
     @property
     def awaited(self) -> list[str]:
@@ -82,7 +78,7 @@ class Link:
         return [join_key(part, self.name) for part in sorted(gone)]
 
     def _missing(self) -> set[str]:
-        return {self._givers[topic] for topic in self._awaited}
+        return {self._givers[topic] for topic in self.pending}
 
     def publish(self, outputs: Outputs) -> None:
         """Publish the state of the tick."""
@@ -111,7 +107,7 @@ class Link:
             return
         self._samples[topic] = message
         if stamp is not None and stamp.time_ns == self.stamp.time_ns:
-            self._awaited.discard(topic)
+            self.pending.discard(topic)
 
     def _answer(
         self, world: World, call: Call[Any, Any], request: Message, reply: Reply[Any]

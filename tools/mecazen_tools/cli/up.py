@@ -184,11 +184,10 @@ def _work(process: str, scenario: Scenario) -> str:
     if process == "router":
         return "connects processes and tools"
     table = services()
-    return "; ".join(
-        scenario.programs.get(row.name, row.summary)
-        for part in process.split("+")
-        for row in table.get(part) or (Row(part),)
-    )
+    rows = [row for part in process.split("+") for row in table.get(part) or (Row(part),)]
+    if "+" in process:
+        return ", ".join(row.name for row in rows)
+    return "; ".join(scenario.programs.get(row.name, row.summary) for row in rows)
 
 
 def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:
