@@ -3,7 +3,8 @@
 import math
 
 import pytest
-from harness import Rig, forged, load_robot, malformed
+from harness import Rig, load_robot
+from hostile import forged, malformed
 from mecazen import keys
 from mecazen.config import Scenario, SimConfig
 from mecazen.geometry import Pose2D, Twist2D

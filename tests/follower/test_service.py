@@ -1,7 +1,8 @@
 """The follower on the bus: which samples make up its ticks, and what no payload can do to it."""
 
 import pytest
-from harness import Rig, forged, load_robot, malformed
+from harness import Rig, load_robot
+from hostile import forged, malformed
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario, SimConfig

@@ -10,7 +10,8 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import pytest
-from harness import FORGED, FUZZ, NO_STAMP, Rig, Sample, assert_sendable, load_robot, put_all, puts
+from harness import Rig, Sample, assert_sendable, load_robot
+from hostile import FORGED, FUZZ, NO_STAMP, put_all, puts
 from hypothesis import given, settings
 from mecazen import keys
 from mecazen import messages as m

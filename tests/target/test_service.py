@@ -1,7 +1,8 @@
 """The target on the bus: what no payload can do to it."""
 
 import pytest
-from harness import Rig, assert_sendable, forged, load_robot, malformed
+from harness import Rig, assert_sendable, load_robot
+from hostile import forged, malformed
 from mecazen import keys
 from mecazen.config import Scenario, SensorConfig
 from mecazen.geometry import Pose2D, Twist2D

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
-from harness import FORGED, FUZZ, Put, put_all, puts
+from hostile import FORGED, FUZZ, Put, put_all, puts
 from hypothesis import given
 from mecazen import keys
 from mecazen.config import Scenario
