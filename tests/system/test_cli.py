@@ -149,9 +149,13 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
     up.read_until("following")
     pids = up.pids()
     assert set(pids) == {"router", "physics", "controller", "target", "follower", "viewer"}
-    services = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)["services"]
+    services: dict[str, dict[str, str]] = {}
+    end = time.monotonic() + COMMAND_GUARD_S
+    # nobody waits for the viewer, which takes longest to start
+    while not services or any(service["state"] != "ready" for service in services.values()):
+        assert time.monotonic() < end, services
+        services = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)["services"]
     assert list(services)[:4] == ["physics", "controller", "target", "follower"]
-    assert all(service["state"] == "ready" for service in services.values())
     odom = msgspec.json.decode(mecazen("echo", "odom", "--count", 1, *up.tools).stdout)
     assert odom["header"]["frame_id"] == "odom"
     live = mecazen("topics", "--live", *up.tools).stdout
