@@ -159,7 +159,7 @@ def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
         # a service that owns time has a world in it
         wanted: type = World if any(row.owns_time for row in rows) else Node
         wanted = Observer if rows[0].observes else wanted
-        if not issubclass(kind, wanted):
+        if name in graph.TABLE and not issubclass(kind, wanted):
             program = scenario.programs.get(name, name)
             raise ConfigError(f"{program}: in the place of {name} there is a {wanted.__name__}")
     return found

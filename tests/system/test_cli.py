@@ -6,6 +6,7 @@ import hashlib
 import os
 import select
 import signal
+import time
 import tomllib
 from pathlib import Path
 
