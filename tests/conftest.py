@@ -72,8 +72,7 @@ def router() -> Iterator[str]:
 @pytest.fixture
 def attach() -> Iterator[Any]:
     """A native viewer without a window: Rerun's `ViewerClient`."""
-    from mecazen_viewer.rerun_process import headless_viewer
-    from mecazen_viewer.rerun_process import RerunError
+    from mecazen_viewer.rerun_process import RerunError, headless_viewer
 
     try:
         with headless_viewer() as viewer:
