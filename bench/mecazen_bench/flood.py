@@ -106,6 +106,8 @@ def measure(flood: Flood, window_s: float, *, secure: bool) -> dict[str, Figure]
             watch = Watch(bus)
             spin_until(bus, lambda: watch.latencies_ms, "no tick is answered")
             with _flooding(flood, stack.scenario.bus) as sent:
+                if flood.keys:
+                    spin_until(bus, lambda: sent.value, "the flood does not begin")
                 spin(bus, 1.0)  # until queues and caches are full
                 usage = Usage(stack.processes())
                 before, puts = usage.memory_mb(), sent.value
