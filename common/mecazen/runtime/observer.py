@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-from mecazen.bus import Bus
-from mecazen.config import Scenario
 from mecazen.runtime.participant import Participant
 
 
 class Observer(Participant):
     """A service that shows or keeps what the nodes publish."""
-
-    def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
-        super().__init__(name, bus, scenario)
 
     @abstractmethod
     def reset(self, seed: int) -> None:

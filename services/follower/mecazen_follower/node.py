@@ -35,7 +35,7 @@ class FollowerNode(Node):
         self.config = scenario.section(FollowerConfig, "follower")
 
     def reset(self, seed: int) -> None:
-        """Forget the person and the distance travelled."""
+        """Forget the person and where the robot was."""
         del seed
         self.following = Following(self.config, self.scenario.sensor.latency_s)
         self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))

@@ -12,6 +12,7 @@ from mecazen import messages as m
 from mecazen.config import Scenario, wanted_view
 from mecazen.description import RobotDescription
 from mecazen.geometry import Pose2D
+from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 
 from mecazen_viewer import covariance, plots, things, urdf
@@ -22,8 +23,6 @@ from mecazen_viewer.health import Health
 from mecazen_viewer.robot import RobotModel
 from mecazen_viewer.track import Track
 
-MAX_COORDINATE_M = 1e6
-"""Beyond it single precision, in which Rerun draws, is too coarse."""
 OBSERVATIONS = 25
 """Number of observations shown: 1 s of the default sensor."""
 PLOT_STEP_NS = 100_000_000
@@ -81,7 +80,7 @@ class Picture:
         """Move the robot and the view that follows it."""
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
         place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-        if max(np.abs(place).max(), np.abs(turn).max()) > MAX_COORDINATE_M:
+        if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
             raise ValueError(f"pose out of range: {odom.pose.pose}")
         yield e.ROBOT, transform(place, turn)
         self._centre = things.grid_centre(pose)
@@ -208,6 +207,6 @@ def _planar(odom: m.Odometry) -> Pose2D:
 
 
 def _in_range(pose: Pose2D) -> Pose2D:
-    if max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
+    if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
         raise ValueError(f"pose out of range: {pose.x}, {pose.y}")
     return pose

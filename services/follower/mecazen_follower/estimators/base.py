@@ -12,13 +12,14 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.limits import FARTHEST_M
 from mecazen.schema import Positive, Section
 
 from mecazen_follower.estimators.symmetric import Rows, is_positive
 
 Array = npt.NDArray[np.float64]
 
-MAX_DISTANCE = 1e6
+MAX_DISTANCE = FARTHEST_M
 """Largest coordinate of an observation [m]: beyond it rounding exceeds millimetres."""
 MIN_NOISE: Array = 2e-12 * np.eye(3)
 """Added to the covariance of an observation [m², rad²], so that none is singular."""
