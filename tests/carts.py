@@ -57,13 +57,15 @@ def state(tick, pose):
 class Rig:
     """The clock at the first tick of a run, and what answers it."""
 
-    def __init__(self, services=ALL, *names, kind=Carts, begin=True, **sim):
+    def __init__(self, services=ALL, *names, kind=Carts, begin=True, programs=None, **sim):
         sim = SimConfig(**{"mode": "lockstep", "answer_timeout_s": 1e-3, **sim})
         robots = tuple(
             RobotConfig(name=name, start=StartConfig(y_m=2.0 * number))
             for number, name in enumerate(names)
         )
-        self.scenario = Scenario(load_robot(), services, seed=3, sim=sim, robots=robots)
+        self.scenario = Scenario(
+            load_robot(), services, programs or {}, seed=3, sim=sim, robots=robots
+        )
         self.bus = LocalBus()
         self.clock = make_nodes("physics", {"physics": kind}, self.bus, self.scenario)
         self.buses = {name: self.bus.namespaced(name) for name in self.scenario.names}

@@ -1,5 +1,8 @@
 """Errors that a user can act on: one clear line each, no traceback."""
 
+from pathlib import Path
+from traceback import extract_tb
+
 
 class MecazenError(Exception):
     """A failure that is shown in one line; the process exits with `exit_code`."""
@@ -19,3 +22,18 @@ class BusError(MecazenError):
 
 class StepTimeoutError(MecazenError):
     """A service did not answer a tick in time."""
+
+
+class NodeError(MecazenError):
+    """A node of one's own failed: which, in what, and where in its code."""
+
+
+def told(error: Exception) -> str:
+    """Return what went wrong in code of a user's own, and where in it, in one line."""
+    frames = [f for f in extract_tb(error.__traceback__) if not _is_ours(f.filename)]
+    where = " > ".join(f"{Path(f.filename).name}:{f.lineno} {f.name}" for f in frames)
+    return " ".join(f"{type(error).__name__}: {error} ({where})".split())
+
+
+def _is_ours(file: str) -> bool:
+    return file.startswith(("<frozen", str(Path(__file__).parent)))

@@ -238,7 +238,7 @@ class Graph:
     """The nodes of a scenario.
 
     Raises:
-        ConfigError: Two nodes give the same topic.
+        ConfigError: Two nodes give the same topic, or answer the same query.
     """
 
     def __init__(self, rows: Iterable[Row]) -> None:
@@ -246,10 +246,10 @@ class Graph:
         self._rows = {row.name: row for row in self.rows}
         self._givers: dict[str, Row] = {}
         for row in self.rows:
-            for topic in row.outputs:
-                other = self._givers.setdefault(topic.key, row)
+            for key in (*(topic.key for topic in row.outputs), *(call.key for call in row.calls)):
+                other = self._givers.setdefault(key, row)
                 if other is not row:
-                    raise ConfigError(f"{other.name} and {row.name} both give {topic.key}")
+                    raise ConfigError(f"{other.name} and {row.name} both give {key}")
 
     @property
     def services(self) -> dict[str, tuple[Row, ...]]:
@@ -272,6 +272,10 @@ class Graph:
         """
         return self._rows[name]
 
+    def is_world(self, row: Row) -> bool:
+        """Return whether a node is the world that time advances: it shares a service with time."""
+        return any(other.owns_time for other in self.rows if other.part_of == row.part_of)
+
     def resolved(self, row: Row, *, lockstep: bool = False) -> tuple[Input, ...]:
         """Return a node's inputs with the rules that hold in a run.
 
@@ -288,7 +292,7 @@ class Graph:
         return tuple(replace(i, rule=rule(i)) for i in row.inputs)
 
     def giver(self, key: str) -> Row | None:
-        """Return the node that gives a topic, by its key."""
+        """Return the node that gives a topic or answers a query, by its key."""
         return self._givers.get(key)
 
     def rate(self, key: str, seen: frozenset[str] = frozenset()) -> str | float | None:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from mecazen import graph
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, told
 from mecazen.graph import Graph, Row
+from mecazen.keys import CALLS, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
 from mecazen.runtime.observer import Observer
+from mecazen.schema import Section
 
 NODES = "mecazen.nodes"
 """The group of entry points by which installed packages name their nodes."""
@@ -52,22 +57,26 @@ def find(name: str, programs: Mapping[str, str]) -> Kind:
 
 
 def _import(place: str) -> ModuleType:
+    is_file = place.endswith(".py")
+    if not is_file and not all(part.isidentifier() for part in place.split(".")):
+        raise ConfigError(f"{place or repr(place)}: neither file.py nor a module's name")
     try:
-        if not place.endswith(".py"):
-            if not all(part.isidentifier() for part in place.split(".")):
-                raise ConfigError(f"{place or repr(place)}: neither file.py nor a module's name")
-            return importlib.import_module(place)
-        if place in _loaded:
-            return _loaded[place]
+        return _from_file(place) if is_file else importlib.import_module(place)
+    except (ImportError, OSError, SyntaxError) as error:
+        raise ConfigError(f"{place}: can't be imported: {error}") from None
+    except Exception as error:
+        raise ConfigError(f"{place}: can't be imported: {told(error)}") from error
+
+
+def _from_file(place: str) -> ModuleType:
+    if place not in _loaded:
         spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-        if spec is None or spec.loader is None:
-            raise ConfigError(f"{place}: can't be imported")
+        assert spec is not None  # as for every name that ends in .py
+        assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         _loaded[place] = module
-    except (ImportError, OSError, SyntaxError) as error:
-        raise ConfigError(f"{place}: can't be imported: {error}") from None
-    return module
+    return _loaded[place]
 
 
 _loaded: dict[str, ModuleType] = {}
@@ -79,6 +88,9 @@ def _checked(found: object, program: str) -> Kind:
         raise ConfigError(f"{program}: not a subclass of mecazen.node.Node")
     if issubclass(found, Computing) and not isinstance(getattr(found, "ROW", None), Row):
         raise ConfigError(f"{program}: needs ROW, its row of the graph")
+    section = getattr(found, "SECTION", None)
+    if section is not None and not (isinstance(section, type) and issubclass(section, Section)):
+        raise ConfigError(f"{program}: SECTION must be a subclass of mecazen.schema.Section")
     return found
 
 
@@ -110,7 +122,68 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
                     f"{program}: in the place of {giver.name} it must give {key}, which "
                     f"{row.name} waits for"
                 )
+    for row in rows:
+        if row.name in scenario.programs:
+            _check_own(row, scenario.programs[row.name], found)
+    _refuse_circles(found, lockstep=scenario.sim.mode == "lockstep")
+    taken = {topic.key.partition("/")[0] for topic in found.topics} & set(scenario.names)
+    if taken:
+        raise ConfigError(f"robots: the name {taken.pop()!r} begins a key of a node: take another")
     return found
+
+
+def _check_own(row: Row, program: str, found: Graph) -> None:
+    """Refuse a row of one's own that can't work in its graph.
+
+    Raises:
+        ConfigError: A key is none, or carries something else; or nothing makes its steps.
+    """
+    known = {topic.key: topic for topic in TOPICS} | {call.key: call for call in CALLS}
+    named: list[Topic[Any] | Call[Any, Any]] = [i.topic for i in row.inputs]
+    named += (*row.outputs, *row.calls)
+    for given in named:
+        ours = known.get(given.key)
+        if ours is given:
+            continue
+        if not re.fullmatch("[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", given.key):
+            raise ConfigError(f"{program}: {given.key!r} is no key: names, joined by /")
+        if ours is not None:
+            raise ConfigError(
+                f"{program}: {given.key} is a key of mecazen's own: take it from mecazen.keys"
+            )
+    if found.is_world(row):
+        return
+    triggers = [i.topic.key for i in row.inputs if i.rule == "every"]
+    if row.outputs and not triggers:
+        raise ConfigError(f"{program}: no input of rule `every`, and so nothing makes its steps")
+    whole = any(other.owns_time for other in found.rows)
+    for key in triggers:
+        if whole and found.giver(key) is None:
+            raise ConfigError(f"{program}: takes {key} every tick, which no node here gives")
+
+
+def _refuse_circles(found: Graph, *, lockstep: bool) -> None:
+    """Refuse nodes that would wait for each other for ever.
+
+    Raises:
+        ConfigError: There are such; the message names them.
+    """
+    awaited = {
+        row.name: [
+            giver.name
+            for i in found.resolved(row, lockstep=lockstep)
+            if i.rule != "latest" and (giver := found.giver(i.topic.key)) is not None
+        ]
+        for row in found.rows
+        if not found.is_world(row)  # it answers to the tick before
+    }
+    try:
+        TopologicalSorter(awaited).prepare()
+    except CycleError as error:
+        circle = error.args[1][::-1]
+        raise ConfigError(
+            f"{' waits for '.join(circle)}: no step of theirs would ever be made"
+        ) from None
 
 
 _TABLE = Graph(graph.GRAPH)

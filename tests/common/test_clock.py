@@ -5,11 +5,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from carts import ALONE, STATES, Rig, state, x_of
+from carts import ALONE, STATES, Carts, Rig, state, x_of
 from harness import load_robot
 from mecazen import keys
 from mecazen.bus import StoppedError
-from mecazen.errors import BusError, StepTimeoutError
+from mecazen.errors import BusError, NodeError, StepTimeoutError
 from mecazen.geometry import Pose2D
 from mecazen.graph import Row, every
 from mecazen.loading import from_tables, to_toml
@@ -260,6 +260,22 @@ class Playback(World):
 
     def step(self, tick, inputs):
         return {"": state(tick, self.poses[tick.number])}
+
+
+@pytest.mark.parametrize(
+    ("outputs", "expected"),
+    [
+        ({}, r"physics: step must return the outputs of each robot of \[''\]"),
+        ({"": {keys.CMD_VEL: Twist()}}, "physics gives cmd_vel, which is not in its row"),
+    ],
+)
+def test_what_a_world_of_ones_own_gives_is_looked_at(outputs, expected):
+    class Mine(Carts):
+        def step(self, tick, inputs):
+            return outputs
+
+    with pytest.raises(NodeError, match=f"^{expected}$"):
+        Rig(kind=Mine, programs={"physics": "mine.py:Mine"})
 
 
 def test_a_recording_as_a_world_waits_for_whom_its_row_names():

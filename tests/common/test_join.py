@@ -33,13 +33,14 @@ def feed(join: Join, script: str) -> list[str]:
     tick 3 with these samples, "3 again: d" the same step done again.
     """
     topics = {topic.key: topic for topic in (A, B, D, E, L)}
-    steps = []
+    steps, last = [], None
     for name in script.split():
         tick = re.sub(r"\D", "", name)
         stamp = Stamp(int(tick) * TICK_NS, 1, 9) if tick else None
         for made in join.put(topics[name[0]], String(data=name), stamp):
             samples = " ".join(sorted(message.data for message in made.samples.values()))
-            again = " again" if made.again else ""
+            again = " again" if made.stamp == last else ""
+            last = made.stamp
             steps.append(f"{made.stamp.time_ns // TICK_NS}{again}: {samples}")
     return steps
 

@@ -230,11 +230,13 @@ def test_when_it_can_not_begin_expect_one_line(start, router, name, setting, cod
     assert found == code
 
 
-def test_a_failing_service_shows_where_it_failed(start, settings):
+def test_a_failing_node_is_told_with_its_place(start, settings):
     with start("toy", [*settings, "programs.toy=../toys.py:Broken"]) as process:
-        _, err = process.communicate(timeout=GUARD_S)
-    assert process.returncode == 1
-    assert err.endswith("ZeroDivisionError: no seed is good enough\n")
+        line, code = one_line(process)
+    assert re.fullmatch(
+        r"error: toy: ZeroDivisionError: no seed is good enough \(toys.py:\d+ reset\)", line
+    )
+    assert code == 1
 
 
 def test_services_of_one_process_are_there_each_by_its_name(start, settings, tester, wait_until):

@@ -5,21 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import msgspec
 import pytest
-from mecazen import programs
-from mecazen.config import Scenario
+from mecazen import keys, programs
+from mecazen.config import RobotConfig, Scenario, SimConfig
 from mecazen.errors import ConfigError
-from mecazen.graph import TABLE, every
+from mecazen.graph import TABLE, Graph, Input, due, every, latest
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
 from mecazen.loading import load_scenario
+from mecazen.messages import String
 from mecazen.node import Inputs, Node, Outputs, Row, Tick
 from mecazen.programs import classes, find, graph_of, installed_nodes
 
 NODE = """
 from mecazen.graph import Row, every, latest
-from mecazen.keys import CMD_VEL, GROUND_TRUTH, JOINT_STATES, ODOM, TARGET_CMD_VEL
+from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, ODOM, TARGET_CMD_VEL
 from mecazen.node import Node, World
 from mecazen.schema import Positive, Section
 
@@ -29,7 +31,7 @@ class Settings(Section):
 
 
 class Mine(Node):
-    ROW = Row("mine", inputs=(latest(ODOM),), outputs=(TARGET_CMD_VEL,))
+    ROW = Row("mine", inputs=(every(CLOCK), latest(ODOM)), outputs=(TARGET_CMD_VEL,))
     SECTION = Settings
 
 
@@ -45,6 +47,10 @@ class Nowhere(Node):
     pass
 
 
+class Untyped(Mine):
+    SECTION = int
+
+
 NOT_A_CLASS = 3
 """
 
@@ -57,6 +63,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my.py").write_text(NODE)
     (tmp_path / "wrong.py").write_text("class Toy(")
     (tmp_path / "needs.py").write_text("import not_there")
+    (tmp_path / "fails.py").write_text("1 / 0")
     (tmp_path / "folder.py").mkdir()
     monkeypatch.chdir(tmp_path)
 
@@ -80,11 +87,16 @@ def test_when_a_node_is_unknown_expect_those_installed(
         ("none.py:Toy", "none.py: can't be imported: .*No such file"),
         ("wrong.py:Toy", r"wrong.py: can't be imported: .*\(wrong.py, line 1\)"),
         ("needs.py:Toy", "needs.py: can't be imported: No module named 'not_there'"),
+        (
+            "fails.py:Toy",
+            r"fails.py: can't be imported: ZeroDivisionError: .*\(fails.py:1 <module>",
+        ),
         ("folder.py:Toy", "folder.py: can't be imported: "),
         ("my.py:None", "my.py:None: not a subclass of mecazen.node.Node"),
         ("my.py:NOT_A_CLASS", "my.py:NOT_A_CLASS: not a subclass of mecazen.node.Node"),
         ("my.py:", "my.py:: not a subclass of mecazen.node.Node"),
         ("my.py:Nowhere", "my.py:Nowhere: needs ROW, its row of the graph"),
+        ("my.py:Untyped", "my.py:Untyped: SECTION must be a subclass of mecazen.schema.Section"),
         ("not_there:Toy", "not_there: can't be imported: No module named 'not_there'"),
         ("json:JSONDecoder", "json:JSONDecoder: not a subclass of mecazen.node.Node"),
         (":Toy", "'': neither file.py nor a module's name"),
@@ -187,3 +199,66 @@ def test_what_takes_a_place_is_of_its_kind(write_scenario, place, program, wante
     expected = rf"my.py:{program}: in the place of {place} there is a {wanted}$"
     with pytest.raises(ConfigError, match=expected):
         classes(place, scenario)
+
+
+OWN = every(keys.CLOCK)
+LOOP = Topic("loop", String, "what closes a circle")
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        (Row("mine", inputs=(OWN,), outputs=(Topic("a//b", String, ""),)), "'a//b' is no key: "),
+        (Row("mine", inputs=(OWN,), outputs=(Topic("a*", String, ""),)), r"'a\*' is no key: "),
+        (Row("mine", inputs=(every(Topic("odom", String, "")),)), "odom is a key of mecazen's own"),
+        (Row("mine", inputs=(latest(ODOM),), outputs=(LOOP,)), "no input of rule `every`"),
+        (Row("mine", inputs=(every(LOOP),)), "takes loop every tick, which no node here gives"),
+    ],
+)
+def test_a_row_that_can_not_work_in_its_graph_is_refused(
+    scenario: Scenario, row: Row, expected: str
+) -> None:
+    with pytest.raises(ConfigError, match=f"^mine.py:Mine: {expected}"):
+        graph_with(scenario, mine=row)
+
+
+def test_a_query_is_answered_by_one_node(scenario: Scenario) -> None:
+    with pytest.raises(ConfigError, match=r"^odometry and mine both give set_odometry$"):
+        graph_with(scenario, mine=Row("mine", inputs=(OWN,), calls=(keys.SET_ODOMETRY,)))
+
+
+@pytest.mark.parametrize(("rule", "mode"), [(due, "real_time"), (latest, "lockstep")])
+def test_nodes_that_would_wait_for_each_other_are_refused(
+    scenario: Scenario, rule: Callable[[Topic[Any]], Input], mode: Literal["lockstep", "real_time"]
+) -> None:
+    scenario = msgspec.structs.replace(scenario, sim=SimConfig(mode=mode))
+    mine = Row("mine", inputs=(every(FOLLOWER_STATE),), outputs=(LOOP,))
+    loop = Row("follower", inputs=(every(ODOM), rule(LOOP)), outputs=TABLE["follower"].outputs)
+    with pytest.raises(
+        ConfigError, match=r"(mine waits for follower|follower waits for mine) waits"
+    ):
+        graph_with(scenario, mine=mine, follower=loop)
+
+
+def test_a_robot_has_no_name_that_begins_a_key_of_ones_own(scenario: Scenario) -> None:
+    robots = (RobotConfig(name="loop"),)
+    with pytest.raises(ConfigError, match=r"^robots: the name 'loop' begins a key of a node"):
+        graph_with(
+            msgspec.structs.replace(scenario, robots=robots),
+            mine=Row("mine", inputs=(OWN,), outputs=(LOOP,)),
+        )
+
+
+def graph_with(scenario: Scenario, **rows: Row) -> Graph:
+    """Return the graph of a scenario with nodes of one's own, each with its row."""
+
+    def kind(row: Row) -> type[Node]:
+        members = {"ROW": row, "reset": lambda *_: None, "step": lambda *_: {}}
+        return type(row.name, (Node,), members)
+
+    own = {name: f"{name}.py:{name.title()}" for name in rows}
+    services = dict.fromkeys((*scenario.services, *rows))
+    scenario = msgspec.structs.replace(scenario, programs=own, services=tuple(services))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(programs, "find", lambda name, _: kind(rows[name]))
+        return graph_of(scenario)

@@ -8,13 +8,14 @@ from harness import Rig
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import SimConfig
-from mecazen.errors import BusError, ConfigError
+from mecazen.errors import BusError, NodeError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import Row, due, every, latest
 from mecazen.node import Node
 from mecazen.wire import RefusedError, Stamp
 
 INPUTS = (every(keys.ODOM), due(keys.OBSERVATION), latest(keys.TARGET_CMD_VEL))
+PLACE = keys.Call("toy/place", m.OdometryRequest, m.Odometry, "where it is")
 NO_WORDS = m.Twist.planar(Twist2D(x=-1.0))
 """What the toy cannot use."""
 
@@ -22,7 +23,7 @@ NO_WORDS = m.Twist.planar(Twist2D(x=-1.0))
 class Toy(Node):
     """Writes down its steps, and gives the number of each as a speed."""
 
-    ROW = Row("toy", "", INPUTS, (keys.CMD_VEL,), (keys.SET_ODOMETRY,), resets_with=("controller",))
+    ROW = Row("toy", "", INPUTS, (keys.CMD_VEL,), (PLACE,), resets_with=("controller",))
 
     def __init__(self, scenario):
         super().__init__(scenario)
@@ -60,11 +61,27 @@ class Renamed(Toy):
         return replace(cls.ROW, remap={keys.ODOM.key: f"odom{scenario.seed}"})
 
 
-class Talkative(Toy):
-    """Gives what is not in its row."""
+class Careless(Toy):
+    """Gives what it is told to, or raises it where it is told to."""
+
+    def __init__(self, scenario):
+        super().__init__(scenario)
+        self.run("__init__")
+
+    def run(self, where):
+        if WRONG.get("where") == where:
+            raise WRONG["error"]
+
+    def reset(self, seed):
+        self.run("reset")
 
     def step(self, tick, inputs):
-        return {keys.FOLLOWER_STATE: m.FollowerState(), **super().step(tick, inputs)}
+        self.run("step")
+        return WRONG["outputs"]
+
+
+WRONG = {}
+"""What `Careless` does."""
 
 
 @pytest.fixture
@@ -156,9 +173,9 @@ def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
 
 def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
     bus = rig().bus
-    assert bus.call(keys.SET_ODOMETRY, m.OdometryRequest()).child_frame_id == "set_odometry"
-    with pytest.raises(BusError, match=r"^set_odometry: behind the start$"):
-        bus.call_bytes(keys.SET_ODOMETRY, b'{"pose":{"position":{"x":-1}}}')
+    assert bus.call(PLACE, m.OdometryRequest()).child_frame_id == "toy/place"
+    with pytest.raises(BusError, match=r"^toy/place: behind the start$"):
+        bus.call_bytes(PLACE, b'{"pose":{"position":{"x":-1}}}')
 
 
 def test_a_row_may_hang_on_the_configuration(rig):
@@ -168,9 +185,36 @@ def test_a_row_may_hang_on_the_configuration(rig):
     assert [sample.message.linear.x for sample in rig.take()] == [5.0]
 
 
-def test_what_is_not_in_its_row_is_no_nodes_to_give(rig):
-    with pytest.raises(ConfigError, match=r"^follower gives follower/state, which is not in its"):
-        put_odom(rig(Talkative), 5)
+@pytest.mark.parametrize(
+    ("outputs", "expected"),
+    [
+        (None, "follower: step must return messages by their topics, not None"),
+        ({keys.FOLLOWER_STATE: m.FollowerState()}, "follower gives follower/state, which is not"),
+        ({"cmd_vel": m.Twist()}, "follower: step returns 'cmd_vel' with a wrong message"),
+        ({keys.CMD_VEL: m.Odometry()}, "follower: step returns Topic.*'cmd_vel'.* with a wrong"),
+        (
+            {keys.CMD_VEL: m.Twist.planar(Twist2D(x=float("nan")))},
+            "follower gives cmd_vel whose linear velocity nan is out of range",
+        ),
+    ],
+)
+def test_what_others_would_refuse_is_refused_from_a_node_of_ones_own(
+    rig, monkeypatch, outputs, expected
+):
+    monkeypatch.setitem(WRONG, "outputs", outputs)
+    with pytest.raises(NodeError, match=f"^{expected}"):
+        put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
+
+
+@pytest.mark.parametrize("where", ["__init__", "reset", "step"])
+def test_a_mistake_in_a_node_of_ones_own_is_told_in_one_line_with_its_place(
+    rig, monkeypatch, where
+):
+    monkeypatch.setitem(WRONG, "where", where)
+    monkeypatch.setitem(WRONG, "error", ZeroDivisionError("by\nzero"))
+    said = rf"^follower: ZeroDivisionError: by zero \(.*test_service.py:\d+ {where} > .*:\d+ run\)$"
+    with pytest.raises(NodeError, match=said):
+        put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
 
 
 def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):

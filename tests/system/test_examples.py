@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
-from harness import mecazen
+from harness import assert_one_line, mecazen
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen_recorder.reader import Recording
@@ -90,7 +90,10 @@ def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path
     assert [sample.time_ns for sample in samples] == [n * 50_000_000 for n in range(20)]
 
 
-def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_path: Path) -> None:
+@pytest.mark.parametrize("distributed", [False, True])
+def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(
+    tmp_path: Path, distributed: bool
+) -> None:
     (tmp_path / "wrong.py").write_text(
         "from range_sensor import RangeSensor\n"
         "class Wrong(RangeSensor):\n"
@@ -99,9 +102,9 @@ def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_pat
     )
     program = ("--set", f"programs.range={tmp_path}/wrong.py:Wrong", "--duration", "1")
     path = f"{EXAMPLES}:{os.environ.get('PYTHONPATH', '')}"
-    done = mecazen("simulate", RANGE, "--distributed", *program, PYTHONPATH=path)
-    assert 'wrong.py", line 4, in step' in done.stderr
-    assert done.stderr.splitlines()[-1].startswith("error: range: TypeError: ")
+    where = ("--distributed",) if distributed else ()
+    done = mecazen("simulate", RANGE, *where, *program, PYTHONPATH=path)
+    assert_one_line(done, 1, "error: range: TypeError: unsupported", "(wrong.py:4 step)")
 
 
 def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:

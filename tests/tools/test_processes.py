@@ -148,7 +148,7 @@ def test_when_nothing_is_started_expect_nothing_to_be_said_or_ended(supervisor):
         ("fails", "fails: the wheel came off"),
         ("crashes", "crashes: ZeroDivisionError: twice"),
         ("quits", "quits: ended with code 7"),
-        ("nobody", "nobody: nobody: no such node; installed: "),
+        ("nobody", "nobody: no such node; installed: "),
     ],
 )
 def test_when_a_process_fails_before_it_ever_worked_expect_its_own_words(

@@ -198,7 +198,8 @@ class Supervisor:
 
     def _take_end(self, event: Ended) -> Line:
         part = self._parts[event.name]
-        how = _how(event, part.error)
+        # what a node says of itself begins with its name
+        how = _how(event, part.error).removeprefix(f"{event.name}: ")
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
         # an observer that says why it can't go on, as on a full disk, would say it again
         hopeless = not part.has_run or (not part.needed and part.error != "")

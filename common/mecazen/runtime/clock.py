@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import secrets
 import time
+from collections.abc import Mapping
+from functools import partial
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario, join_key
-from mecazen.errors import StepTimeoutError
+from mecazen.errors import NodeError, StepTimeoutError
 from mecazen.graph import OBSERVERS, Graph
 from mecazen.loading import to_toml
 from mecazen.messages import (
@@ -22,7 +24,8 @@ from mecazen.messages import (
     String,
 )
 from mecazen.node import Tick, World
-from mecazen.runtime.link import Link
+from mecazen.runtime.link import Answer, Link
+from mecazen.runtime.own import check_outputs, guarded
 from mecazen.runtime.participant import Participant
 from mecazen.runtime.schedule import Schedule
 from mecazen.wire import NS_PER_S, Stamp
@@ -57,9 +60,15 @@ class TimeOwner(Participant):
     ) -> None:
         super().__init__(name, bus, scenario)
         self.lockstep = scenario.sim.mode == "lockstep"
-        self.world = world(scenario)
-        row = world.row(scenario)
-        self.links = [Link(robot, self, row, graph, self.world) for robot in scenario.names]
+        self._row = row = world.row(scenario)
+        self._is_own = name in scenario.programs
+        make = partial(world, scenario)
+        self.world = guarded(name, make) if self._is_own else make()
+        self.pending: set[Answer] = set()
+        """What is still to come in answer to the tick."""
+        self.links = [
+            Link(robot, self, row, graph, self.world, self.pending) for robot in scenario.names
+        ]
         self.schedule = Schedule(scenario.sim.tick_s, scenario.sim.speed)
         self.paused = False
         self.steps_left = 0
@@ -147,6 +156,8 @@ class TimeOwner(Participant):
         now_ns = self.tick * self.tick_ns
         period_s = self.tick_ns / NS_PER_S if self.tick else 0.0
         outputs = self.world.step(Tick(self.tick, now_ns, period_s), inputs)
+        if self._is_own:
+            self._check(outputs)
         self.stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed)
         if self._clock is not None:
             self._clock.put(Clock(clock=self.stamp.time), self.stamp)
@@ -158,6 +169,14 @@ class TimeOwner(Participant):
         self.schedule.published(self.tick)
         if now_ns % NS_PER_S < self.tick_ns:
             self.publish_diagnostics()
+
+    def _check(self, outputs: object) -> None:
+        """Refuse what a world of one's own gives, where the runtime or others can't take it."""
+        robots = [link.name for link in self.links]
+        if not isinstance(outputs, Mapping) or set(outputs) != set(robots):
+            raise NodeError(f"{self.name}: step must return the outputs of each robot of {robots}")
+        for of_robot in outputs.values():
+            check_outputs(self.name, self._row, of_robot)
 
     def sim_state(self) -> SimState:
         """Return what simulated time does."""
@@ -181,11 +200,6 @@ class TimeOwner(Participant):
             "paused": self.paused,
             **self.world.diagnostics(),
         }
-
-    @property
-    def is_answered(self) -> bool:
-        """Whether all answers to this tick have come."""
-        return not any(link.pending for link in self.links)
 
     def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
         """Hold simulated time at this tick."""
@@ -258,7 +272,7 @@ class TimeOwner(Participant):
 
     def _await_all(self) -> None:
         deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
-        while not self.is_answered and self.asked_reset is None:
+        while self.pending and self.asked_reset is None:
             if self.bus.spin_once(PRESENCE_POLL_S):
                 continue
             gone = [part for link in self.links for part in link.gone]
@@ -272,15 +286,15 @@ class TimeOwner(Participant):
 
     def _await_due(self) -> None:
         while self.asked_reset is None and not self.paused:
-            wait_s = self.schedule.wait_s(self.tick, answered=self.is_answered)
+            wait_s = self.schedule.wait_s(self.tick, answered=not self.pending)
             if wait_s <= 0.0:
                 # what has arrived by now still counts, but a flood has no end
                 for _ in range(ARRIVED_AT_MOST):
-                    if self.is_answered or not self.bus.spin_once(0.0):
+                    if not self.pending or not self.bus.spin_once(0.0):
                         break
                 break
             self.bus.spin_once(wait_s)
-        if not self.is_answered and self.asked_reset is None and not self.paused:
+        if self.pending and self.asked_reset is None and not self.paused:
             self.missed_deadlines += 1
 
     @property

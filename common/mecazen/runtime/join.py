@@ -20,8 +20,6 @@ class Joined(NamedTuple):
 
     stamp: Stamp
     samples: Mapping[Topic[Any], Message]
-    again: bool = False
-    """Whether the step of this tick has been done before."""
 
 
 class Join:
@@ -150,7 +148,7 @@ class Join:
             # one that is ahead of its tick waits for it
             and (stamp is None or stamp.time_ns <= last.time_ns)
         ):
-            return (self._take(last, again=True),)
+            return (self._take(last),)
         return ()
 
     def _missing(self, stamp: Stamp) -> list[Topic[Any]]:
@@ -181,6 +179,6 @@ class Join:
         self._last = stamp
         return self._take(stamp)
 
-    def _take(self, stamp: Stamp, *, again: bool = False) -> Joined:
+    def _take(self, stamp: Stamp) -> Joined:
         samples, self._new = self._new, {}
-        return Joined(stamp, samples, again)
+        return Joined(stamp, samples)

@@ -14,6 +14,9 @@ from mecazen.node import Inputs, Outputs, World
 from mecazen.runtime.participant import Participant
 from mecazen.wire import NS_PER_S, RefusedError, Stamp
 
+Answer = tuple[str, Topic[Any]]
+"""What is awaited in a tick: of which robot, on which topic."""
+
 
 class Link:
     """A robot's topics and queries.
@@ -23,9 +26,19 @@ class Link:
         clock: Whose runs and ticks it takes part in.
         row: What the world takes and gives.
         graph: The nodes of the scenario: inputs that one of them gives are awaited every tick.
+        world: Whose robot it is.
+        pending: The answers that are still to come, of all links.
     """
 
-    def __init__(self, name: str, clock: Participant, row: Row, graph: Graph, world: World) -> None:
+    def __init__(
+        self,
+        name: str,
+        clock: Participant,
+        row: Row,
+        graph: Graph,
+        world: World,
+        pending: set[Answer],
+    ) -> None:
         self.name = name
         self.bus = clock.bus.namespaced(name)
         lockstep = clock.scenario.sim.mode == "lockstep"
@@ -34,6 +47,7 @@ class Link:
             for i in row.inputs
             if i.rule == "every" and (giver := graph.giver(i.topic.key)) is not None
         }
+        self._pending = pending
         self._clock = self.bus.publisher(CLOCK)
         self._publishers = {topic: self.bus.publisher(topic) for topic in row.outputs}
         self._samples: dict[Topic[Any], Message] = {}
@@ -58,8 +72,7 @@ class Link:
         """Await the answers to a tick."""
         self.stamp = Stamp(stamp.time_ns, stamp.run, self._seed)
         self._samples = {}
-        self.pending = set(self._givers)
-        """Topics whose answers to the tick are still to come."""
+        self._pending.update((self.name, topic) for topic in self._givers)
 
     @property
     def awaits(self) -> bool:
@@ -78,7 +91,7 @@ class Link:
         return [join_key(part, self.name) for part in sorted(gone)]
 
     def _missing(self) -> set[str]:
-        return {self._givers[topic] for topic in self.pending}
+        return {self._givers[topic] for name, topic in self._pending if name == self.name}
 
     def publish(self, outputs: Outputs) -> None:
         """Publish the state of the tick."""
@@ -107,7 +120,7 @@ class Link:
             return
         self._samples[topic] = message
         if stamp is not None and stamp.time_ns == self.stamp.time_ns:
-            self.pending.discard(topic)
+            self._pending.discard((self.name, topic))
 
     def _answer(
         self, world: World, call: Call[Any, Any], request: Message, reply: Reply[Any]

@@ -8,13 +8,12 @@ from typing import Any
 
 from mecazen.bus import Bus, Publisher, Reply
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, MecazenError
-from mecazen.graph import Graph, Row
+from mecazen.graph import Graph
 from mecazen.keys import Call, Topic
-from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
 from mecazen.runtime.join import Join, Joined
+from mecazen.runtime.own import check_outputs, guarded
 from mecazen.runtime.participant import Participant
 from mecazen.wire import NS_PER_S, RefusedError, Stamp
 
@@ -42,9 +41,7 @@ class Service(Participant):
         kinds: Mapping[str, type[Node]],
     ) -> None:
         super().__init__(name, bus, scenario)
-        self.nodes = [
-            _Stepped(graph.row(part), kind(scenario), self, graph) for part, kind in kinds.items()
-        ]
+        self.nodes = [_Stepped(part, kind, self, graph) for part, kind in kinds.items()]
         takers: dict[Topic[Any], list[_Stepped]] = {}
         for node in self.nodes:
             for given in node.row.inputs:
@@ -98,10 +95,12 @@ class Service(Participant):
 class _Stepped:
     """A node, and the joining of its inputs and the publishing of its outputs."""
 
-    def __init__(self, row: Row, node: Node, service: Service, graph: Graph) -> None:
+    def __init__(self, name: str, kind: type[Node], service: Service, graph: Graph) -> None:
         scenario = service.scenario
-        self.row = row
-        self.node = node
+        self.row = row = graph.row(name)
+        self._is_own = name in scenario.programs
+        make = partial(kind, scenario)
+        self.node = guarded(name, make) if self._is_own else make()
         self._bus = service.bus
         self._tick_ns = service.tick_ns
         for rate in row.rates.values():
@@ -116,67 +115,35 @@ class _Stepped:
         self._publishers: dict[Topic[Any], Publisher[Any]] = {
             topic: service.bus.publisher(row.on_bus(topic)) for topic in row.outputs
         }
-        self._is_own = row.name in scenario.programs
         self._aged = tuple(i.topic for i in inputs if i.rule != "every")
 
     def reset(self, seed: int) -> None:
         """Begin a run."""
         self.join.reset()
-        self._last: Stamp | None = None
+        self._last_ns: int | None = None
         self._known_ns: dict[Topic[Any], int] = {}
         self.node.reset(seed)
 
-    def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> None:
-        """Take a sample, and make the steps that it completes."""
-        for joined in self.join.put(topic, message, stamp):
-            self._step(joined)
-
-    def _step(self, joined: Joined) -> None:
-        stamp, samples, again = joined
+    def step(self, joined: Joined) -> None:
+        """Make a step and publish what it gives."""
+        stamp, samples = joined
         now_ns = stamp.time_ns
         known = self._known_ns
         ages_s = {topic: (now_ns - at_ns) / NS_PER_S for topic, at_ns in known.items()}
         inputs = Inputs(samples, ages_s)
-        if again:
-            period_ns = 0
-        elif self._last is None:
-            period_ns = self._tick_ns
-        else:
-            period_ns = now_ns - self._last.time_ns
-        self._last = stamp
+        last_ns, self._last_ns = self._last_ns, now_ns
+        period_ns = now_ns - last_ns if last_ns is not None else self._tick_ns
         tick = Tick(now_ns // self._tick_ns, now_ns, period_ns / NS_PER_S)
         outputs = self.node.step(tick, inputs)
         if self._is_own:
-            self._check(outputs)
+            check_outputs(self.row.name, self.row, outputs)
         for topic, reason in inputs.refused:
             self._bus.refuse(topic.key, reason)
         for topic in self._aged:
             if inputs.get(topic) is not None:
                 known[topic] = now_ns
         for topic, message in outputs.items():
-            publisher = self._publishers.get(topic)
-            if publisher is None:
-                raise ConfigError(f"{self.row.name} gives {topic.key}, which is not in its row")
-            publisher.put(message, stamp)
-
-    def _check(self, outputs: object) -> None:
-        """Refuse what every other process would refuse from this node.
-
-        Raises:
-            MecazenError: A number is NaN or beyond its limit, or the outputs are of wrong types.
-        """
-        name = self.row.name
-        if not isinstance(outputs, Mapping):
-            raise MecazenError(
-                f"{name}: step must return messages by their topics, not {outputs!r}"
-            )
-        for topic, message in outputs.items():
-            if not isinstance(topic, Topic) or type(message) is not topic.type:
-                raise MecazenError(f"{name}: step returns {topic!r:.80} with a wrong message")
-            try:
-                refuse_implausible(topic.key, message)
-            except RefusedError as refusal:
-                raise MecazenError(f"{name} gives {topic.key} whose {refusal}") from None
+            self._publishers[topic].put(message, stamp)
 
 
 def _deliver(
@@ -186,6 +153,7 @@ def _deliver(
         if stamp is None and only_stamped:
             return
         for node in nodes:
-            node.put(topic, message, stamp)
+            for joined in node.join.put(topic, message, stamp):
+                node.step(joined)
 
     return deliver
