@@ -14,6 +14,7 @@ from mecazen.robot import Robot
 from mecazen.world import Box
 from mecazen_physics import model, motors
 from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.motors import WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.rollers import Roller
 from mecazen_physics.state import BASE_DOFS, Motion, RobotState
@@ -100,8 +101,8 @@ def test_it_is_the_robot_with_every_roller_step_by_step_and_tick_by_tick(
 ):
     found = difference(nexus, seconds, steps, **settings)
     # Asked are 2 mm, 0.2 degrees and 1 %. In a minute it comes to 1 um, step by step, and to
-    # 0.5 um, tick by tick: what an airborne roller does to its wheel changes within a tick.
-    assert found.position < (5e-5 if steps == 1 else 1e-5)
+    # 17 um, tick by tick: what an airborne roller does to its wheel changes within a tick.
+    assert found.position < 5e-5
     assert found.angle < math.radians(0.01)
     assert found.wheels < 1e-4
     assert found.torque < 0.01
@@ -116,32 +117,36 @@ def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus
     assert found.angle < math.radians(0.1)
 
 
-def test_motors_with_torque_headroom_move_the_robot_as_motors_within_their_limit_do(
-    nexus, monkeypatch
-):
+def test_no_step_exceeds_the_motors_torque_and_few_ticks_are_simulated_again(nexus, monkeypatch):
     rig = Rig(nexus)
-    body, step = rig.body, rig.body.world.step
-    torques = []
+    robot, body, step = rig.robot, rig.body, rig.body.world.step
+    torques, taken_back = [], []
 
     def noted(reset: bool) -> None:
         step(reset)
         torques.append(max(map(abs, body.torques())))
 
+    def noted_back(command: WheelCommand, steps: int) -> Any:
+        # the step that exceeded the limit is one of those that never were
+        del torques[len(torques) - len(torques) % 10 :]
+        taken_back.append(steps)
+        return take_back(command, steps)
+
+    take_back, robot.take_back = robot.take_back, noted_back  # type: ignore[method-assign]
     body.world.step = noted
-    without_limit = drive(rig, 30.0)
-    monkeypatch.setattr(motors, "TORQUE_HEADROOM", 0.0)  # every chunk within the limit
-    found = Difference(drive(Rig(nexus), 30.0), without_limit)
-    # A servo that meets its limit as the wheels work against each other lags by up to 0.01 rad.
-    # After 5.2 m of hard ramps it comes to 4.8 mm and 0.13 degrees: 0.1 % of the distance.
-    assert found.wheels < 0.02
-    assert found.position < 0.01
-    assert found.angle < math.radians(0.3)
-    # Within a chunk nothing holds the limit: a hand-over between rollers may exceed it in a
-    # single step; allowed are 2 in 1000 steps, and half of the limit.
-    above = np.array(torques) > nexus.wheels.max_torque_nm
-    assert np.count_nonzero(above) <= 0.002 * len(torques)
-    assert not np.any(above[1:] & above[:-1])
-    assert max(torques) < 1.5 * nexus.wheels.max_torque_nm
+    found = drive(rig, 30.0)
+    limit = nexus.wheels.max_torque_nm
+    assert len(torques) == 30_000
+    assert max(torques) <= limit * (1.0 + 1e-9)  # a servo's, to the solver's rounding
+    assert 0 < len(taken_back) < 0.03 * 3000
+    # the same with every chunk within the limit
+    monkeypatch.setattr(motors, "TORQUE_HEADROOM", 0.0)
+    strict = Difference(drive(Rig(nexus), 30.0), found)
+    # A ramp within the headroom and a jump at the limit reach a speed at other times within a
+    # chunk: 12 mm and 0.5 degrees after 5.2 m and many turns of hard ramps.
+    assert strict.wheels < 0.02
+    assert strict.position < 0.02
+    assert strict.angle < math.radians(1.0)
 
 
 def test_it_bumps_against_a_box_and_comes_free_as_with_every_roller(nexus):
@@ -157,10 +162,10 @@ def test_it_bumps_against_a_box_and_comes_free_as_with_every_roller(nexus):
                 bumped.append(state)
         assert int(np.count_nonzero(np.diff(near))) == (2 if rollers == "near" else 0)
         ends.append(state)
-    # At the box the robots are the same; wheels that skid along it magnify what is left, some
-    # 0.1 mm. The box's face is at 1.3 m, the wheels' 0.2 m ahead; 15 mm: the wheels climb.
-    assert bumped[0].position == pytest.approx(bumped[1].position, abs=2e-3)
-    assert bumped[0].position[0] == pytest.approx(1.1, abs=0.015)
+    # The box's face is at 1.3 m, the wheels' 0.2 m ahead; 15 mm: the wheels climb. Along the
+    # face, wheels that skid for 1.6 s go either way.
+    for state in bumped:
+        assert state.position[0] == pytest.approx(1.1, abs=0.015)
     for state in ends:
         assert state.linear[0] == pytest.approx(-0.4, abs=0.02)
 
@@ -177,9 +182,9 @@ def energy(rig: Rig, robot: Robot) -> float:
 def test_a_hand_over_changes_neither_energy_nor_motion(robot):
     rig = mixed(robot)
     pitch = math.tau / robot.rollers.count
-    position, velocity = rig.body.read()
+    position, velocity, heading = rig.body.read()
     position[BASE_DOFS : BASE_DOFS + 4] = (pitch - 1e-3, 1e-3, 3.0 * pitch - 1e-3, 1e-3 - pitch)
-    rig.body.write(Motion(position, velocity))
+    rig.body.write(Motion(position, velocity, heading))
     before = energy(rig, robot)
     fastest = robot.wheels.max_speed_rad_s
     forward, backward = (0.0, fastest), (-fastest, 0.0)
@@ -202,17 +207,35 @@ def test_it_has_the_energy_of_the_robot_with_every_roller(robot):
 
 def test_the_motion_passes_to_every_roller_and_back(nexus):
     rig = mixed(nexus)
-    position, velocity = rig.body.read()
+    before = rig.body.read()
     rig.place_person(Pose2D(*rig.state().position[:2]))
     rig.robot.update_contact_candidates()
     assert not isinstance(rig.body, NearRollersBody)
-    assert rig.body.read() == (position, velocity)
+    among_others = rig.body.read()
+    assert among_others.heading == 0.0
     rig.place_person(Pose2D(9.0, 9.0))
     rig.robot.update_contact_candidates()
     assert isinstance(rig.body, NearRollersBody)
-    # the wheels' angles less whole pitches and back: rounding
-    assert rig.body.read().position == pytest.approx(position, abs=1e-12)
-    assert rig.body.read().velocity == pytest.approx(velocity, abs=1e-12)
+    # the wheels' angles less whole pitches and back, and other axes: rounding
+    for after in (among_others, rig.body.read()):
+        assert_same(after, before)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, -3.0])
+def test_a_motion_is_the_same_in_all_axes(nexus, heading):
+    motion = mixed(nexus).body.read()
+    turned = motion.in_axes_at(heading)
+    assert turned.heading == heading
+    assert_same(turned, motion)
+    states = (RobotState.of(0.0, m, [0.0] * 4, 0.0) for m in (motion, turned))
+    one, other = (np.concatenate([np.ravel(field) for field in state]) for state in states)
+    np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def assert_same(one: Motion, other: Motion) -> None:
+    """Two motions are the same, to rounding."""
+    for a, b in zip(one.in_axes_at(0.0)[:2], other.in_axes_at(0.0)[:2], strict=True):
+        assert a == pytest.approx(b, abs=1e-12)
 
 
 def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus):

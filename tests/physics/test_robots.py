@@ -117,7 +117,8 @@ def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus, yaw):
 
 
 def test_a_robot_pushes_one_whose_motors_are_weaker(nexus):
-    states = drive(world_with(nexus, Pose2D(), Pose2D(0.6)), 300, FORWARD, BRAKE)
+    # for 2 s: a pushed robot whose wheels turn freely slides off aside in the end
+    states = drive(world_with(nexus, Pose2D(), Pose2D(0.6)), 200, FORWARD, BRAKE)
     # as fast as without a load, which its servos hold, but for slip
     assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)
     pusher, pushed = states[-1]
@@ -159,7 +160,7 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
 
 def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.5), Pose2D(1.0))
-    states = drive(world, 300, FORWARD, BRAKE, BRAKE)
+    states = drive(world, 200, FORWARD, BRAKE, BRAKE)
     assert speeds(states) == pytest.approx([0.3] * 3, rel=JUDDER)
     gaps = [b.position[0] - a.position[0] for a, b in pairwise(states[-1])]
     assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []

@@ -60,8 +60,7 @@ def test_forward_motion_is_ideal_and_smooth(robot, rollers):
     assert speed == pytest.approx(FORWARD.x, rel=0.01)
     heights = [state.position[2] for state in states]
     assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
-    # The two wheels that carry a tenth more pull a little to the side.
-    assert abs(states[-1].position[1]) < 2e-4
+    assert abs(states[-1].position[1]) < 1e-6  # left and right are alike
 
 
 @pytest.mark.parametrize("rollers", ["near", "all"])
@@ -95,15 +94,15 @@ def test_each_wheel_carries_a_quarter_of_the_weight(robot):
     loads = [float(contact.force[2]) for contact in contacts]
     weight = masses(robot)[0] * GRAVITY
     assert sum(loads) == pytest.approx(weight, rel=0.01)
-    # A tenth more or less on the diagonals; camera, lidar and the absent rollers are 6 % more.
-    assert loads == pytest.approx([weight / 4] * 4, rel=0.2)
+    # camera and lidar, of 2 % of the mass, are ahead and behind the middle
+    assert loads == pytest.approx([weight / 4] * 4, rel=0.02)
 
 
 @pytest.mark.parametrize("rollers", ["near", "all"])
 def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(robot, rollers):
     states = Rig(robot, rollers=rollers).drive(wheel_speeds(robot, TURN), 3.0)[100:]
     gain = (states[-1].yaw - states[0].yaw) / 1.99 / TURN.yaw
-    assert gain == pytest.approx(yaw_gain(robot), rel=0.01)
+    assert gain == pytest.approx(yaw_gain(robot), rel=0.005)
     assert math.hypot(*states[-1].position[:2]) < 5e-3  # the rollers' contacts wander
 
 

@@ -21,7 +21,6 @@ GRAVITY = 9.80665
 
 _AXLE_JOINT = "front_axle_joint"
 _AXLE_STOP_RAD = 0.1
-_TWIST = 0.1
 _NO_MASS = 1e-9
 
 
@@ -55,6 +54,12 @@ def _robot_friction(robot: Robot, world: WorldConfig) -> float:
 
 def _ground_friction(robot: Robot, world: WorldConfig) -> float:
     return world.ground_friction * robot.rollers.contact_friction
+
+
+def least_friction(robot: Robot, world: WorldConfig) -> float:
+    """Return the lowest coefficient of friction of anything in the world."""
+    others = (world.person, *world.obstacles)
+    return min(_ground_friction(robot, world), *(other.friction for other in others))
 
 
 def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
@@ -99,9 +104,7 @@ def build_robot(
 
     The front wheels are on an axle that swings about its middle, as in platforms of this
     kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
-    rollers are parallel, and it would glide along across them with all wheels at rest. No
-    frame is quite true, so those two carry a tenth more than the others. With equal loads, the
-    motion of a robot that turns on the spot would depend on which contacts are the closer.
+    rollers are parallel, and it would glide along across them with all wheels at rest.
     """
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
@@ -132,8 +135,6 @@ def build_robot(
         joints.append(joint)
     for wheel, parts in zip(joints[: len(WHEELS)], tree.lumped, strict=False):
         wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
-    load = skeleton.getMass() * GRAVITY / len(WHEELS)
-    skeleton.getJoint(_AXLE_JOINT).setCommand(0, _TWIST * load * 2.0 * robot.half_track)
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -16,7 +17,7 @@ from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import ContactCandidates
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.model import full_tree
-from mecazen_physics.state import Motion
+from mecazen_physics.state import ROOT_DOFS, Motion
 
 Drive = Literal["speed", "servo", "torque"]
 """What the wheels' motors hold: a speed, whatever it takes; a speed within their torque; a torque.
@@ -29,6 +30,10 @@ _ACTUATORS = {
     "servo": dart.dynamics.SERVO,
     "torque": dart.dynamics.FORCE,
 }
+
+
+ALIGNED_RAD = math.radians(2.0)
+"""So far DART's axes may be from those of the rollers: friction is 1/cos 2° = 1.0006 of its own."""
 
 
 class RobotBody(ABC):
@@ -50,7 +55,8 @@ class RobotBody(ABC):
         """The joints that motors drive."""
         self._dt = dt
         self._hubs = [wheel.getChildBodyNode() for wheel in self.wheels]
-        self._drive: Drive = "torque"
+        self.drive: Drive = "torque"
+        """What the wheels' motors hold now."""
         world.simulation.addSkeleton(skeleton)
         world.check_detector(skeleton)
 
@@ -68,26 +74,51 @@ class RobotBody(ABC):
     def settle(self, steps: int) -> None:
         """Take over from DART after `steps` steps that were simulated."""
 
+    def align(self, yaw: float, yaw_rate: float) -> None:
+        """Turn DART's axes with the robot, where they can be, once its rollers are out of them.
+
+        Args:
+            yaw: Of the robot in the world [rad].
+            yaw_rate: Its rate [rad/s]: the axes are turned ahead.
+        """
+        aim = yaw - math.pi / 4.0
+        off = math.remainder(aim - self.world.heading, math.pi / 2.0)
+        if self.world.aligned and abs(off) > ALIGNED_RAD:
+            ahead = math.copysign(0.5 * ALIGNED_RAD, yaw_rate) if yaw_rate else 0.0
+            motion = self.read()
+            self.world.turn(math.remainder(aim + ahead, math.tau))
+            self._turn(motion.in_axes_at(self.world.heading))
+
+    def _turn(self, motion: Motion) -> None:
+        """Take over a motion that differs from the present one by its axes alone."""
+        root = self.skeleton.getRootJoint()
+        root.setPositions(motion.position[:ROOT_DOFS])
+        root.setVelocities(motion.velocity[:ROOT_DOFS])
+
+    @abstractmethod
+    def take_back(self) -> None:
+        """Go back to where the last call of `prepare` left it."""
+
     @abstractmethod
     def read(self) -> Motion:
         """Return the present motion, of all rollers."""
 
     @abstractmethod
     def write(self, motion: Motion) -> None:
-        """Put the robot into `motion`."""
+        """Put the robot into `motion`; a world's own axes stay as they are."""
 
     def use(self, drive: Drive) -> None:
         """Take the wheels' commands as speeds [rad/s] or as torques [N·m]."""
-        if drive != self._drive:
-            self._drive = drive
+        if drive != self.drive:
+            self.drive = drive
             for wheel in self.wheels:
                 wheel.setActuatorType(_ACTUATORS[drive])
 
     def torques(self) -> list[float]:
         """Return what the wheels' motors gave in the last step [N·m]."""
-        if self._drive == "speed":
+        if self.drive == "speed":
             return [float(hub.getBodyForce()[1]) for hub in self._hubs]
-        if self._drive == "servo":
+        if self.drive == "servo":
             # DART's servo is a velocity constraint; its torque is that constraint's impulse.
             return [wheel.getConstraintImpulse(0) / self._dt for wheel in self.wheels]
         return [wheel.getCommand(0) for wheel in self.wheels]
@@ -97,10 +128,15 @@ class AllRollersBody(RobotBody):
     """A robot of which every roller is a body."""
 
     def __init__(
-        self, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
+        self,
+        robot: Robot,
+        start: Pose2D,
+        physics: PhysicsConfig,
+        world: WorldConfig,
+        dart_world: DartWorld,
     ) -> None:
         skeleton, joints = bodies.build_robot(full_tree(robot), robot, start, physics, world)
-        super().__init__(DartWorld(robot, physics, world), skeleton, joints, physics.dt_s)
+        super().__init__(dart_world, skeleton, joints, physics.dt_s)
         rollers = [joint.getChildBodyNode() for joint in joints[len(WHEELS) :]]
         self._candidates = ContactCandidates(robot, rollers)
         self.joint_names = tuple(joint.getName() for joint in joints)
@@ -109,25 +145,34 @@ class AllRollersBody(RobotBody):
     def move_to(self, world: DartWorld) -> None:
         """Go on in another world of DART, in the same motion."""
         if world is not self.world:
+            motion = self.read()
             self.world.simulation.removeSkeleton(self.skeleton)
             world.simulation.addSkeleton(self.skeleton)
             self.world = world
+            self.write(motion)
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, isolated: bool) -> int:
         """Choose the contact candidates; see `RobotBody`."""
         angles = [wheel.getPosition(0) for wheel in self.wheels]
         fastest = [max(-low, high) for low, high in speeds]
         self._candidates.update(angles, fastest, steps * self._dt, isolated=isolated)
+        self._prepared = self.read()
         return steps
+
+    def take_back(self) -> None:
+        """See `RobotBody`."""
+        self.write(self._prepared)
 
     def settle(self, steps: int) -> None:
         """Do nothing: all of the motion is DART's."""
 
     def read(self) -> Motion:
         """See `RobotBody`."""
-        return Motion(self.skeleton.getPositions().tolist(), self.skeleton.getVelocities().tolist())
+        position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
+        return Motion(position.tolist(), velocity.tolist(), self.world.heading)
 
     def write(self, motion: Motion) -> None:
         """See `RobotBody`."""
+        motion = motion.in_axes_at(self.world.heading)
         self.skeleton.setPositions(motion.position)
         self.skeleton.setVelocities(motion.velocity)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+import msgspec
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import Robot
 from mecazen.world import WorldConfig
@@ -16,6 +18,8 @@ from mecazen_physics.dart_world import DartWorld, MovingPerson
 from mecazen_physics.motors import Motors, Push, WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.state import RobotState, check_converged
+
+Overload = Callable[[], bool]
 
 HYSTERESIS = 1.5
 """A robot is isolated again at so many times the distance at which it ceases to be."""
@@ -48,15 +52,20 @@ class DartRobot:
         # Nothing that a robot touches makes it ten times as fast as its motors can.
         self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         """A robot that is faster [m/s] has diverged."""
-        self._all = AllRollersBody(robot, start, physics, world)
+        bare = msgspec.structs.replace(world, obstacles=())
+        self._alone = DartWorld(robot, physics, bare, alone=True)
+        self._among_others = DartWorld(robot, physics, world)
+        is_near = physics.rollers == "near"
+        at_first = self._among_others if is_near else self._alone
+        self._all = AllRollersBody(robot, start, physics, world, at_first)
         self._isolated_body: RobotBody = self._all
-        if physics.rollers == "near":
-            self._isolated_body = NearRollersBody(robot, start, physics, world)
+        if is_near:
+            self._isolated_body = NearRollersBody(robot, start, physics, world, self._alone)
+        self._max_torque = robot.wheels.max_torque_nm
         self.body: RobotBody = self._isolated_body
         """The body that is simulated now."""
         self.isolated = True
         self.joint_names = self._all.joint_names
-        self._own_world = self._all.world
         self._shared_world: DartWorld | None = None
         self._motors = Motors(robot, physics)
         self._obstacles = [Footprint.of_obstacle(obstacle) for obstacle in world.obstacles]
@@ -105,11 +114,15 @@ class DartRobot:
             and not any(footprint.may_touch(obstacle, margin) for obstacle in self._obstacles)
         )
         before = self.body.world
-        self._all.move_to(self._shared_world or self._own_world)
+        if not self.isolated:
+            self._all.move_to(self._shared_world or self._among_others)
+        elif self._isolated_body is self._all:
+            self._all.move_to(self._alone)
         body = self._isolated_body if self.isolated else self._all
         if body is not self.body:
             body.write(self.body.read())
             self.body = body
+        body.align(self._state.yaw, self._state.angular[2])
         if body.world is not before:
             # The world that was left does not follow the people any more.
             before.set_present({})
@@ -123,9 +136,28 @@ class DartRobot:
         """
         steps = min(steps, self._horizon)
         speeds, push = self._motors.apply(
-            command, self.body, self._state, steps, isolated=self.isolated
+            command, self.body, self._state, steps, strict=not self.isolated
         )
         return self.body.prepare(speeds, steps, isolated=self.isolated), push
+
+    def take_back(self, command: WheelCommand, steps: int) -> Push | None:
+        """Go back by `steps` steps to the last call of `prepare`, to simulate them strictly.
+
+        Returns:
+            What is to be called before each of them, if anything.
+        """
+        self.body.take_back()
+        for number, person in self._people.items():
+            self.body.world.place_person(number, person)
+        return self._motors.apply(command, self.body, self._state, steps, strict=True)[1]
+
+    @property
+    def overload(self) -> Overload | None:
+        """What tells after a step whether a motor has exceeded its torque, where one may."""
+        return self._exceeds if self.body.drive == "speed" else None
+
+    def _exceeds(self) -> bool:
+        return max(map(abs, self.body.torques())) > self._max_torque
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated.

@@ -54,9 +54,12 @@ class Motors:
         state: RobotState,
         steps: int,
         *,
-        isolated: bool,
+        strict: bool,
     ) -> tuple[list[tuple[float, float]], Push | None]:
         """Give the motors of `body` a command for the next `steps` steps.
+
+        Where that is not `strict`, motors with headroom are simulated without their limit: whether
+        they keep it must be looked at.
 
         Returns:
             The lowest and the highest speed that each wheel should have in them [rad/s], and
@@ -78,7 +81,7 @@ class Motors:
         if self._pids:
             body.use("torque")
             return ranges, partial(self._control, body.wheels, target)
-        rise = self._steps_within_headroom(target, state) if isolated else math.inf
+        rise = math.inf if strict else self._steps_within_headroom(target, state)
         body.use("speed" if rise <= steps else "servo")
         if 1.0 < rise <= steps:
             ramp = _ramp(body.wheels, speeds, target, math.ceil(rise))

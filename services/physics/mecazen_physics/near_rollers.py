@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
@@ -27,7 +26,7 @@ from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.model import near_tree
-from mecazen_physics.state import BASE_DOFS, Motion
+from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion
 
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
@@ -51,11 +50,15 @@ class NearRollersBody(RobotBody):
     """
 
     def __init__(
-        self, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
+        self,
+        robot: Robot,
+        start: Pose2D,
+        physics: PhysicsConfig,
+        world: WorldConfig,
+        dart_world: DartWorld,
     ) -> None:
-        bare = DartWorld(robot, physics, msgspec.structs.replace(world, obstacles=()))
         skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, physics, world)
-        super().__init__(bare, skeleton, joints, physics.dt_s)
+        super().__init__(dart_world, skeleton, joints, physics.dt_s)
         count = robot.rollers.count
         self._pitch = math.tau / count
         # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
@@ -109,16 +112,27 @@ class NearRollersBody(RobotBody):
         self.airborne.body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
         self.airborne.body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
 
+    def take_back(self) -> None:
+        """See `RobotBody`."""
+        self.skeleton.setPositions(self._position)
+        self.skeleton.setVelocities(self._velocity)
+
+    def _turn(self, motion: Motion) -> None:
+        super()._turn(motion)
+        self._position[:ROOT_DOFS] = motion.position[:ROOT_DOFS]
+        self._velocity[:ROOT_DOFS] = motion.velocity[:ROOT_DOFS]
+
     def read(self) -> Motion:
         """See `RobotBody`."""
         angles, spins = self.airborne.state[:2, self._order.ravel()].tolist()
         position = self._position[:_FIRST_ROLLER] + angles
         for wheel, pitches in enumerate(self._pitches):
             position[BASE_DOFS + wheel] += pitches * self._pitch
-        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins)
+        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins, self.world.heading)
 
     def write(self, motion: Motion) -> None:
         """See `RobotBody`."""
+        motion = motion.in_axes_at(self.world.heading)
         self._position[:_FIRST_ROLLER] = motion.position[:_FIRST_ROLLER]
         self._velocity[:_FIRST_ROLLER] = motion.velocity[:_FIRST_ROLLER]
         self._pitches = [0] * _WHEELS

@@ -192,13 +192,22 @@ def lateral_gain(robot: Robot) -> float:
 def yaw_gain(robot: Robot) -> float:
     """Return the mean of the yaw rate over its ideal value for turning on the spot.
 
-    As `lateral_gain`, with the velocity of a wheel's centre (∓l_y, ±l_x)·ω_z: the gain is
-    (l_y + l_x·cot γ)/(l_y + l_x·cot γ/cos θ). The contact's offset along the axle is odd in
-    θ and drops out of the mean. Forward motion turns no roller, so its gain is 1.
+    As `lateral_gain`, with the velocity of a wheel's centre (∓l_y, ±l_x)·ω_z and the contact's
+    offset along the axle, e = d·tan θ/tan γ: the gain that a wheel asks for is
+
+        (l_y + l_x·cot γ)/(l_y + e + l_x·cot γ/cos θ).
+
+    Two diagonal wheels have their contacts by e farther out, the two others farther in, so they
+    ask for different gains and one pair slips. On an axle that swings about its middle, wheel
+    loads are to each other inversely as the distances of their contacts from it, 1/(l_y ± e),
+    while the levers of their grip are only as l_y + l_x ± e: the inner pair prevails.
     """
     roller = Roller.of(robot)
+    # in θ the gain has a kink at 0: one half is as the other
     nodes, weights = np.polynomial.legendre.leggauss(16)
+    theta = roller.half_arc * (nodes + 1.0) / 2.0
     across = robot.half_wheelbase / np.tan(robot.roller_angle)
     along = robot.half_track
-    gain = (along + across) / (along + across / np.cos(roller.half_arc * nodes))
+    inner = along - roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
+    gain = (along + across) / (inner + across / np.cos(theta))
     return float(np.dot(weights, gain) / 2.0)

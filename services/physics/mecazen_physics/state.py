@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mecazen.geometry import rotate
 from mecazen.robot import WHEELS
 
 from mecazen_physics.errors import DivergedError
@@ -13,6 +14,8 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
+ROOT_DOFS = 6
+"""Of the base in space."""
 BASE_DOFS = 7
 """Of the base in space, and of its front axle."""
 
@@ -21,12 +24,24 @@ class Motion(NamedTuple):
     """Positions and velocities of a robot in DART's coordinates.
 
     Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
-    [rad], and their rates, in world axes [rad/s, m/s, rad/s]; then of the joints, wheels and
-    every roller, [rad] and [rad/s].
+    [rad], and their rates, in horizontal axes at `heading` [rad/s, m/s, rad/s]; then of the
+    joints, wheels and every roller, [rad] and [rad/s].
     """
 
     position: list[float]
     velocity: list[float]
+    heading: float = 0.0
+    """Angle from the world's axes to those that it is given in, about the vertical [rad]."""
+
+    def in_axes_at(self, heading: float) -> Motion:
+        """Return the same motion, given in axes at `heading` [rad]."""
+        angle = self.heading - heading
+        position, velocity = self.position.copy(), self.velocity.copy()
+        position[:3] = _rotation_vector(_turned(_quaternion(*position[:3]), angle))
+        for vector in (position, velocity):
+            vector[3:5] = rotate(vector[3], vector[4], angle)
+        velocity[:2] = rotate(velocity[0], velocity[1], angle)
+        return Motion(position, velocity, heading)
 
 
 class RobotState(NamedTuple):
@@ -57,15 +72,16 @@ class RobotState(NamedTuple):
         `torques` are those of the wheels' motors [N·m]; the viscous friction of a roller's
         bearing is in [N·m·s/rad].
         """
-        position, velocity = motion
+        position, velocity, heading = motion
+        # in the axes of the motion, in which its velocities are given
         orientation = _quaternion(*position[:3])
-        x, y, z = position[3:6]
+        x, y = rotate(position[3], position[4], heading)
         speeds = velocity[BASE_DOFS:]
         rollers = [-bearing_friction * speed for speed in speeds[len(WHEELS) :]]
         return cls(
             time=time,
-            position=(x, y, z),
-            orientation=orientation,
+            position=(x, y, position[5]),
+            orientation=_turned(orientation, heading),
             linear=_unrotate(orientation, *velocity[3:6]),
             angular=_unrotate(orientation, *velocity[:3]),
             joint_position=position[BASE_DOFS:],
@@ -118,6 +134,21 @@ def _quaternion(x: float, y: float, z: float) -> Quaternion:
     angle = math.hypot(x, y, z)
     scale = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
     return scale * x, scale * y, scale * z, math.cos(angle / 2)
+
+
+def _rotation_vector(q: Quaternion) -> Vector:
+    """Return the rotation vector of a quaternion [rad], of at most π."""
+    x, y, z, w = q if q[3] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
+    sine = math.hypot(x, y, z)
+    scale = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
+    return scale * x, scale * y, scale * z
+
+
+def _turned(q: Quaternion, angle: float) -> Quaternion:
+    """Return the orientation after a turn by `angle` about the vertical [rad]."""
+    c, s = math.cos(angle / 2.0), math.sin(angle / 2.0)
+    x, y, z, w = q
+    return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
 def _unrotate(q: Quaternion, x: float, y: float, z: float) -> Vector:

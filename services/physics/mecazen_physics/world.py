@@ -12,10 +12,10 @@ from mecazen.world import WorldConfig
 
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import horizon_steps
-from mecazen_physics.dart_robot import HYSTERESIS, DartRobot
+from mecazen_physics.dart_robot import HYSTERESIS, DartRobot, Overload
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.motors import WheelCommand
+from mecazen_physics.motors import Push, WheelCommand
 
 COUPLING_DISTANCE_M = 0.2
 """Robots that are farther apart do not touch before the groups are updated."""
@@ -132,11 +132,31 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
         prepared = [robot.prepare(command, left) for robot, command in orders]
         chunk = min(steps for steps, _ in prepared)
         pushes = [push for _, push in prepared if push is not None]
-        step = world.step
-        for _ in range(chunk):
-            for push in pushes:
-                push()
-            step(False)
+        watches = [robot.overload for robot in robots if robot.overload is not None]
+        if not _simulate(world, pushes, watches, chunk):
+            again = [robot.take_back(command, chunk) for robot, command in orders]
+            world.use_exact_friction(exact=not world.aligned)
+            _simulate(world, [push for push in again if push is not None], (), chunk)
         for robot in robots:
             robot.settle(chunk)
         left -= chunk
+
+
+def _simulate(
+    world: DartWorld, pushes: Sequence[Push], overloads: Sequence[Overload], steps: int
+) -> bool:
+    """Simulate `steps` steps, and return whether motors and friction are within their limits."""
+    step = world.step
+    for _ in range(steps):
+        for push in pushes:
+            push()
+        step(False)
+        for exceeded in overloads:
+            if exceeded():
+                return False
+    if not world.aligned:
+        slips = world.slips()
+        was_exact = world.is_exact
+        world.use_exact_friction(exact=slips)
+        return was_exact or not slips
+    return True
