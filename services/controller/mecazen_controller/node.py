@@ -26,9 +26,8 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_controller.config import ControllerConfig
-from mecazen_controller.kinematics import WheelSpeeds
+from mecazen_controller.kinematics import DeadReckoning, WheelSpeeds
 from mecazen_controller.limiter import LimiterState, limit_twist
-from mecazen_controller.odometry import Odometry as DeadReckoning
 
 ROUNDING_S = 1e-9
 """Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
