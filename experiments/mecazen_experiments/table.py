@@ -55,7 +55,7 @@ class Table:
 
     @property
     def tracking(self) -> npt.NDArray[np.str_]:
-        """The follower's tracking state, see `mecazen_follower.tracking`."""
+        """The follower's tracking state, see `TrackingState`."""
         return self._columns["tracking"]
 
     def poses(self, who: str) -> Poses:

@@ -8,10 +8,9 @@ from typing import Literal
 import msgspec
 from mecazen.schema import AngleDeg, NonNegative, Positive, Section
 
-from mecazen_follower.control import PoseController
 from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
-from mecazen_follower.pid import Gains
+from mecazen_follower.pid import Gains, PoseController
 from mecazen_follower.polar import Approach, PolarController
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.schema import NonNegative, Positive
 
-from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
-from mecazen_follower.estimators.kalman import as_tuple, kalman, nis_of
+from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params, as_tuple
+from mecazen_follower.estimators.kalman import kalman, nis_of
 
 IDENTITY = np.eye(3)
 

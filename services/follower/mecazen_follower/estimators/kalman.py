@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from mecazen.covariance import PlanarCovariance
-
 from mecazen_follower.estimators.base import Array
 
 
@@ -22,9 +20,3 @@ def kalman(state: Array, covariance: Array, H: Array) -> Any:
 def nis_of(kf: Any) -> float:
     """Return the normalised innovation squared of the last update."""
     return float(kf.y @ kf.SI @ kf.y)
-
-
-def as_tuple(matrix: Array) -> PlanarCovariance:
-    """Return a covariance (3, 3) as plain floats."""
-    x, y, yaw = map(tuple, matrix.tolist())
-    return x, y, yaw
