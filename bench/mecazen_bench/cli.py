@@ -85,7 +85,7 @@ def compare(before: File, after: File) -> None:
 @app.command()
 def tables() -> None:
     """Write the tables of docs/performance.md from the files in bench/results."""
-    from mecazen_bench.document import DOCUMENT, updated  # noqa: PLC0415
+    from mecazen_bench.results import DOCUMENT, updated  # noqa: PLC0415
 
     DOCUMENT.write_text(updated(DOCUMENT.read_text()))
 

@@ -123,19 +123,15 @@ class TimedBus:
         return getattr(self._bus, name)
 
     def namespaced(self, name: str) -> TimedBus:
-        """Return the bus of a namespace, timed for the same part."""
         bus = self._bus.namespaced(name)
         return self if bus is self._bus else TimedBus(bus, self._watch, self._part)
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return what publishes on a topic, timed."""
         return _TimedPublisher(self._bus.publisher(topic), self._watch, self._part)
 
     def subscribe(
         self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
     ) -> None:
-        """Deliver samples of a topic to `handler`, timed."""
-
         def timed(message: MessageT, stamp: Stamp | None) -> None:
             self._watch.turn_to(self._part)
             handler(message, stamp)
