@@ -18,13 +18,12 @@ from mecazen_target.sensor import Sensor
 from rich.table import Table as Shown
 
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.poses import Poses
 from mecazen_experiments.report import CAPTION, show
 from mecazen_experiments.run import Record, simulated
 from mecazen_experiments.scores import Score
 from mecazen_experiments.smoother import Sight, least_errors
 from mecazen_experiments.statistics import Interval, mean_interval
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Poses, Table
 
 ORACLE = 'programs.follower="mecazen_experiments.oracle:OracleFollower"'
 

@@ -25,10 +25,9 @@ from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_
 from mecazen_experiments.jobs import Job, Series, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.run import tabulate
-from mecazen_experiments.schedule import Progress, do_all, run_all
+from mecazen_experiments.schedule import Progress, Workers, do_all, run_all
 from mecazen_experiments.store import Store
 from mecazen_experiments.table import Table
-from mecazen_experiments.workers import Workers
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of a shell: 128 and the signal's number."""

@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 from mecazen_experiments.jobs import Job
-from mecazen_experiments.workers import MAX_TRIES, Outcomes, T, attempt, died
+from mecazen_experiments.schedule import MAX_TRIES, Outcomes, T, attempt, died
 
 
 class LocalWorkers:

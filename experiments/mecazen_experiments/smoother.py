@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen_follower.estimators import turn_rate as ctrv
 
-from mecazen_experiments.poses import Poses, wrap
+from mecazen_experiments.table import Poses, wrap
 
 Array = npt.NDArray[np.float64]
 

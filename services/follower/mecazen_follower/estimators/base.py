@@ -128,22 +128,17 @@ class Estimator(ABC):
 class RawObservation(Estimator, name="none"):
     """The last observation, held until the next one, with zero velocity."""
 
-    _estimate: Estimate | None = None
+    estimate: Estimate | None = None
 
     def predict(self, dt: float) -> None:
         """Hold the last observation."""
 
     def _observe(self, observation: Pose2D, noise: Array) -> None:
-        self._estimate = Estimate(observation, Twist2D(), as_tuple(noise))
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The last observation."""
-        return self._estimate
+        self.estimate = Estimate(observation, Twist2D(), as_tuple(noise))
 
     def reset(self) -> None:
         """Discard the last observation."""
-        self._estimate = None
+        self.estimate = None
 
 
 def as_tuple(matrix: Array) -> PlanarCovariance:
