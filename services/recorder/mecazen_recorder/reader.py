@@ -25,8 +25,7 @@ from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
 
 from mecazen_recorder import cdr
-from mecazen_recorder.sink import RecordingError
-from mecazen_recorder.writer import LIBRARY, URDF
+from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
 
 MessageT = TypeVar("MessageT", bound=Message)
 

@@ -22,7 +22,7 @@ from mecazen.runtime.service import Service
 from mecazen.wire import NS_PER_S, Stamp, encode
 
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.writer import RecordingError
 
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs}
 """Keys whose last sample tells how far a recording goes."""
