@@ -7,6 +7,8 @@ from typing import Any
 from mecazen.graph import Graph, Row
 from mecazen.keys import DIAGNOSTICS, Topic
 
+Cells = tuple[str, str, str, str, str]
+
 
 def rate(graph: Graph, topic: Topic[Any]) -> str:
     """Return how often a topic comes: its rate's configuration key, or `tick`."""
@@ -18,29 +20,28 @@ def rate(graph: Graph, topic: Topic[Any]) -> str:
     return "tick" if found is None else found if isinstance(found, str) else f"{found:g} Hz"
 
 
-def source(graph: Graph, topic: Topic[Any]) -> str:
-    """Return who publishes a topic."""
-    if topic is DIAGNOSTICS:
-        return "each service"
-    giver = graph.giver(topic.key)
-    if giver is None:
-        return "anyone"
-    return f"{giver.part_of} or anyone" if topic.open else giver.part_of
+def topic_rows(graph: Graph) -> list[Cells]:
+    """Return key, message, rate, who publishes and meaning of each topic."""
+    topics = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
+    return [
+        (topic.key, topic.type.ROS_TYPE, rate(graph, topic), _source(graph, topic), topic.meaning)
+        for topic in (*topics, DIAGNOSTICS)
+    ]
+
+
+def call_rows(graph: Graph) -> list[Cells]:
+    """Return the same of each query."""
+    return [
+        (call.key, f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}", "query", who, call.meaning)
+        for who, call in ((row.part_of, call) for row in graph.rows for call in row.calls)
+    ]
 
 
 def keys_table(graph: Graph) -> str:
     """Return the table of keys in Markdown."""
     lines = ["| key | message | rate | from | meaning |", "| --- | --- | --- | --- | --- |"]
-    topics = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
-    for topic in (*topics, DIAGNOSTICS):
-        kind = _name(topic.type.ROS_TYPE)
-        cells = (f"`{topic.key}`", kind, rate(graph, topic), source(graph, topic), topic.meaning)
-        lines.append(f"| {' | '.join(cells)} |")
-    for row in graph.rows:
-        for call in row.calls:
-            kind = f"{_name(call.request.ROS_TYPE)} → {_name(call.answer.ROS_TYPE)}"
-            cells = (f"`{call.key}`", kind, "query", row.part_of, call.meaning)
-            lines.append(f"| {' | '.join(cells)} |")
+    for key, kind, *others in (*topic_rows(graph), *call_rows(graph)):
+        lines.append(f"| {' | '.join((f'`{key}`', kind.replace('/msg', ''), *others))} |")
     return "\n".join(lines)
 
 
@@ -65,5 +66,10 @@ def gives(row: Row) -> str:
     return ", ".join([*(t.key for t in row.outputs), *(f"{c.key}?" for c in row.calls)])
 
 
-def _name(ros_type: str) -> str:
-    return ros_type.replace("/msg", "")
+def _source(graph: Graph, topic: Topic[Any]) -> str:
+    if topic is DIAGNOSTICS:
+        return "each service"
+    giver = graph.giver(topic.key)
+    if giver is None:
+        return "anyone"
+    return f"{giver.part_of} or anyone" if topic.open else giver.part_of

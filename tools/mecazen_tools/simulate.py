@@ -25,12 +25,7 @@ from mecazen.runtime.host import make_service
 from mecazen.runtime.readiness import announce_readiness, declare_alive
 from mecazen.wire import NS_PER_S
 
-from mecazen_tools.processes import (
-    Supervisor,
-    beside_that_core,
-    on_one_core,
-    private_router,
-)
+from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
 from mecazen_tools.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
@@ -79,9 +74,7 @@ class InProcess:
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        seen_by: Callable[[LocalBus, str], Bus] = lambda bus, _: bus,
+        self, scenario: Scenario, seen_by: Callable[[LocalBus, str], Bus] = lambda bus, _: bus
     ) -> None:
         self.scenario = in_lockstep(scenario)
         self.bus = LocalBus()
@@ -133,17 +126,14 @@ def simulate(
     Raises:
         MecazenError: A service failed.
     """
-    run = InProcess(scenario)
-    begin = time.perf_counter()
-    try:
+    with closing(InProcess(scenario)) as run:
+        begin = time.perf_counter()
         run.begin()
         for tick in range(1, scenario.sim.ticks):
             run.step()
             if tick % PROGRESS_TICKS == 0:
                 progress(tick)
         run.end()
-    finally:
-        run.close()
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
     return result(run.scenario, name, run.trajectory, wall_s), run.trajectory
@@ -280,13 +270,10 @@ def _pass_on(supervisor: Supervisor) -> None:
         sys.stderr.write(f"{line.text}\n")
 
 
-def _collected(scenario: Scenario) -> list[str]:
-    return [part for part in scenario.services if part != COLLECTOR]
-
-
 def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
     """Take part in a run as its collector; return the trajectory to be."""
-    trajectory = _trajectory(bus, scenario, _collected(scenario))
+    parts = [part for part in scenario.services if part != COLLECTOR]
+    trajectory = _trajectory(bus, scenario, parts)
     declare_alive(bus, COLLECTOR, scenario)
     announce_readiness(bus, COLLECTOR, scenario)
     return trajectory

@@ -9,10 +9,9 @@ import typer
 from mecazen.errors import MecazenError
 from mecazen.graph import GRAPH, Graph
 from mecazen.programs import graph_of
-from rich.console import Console
 from rich.table import Table
 
-from mecazen_tools.cli.options import Settings, load
+from mecazen_tools.cli.options import Settings, console, load
 from mecazen_tools.generated import one_process_each
 from mecazen_tools.graph_svg import svg
 from mecazen_tools.graph_tables import gives, takes
@@ -54,4 +53,4 @@ def graph(
             rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
             table.add_row("" if number else process, name, takes(row), gives(row), rates)
         table.add_section()
-    Console(width=None if Console().is_terminal else 160).print(table)
+    console(160).print(table)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Annotated, Any
 
@@ -92,7 +92,7 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
         state=ready if name in alive else "gone",
         inputs={
             name.removeprefix("hz/"): Input(
-                _number(said, name) or 0.0, _number(said, name.replace("hz/", "age_s/", 1))
+                number(said, name) or 0.0, number(said, name.replace("hz/", "age_s/", 1))
             )
             for name in said
             if name.startswith("hz/")
@@ -103,7 +103,7 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
     )
 
 
-def _number(said: dict[str, str], name: str) -> float | None:
+def number(said: Mapping[str, str], name: str) -> float | None:
     """Return a value, or None where it is no number, as of an input that never came."""
     try:
         number = float(said[name])
@@ -113,7 +113,7 @@ def _number(said: dict[str, str], name: str) -> float | None:
 
 
 def _count(said: dict[str, str], name: str) -> int:
-    return int(_number(said, name) or 0)
+    return int(number(said, name) or 0)
 
 
 def screen(status: Status) -> Group:

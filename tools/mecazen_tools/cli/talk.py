@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
@@ -37,31 +36,25 @@ def topics(
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
     graph = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
-    shown = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
-    shown.append(keys.DIAGNOSTICS)
     rates: Counter[str] = Counter()
+
+    def count(key: str, *_: object) -> None:
+        topic = topic_of(key)
+        rates[key if topic is None else topic.key] += 1
+
     if live:
         with tool_bus(connect, namespace, tls) as bus:
-            bus.subscribe_bytes("**", lambda key, *_: rates.update((_entry(key),)))
+            bus.subscribe_bytes("**", count)
             end = time.monotonic() + LIVE_S
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
     table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
-    for topic in shown:
-        now = [f"{rates[topic.key] / LIVE_S:.0f}"] if live else []
-        rate, giver = graph_tables.rate(graph, topic), graph_tables.source(graph, topic)
-        table.add_row(topic.key, topic.type.ROS_TYPE, rate, giver, topic.meaning, *now)
+    for cells in graph_tables.topic_rows(graph):
+        table.add_row(*cells, *([f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []))
     table.add_section()
-    for row in graph.rows:
-        for call in row.calls:
-            kind = f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}"
-            table.add_row(call.key, kind, "query", row.part_of, call.meaning)
+    for cells in graph_tables.call_rows(graph):
+        table.add_row(*cells)
     Console().print(table)
-
-
-def _entry(key: str) -> str:
-    topic = topic_of(key)
-    return key if topic is None else topic.key
 
 
 def echo(
