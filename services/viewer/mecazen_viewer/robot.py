@@ -20,8 +20,7 @@ from mecazen_viewer import rotation
 from mecazen_viewer.components import Components, instances
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.rotation import Array
-from mecazen_viewer.stl import read_stl
-from mecazen_viewer.urdf import Joint, Origin, Urdf, Visual
+from mecazen_viewer.urdf import Joint, Origin, Urdf, Visual, read_stl
 
 
 class RobotModel:
