@@ -50,7 +50,6 @@ class Results(msgspec.Struct, frozen=True):
 
     @property
     def groups(self) -> list[Group]:
-        """The groups of all benchmarks."""
         return [group for measured in self.benchmarks.values() for group in measured.groups]
 
     def table(self) -> Table:

@@ -49,7 +49,6 @@ class Job(msgspec.Struct, frozen=True):
     key: Key
 
     def __str__(self) -> str:
-        """Return row, walk and seed."""
         walk = f" / {self.walk}" if self.walk else ""
         return f"{self.row}{walk}, seed {self.key.seed}"
 

@@ -287,9 +287,7 @@ def on_one_core() -> Iterator[None]:
 
     The parts of a tick in lockstep come one after the other: on one core none has to be
     woken on another, which is the larger part of a hop's time. As batch processes they let
-    a sender finish what it sends before a receiver takes over: a third of the switches. Without
-    the one core a distributed run of `back` makes 6 % fewer ticks a second, without the batch
-    class 12 % fewer.
+    a sender finish what it sends before a receiver takes over. docs/performance.md has the gains.
     """
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))

@@ -39,7 +39,6 @@ class Difference(NamedTuple):
     recomputed: str
 
     def __str__(self) -> str:
-        """Return the difference in one line."""
         where = " ".join(filter(None, (self.key, self.field)))
         values = f"recorded {self.recorded}, recomputed {self.recomputed}"
         return f"{where} at {self.time_ns / NS_PER_S} s: {values}"

@@ -1,9 +1,4 @@
-"""Writes samples into an MCAP file.
-
-The log time of a sample is its simulated time. Run and seed of its stamp are in the metadata of
-its channel: each key has a channel for each run. Metadata records named `run` hold the
-configuration of a run, attachments the URDF and meshes of each robot in its namespace.
-"""
+"""Writes samples into an MCAP file, in the format of docs/recording.md."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """The robot from its URDF: static shapes, and poses of moving links from joint states.
 
-Equal shapes, such as the rollers, are instances of one entity, since the cost of a frame is
-proportional to the number of its entities.
+Equal shapes, such as the rollers, are instances of one entity: docs/viewer.md.
 """
 
 from __future__ import annotations

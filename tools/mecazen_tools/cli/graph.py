@@ -13,8 +13,7 @@ from rich.table import Table
 
 from mecazen_tools.cli.options import Settings, console, load
 from mecazen_tools.generated import one_process_each
-from mecazen_tools.graph_svg import svg
-from mecazen_tools.graph_tables import gives, takes
+from mecazen_tools.graph_views import gives, svg, takes
 
 
 def graph(

@@ -121,21 +121,17 @@ def screen(status: Status) -> Group:
     table = Table("service", "state", "hears [Hz]", "oldest [s]", "refused", "missed", "restarts")
     for name, service in status.services.items():
         hears = "  ".join(f"{key} {heard.hz:g}" for key, heard in service.inputs.items())
+        ages = [heard.age_s for heard in service.inputs.values() if heard.age_s is not None]
         numbers = (service.refused, service.missed, service.restarts)
         colour = {"ready": "green", "alive": "yellow", "gone": "red"}[service.state]
         table.add_row(
             name,
             Text(service.state, colour),
             hears,
-            _oldest(service),
+            f"{max(ages):.2f}" if ages else "",
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )
     return Group(Text(_headline(status.sim), "bold"), table)
-
-
-def _oldest(service: ServiceStatus) -> str:
-    heard = [of.age_s for of in service.inputs.values() if of.age_s is not None]
-    return f"{max(heard):.2f}" if heard else ""
 
 
 def _headline(sim: SimState | None) -> str:

@@ -16,7 +16,7 @@ from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.console import Console
 from rich.table import Table
 
-from mecazen_tools import graph_tables
+from mecazen_tools import graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Tls, load, tool_bus
 
 LIVE_S = 1.0
@@ -49,10 +49,10 @@ def topics(
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
     table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
-    for cells in graph_tables.topic_rows(graph):
+    for cells in graph_views.topic_rows(graph):
         table.add_row(*cells, *([f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []))
     table.add_section()
-    for cells in graph_tables.call_rows(graph):
+    for cells in graph_views.call_rows(graph):
         table.add_row(*cells)
     Console().print(table)
 

@@ -37,9 +37,8 @@ class ImmParams(TurnRateParams):
 class ImmFilter(TurnRateEstimator, name="imm", params=ImmParams):
     """An IMM of four modes: standing, walking straight, turning steadily, and manoeuvring.
 
-    Manoeuvring is setting off, stopping and turning quickly. The first three modes average over
-    seconds, so that the heading of a walking person follows from the motion even if the sensor
-    barely observes it. The last one takes over within a few frames.
+    Manoeuvring is setting off, stopping and turning quickly; it takes over within a few frames.
+    The other modes average over seconds.
     """
 
     def __init__(self, params: ImmParams) -> None:
