@@ -4,7 +4,7 @@ To add one: subclass `Estimator` with a name, by which scenarios select it.
 """
 
 # imported, each registers itself
-from mecazen_follower.estimators import constant_velocity, ctrv, displacement, imm  # noqa: F401
+from mecazen_follower.estimators import ctrv, imm, linear  # noqa: F401
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params, make_params
 
 ESTIMATORS = Estimator.registry
