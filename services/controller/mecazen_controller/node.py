@@ -94,14 +94,9 @@ class OdometryNode(Node):
         return self._odometry()
 
     def _odometry(self, *covariances: tuple[float, ...]) -> Odometry:
-        return planar_odometry(
-            self.time,
-            self.config.odom_frame_id,
-            self.config.base_frame_id,
-            self.dead_reckoning.pose,
-            self.dead_reckoning.twist,
-            *covariances,
-        )
+        frames = self.config.odom_frame_id, self.config.base_frame_id
+        moved = self.dead_reckoning
+        return planar_odometry(self.time, *frames, moved.pose, moved.twist, *covariances)
 
     def _truth(self, truth: Odometry) -> Odometry:
         return Odometry(
@@ -155,13 +150,8 @@ class ControllerNode(Node):
         self.next_velocity = limit_twist(self.velocity, wanted, self.limits, self.period_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
         speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
-        return {
-            JOINT_COMMAND: JointState(
-                header=Header(stamp=tick.time),
-                name=self.config.wheel_joints,
-                velocity=tuple(speeds),
-            )
-        }
+        header, names = Header(stamp=tick.time), self.config.wheel_joints
+        return {JOINT_COMMAND: JointState(header=header, name=names, velocity=tuple(speeds))}
 
     def _begin(self, tick: Tick, inputs: Inputs) -> None:
         """Go on from what was last commanded, or from how the robot moves after a long gap."""

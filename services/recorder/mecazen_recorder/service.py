@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -36,14 +37,9 @@ class RecorderService(Observer):
         config = scenario.section(RecorderConfig, "recorder")
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
-        self.recorder = Recorder(
-            bus,
-            config,
-            scenario.services,
-            lambda: to_toml(scenario),
-            scenario.names,
-            graph_of(scenario).topics,
-        )
+        parts, topics = scenario.services, graph_of(scenario).topics
+        toml = partial(to_toml, scenario)
+        self.recorder = Recorder(bus, config, parts, toml, scenario.names, topics)
         self.subscribe(keys.CLOCK, self.on_clock)
 
     def reset(self, seed: int) -> None:

@@ -19,7 +19,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen_tools.cli import certificates, graph, sim, status, talk, up
+from mecazen_tools import certificates
+from mecazen_tools.cli import graph, sim, status, talk, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -39,8 +40,11 @@ app = typer.Typer(
     help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
     "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
 )
+certificates_app = typer.Typer(
+    no_args_is_help=True, help="Certificates, for TLS and access control."
+)
 app.add_typer(sim.app, name="sim")
-app.add_typer(certificates.app, name="keys")
+app.add_typer(certificates_app, name="keys")
 app.command()(graph.graph)
 app.command()(talk.topics)
 app.command()(status.status)
@@ -213,6 +217,35 @@ def _measures(of: Result | Scores) -> tuple[str, str]:
 def config(scenario: ScenarioArgument, settings: Settings = None) -> None:
     """Print the whole effective configuration of a scenario, as TOML that loads again."""
     typer.echo(to_toml(load(scenario, settings)), nl=False)
+
+
+@certificates_app.callback()
+def _group() -> None:
+    """Keep `create` a command of its own, although it is the only one."""
+
+
+@certificates_app.command()
+def create(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A new folder; keep it to yourself.")
+    ] = Path("keys"),
+    host: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME_OR_IP",
+            help="A host that services listen on, besides loopback. May be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Create a certificate authority, and a certificate and a key for each service.
+
+    The operator's are for the tools: `--tls DIR`.
+
+    Examples: mecazen keys create · mecazen keys create keys --host robot.local --host 192.168.1.7
+    """
+    certificates.create(folder, host or ())
+    typer.echo(f"{folder}: the authority and {len(certificates.NAMES)} certificates with keys")
 
 
 def main() -> None:
