@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.geometry import Twist2D
 from mecazen.robot import WHEELS, Robot
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
@@ -34,8 +33,6 @@ LATERAL = (-1.0, 1.0, 1.0, -1.0)
 YAW = (-1.0, 1.0, -1.0, 1.0)
 MIXED = (0.1, 1.0, 0.6, 0.5)
 """Directions of the wheels in the order of `WHEELS`; the last moves along all axes at once."""
-
-Array = npt.NDArray[np.float64]
 
 
 class Sample(NamedTuple):

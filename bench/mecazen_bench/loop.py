@@ -6,14 +6,13 @@ import time
 from collections import defaultdict
 from contextlib import closing
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.base import Handler, Publisher
 from mecazen.config import Scenario
-from mecazen.keys import Topic
+from mecazen.keys import MessageT, Topic
 from mecazen.loading import load_scenario
-from mecazen.messages import Message
 from mecazen.wire import Stamp
 from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed
 
@@ -32,8 +31,6 @@ SHARE = Target(high=10.0)
 BUS = "messages and bus"
 UNBOUNDED = ("physics", "follower")
 """Parts whose share has no target: their computation is the purpose of the loop."""
-
-MessageT = TypeVar("MessageT", bound=Message)
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
