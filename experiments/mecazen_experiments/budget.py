@@ -1,8 +1,6 @@
 """The error budget: which part of the following errors comes from control, which from estimation.
 
-An oracle that knows the true person drives the same robot by the same control law: its errors
-are those of control. A smoother that knows later observations as well shows how much of the
-estimate's error no filter can avoid; the rest is that of the filter.
+docs/results.md tells what the oracle and the smoother show.
 """
 
 from __future__ import annotations
