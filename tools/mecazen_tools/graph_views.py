@@ -88,12 +88,7 @@ def _source(graph: Graph, topic: Topic[Any]) -> str:
 
 
 def svg(graph: Graph, processes: Sequence[tuple[str, Sequence[str]]]) -> str:
-    """Return an SVG file.
-
-    Args:
-        graph: The nodes.
-        processes: Names of processes, and the nodes of each.
-    """
+    """Return the data flow as an SVG file; `processes` are their names, and the nodes of each."""
     nodes = [graph.row(name) for _, names in processes for name in names]
     flow = [row for row in nodes if not row.observes]
     topics = [t for t in graph.topics if any(_mark(row, t.key) for row in flow)]

@@ -182,13 +182,7 @@ def _mean(values: Iterable[float | None]) -> float | None:
 def simulate_distributed(
     path: Path, settings: tuple[str, ...], name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
-    """Run the services of a scenario as processes over Zenoh, in lockstep.
-
-    Args:
-        path: The scenario's file.
-        settings: Overrides, as of `load_scenario`.
-        name: The scenario's name, for the result.
-        progress: See `Progress`.
+    """Run the services of a scenario's file, with overrides, as processes over Zenoh in lockstep.
 
     Raises:
         MecazenError: A service failed.
@@ -226,12 +220,7 @@ def simulate_distributed(
 def collect(
     scenario: Scenario, name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
-    """Write down a lockstep run of services that somebody else has started.
-
-    Args:
-        scenario: What they were started with; in lockstep, with the collector among `services`.
-        name: The scenario's name, for the result.
-        progress: See `Progress`.
+    """Write down a lockstep run of services that somebody else has started with this scenario.
 
     Raises:
         MecazenError: The scenario is another, or a service has gone before the end.

@@ -118,4 +118,3 @@ class TargetConfig(Section):
     path: Walk | Driven = UTrack()
     """Where the person walks; `kind` selects the struct."""
     gait: Gait | None = None
-    """Gait oscillation; none by default."""
