@@ -92,11 +92,8 @@ class Supervisor:
     Each runs `python -m mecazen.runtime` in a session of its own, so that Ctrl-C reaches
     only this process, which then ends them; and ends by itself if this process dies.
 
-    Args:
-        scenario: The scenario's file.
-        settings: Overrides, as of `load_scenario`.
-        restart: Start a process again that has ended, at once, or after a pause that grows
-            while it keeps ending. What fails before it has ever run is an error still.
+    With `restart` a process that has ended is started again, at once, or after a pause that grows
+    while it keeps ending. What fails before it has ever run is an error still.
     """
 
     def __init__(self, scenario: Path, settings: Sequence[str], *, restart: bool = False) -> None:

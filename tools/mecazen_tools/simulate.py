@@ -65,9 +65,7 @@ def in_lockstep(scenario: Scenario) -> Scenario:
 class InProcess:
     """All services of a scenario in this process, in lockstep: `step` is a tick.
 
-    Args:
-        scenario: What to simulate.
-        seen_by: Returns the bus as a service sees it, and last as the trajectory does.
+    `seen_by` returns the bus as a service of some name sees it, or the trajectory as `trajectory`.
 
     Raises:
         ConfigError: The scenario does not suit a service, or nothing in it owns time.

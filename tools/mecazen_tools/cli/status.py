@@ -72,13 +72,9 @@ Reports = dict[str, dict[str, str]]
 def status_of(
     sim: SimState | None, parts: Iterable[str], alive: set[str], reports: Reports
 ) -> Status:
-    """Return how everybody is.
+    """Return how everybody is, of whom the services `parts` should be there.
 
-    Args:
-        sim: What simulated time does.
-        parts: The services that there should be.
-        alive: Who holds a liveliness token; `<name>/ready` is a mark of readiness.
-        reports: The values of each one's newest diagnostics.
+    `alive` are liveliness tokens, of which `<name>/ready` is a mark of readiness.
     """
     here = {name for name in alive if not name.endswith("/ready")}
     names = [*parts, *sorted(here | reports.keys())]
