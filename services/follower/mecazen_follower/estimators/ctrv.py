@@ -45,14 +45,11 @@ class Unscented:
     """
 
     def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
-        from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
-            MerweScaledSigmaPoints,
-            UnscentedKalmanFilter,
-        )
+        from filterpy import kalman  # noqa: PLC0415  # late, as it takes a second
 
         self._walks = walks
-        points = MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
-        self._filter: Any = UnscentedKalmanFilter(
+        points = kalman.MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
+        self._filter: Any = kalman.UnscentedKalmanFilter(
             SIZE, SEEN, dt=0.0, hx=lambda x: x[:SEEN], fx=move, points=points
         )
         self._filter.x, self._filter.P = state, covariance

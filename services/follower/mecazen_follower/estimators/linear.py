@@ -60,12 +60,10 @@ class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityPar
             return
         if dt != self._dt:
             self._dt = dt
-            step = np.array([[1.0, dt], [0.0, 1.0]])
-            from filterpy.common import (  # noqa: PLC0415  # as in `kalman`
-                Q_continuous_white_noise,
-            )
+            from filterpy import common  # noqa: PLC0415  # as in `kalman`
 
-            noise = Q_continuous_white_noise(2, dt, 1.0)
+            step = np.array([[1.0, dt], [0.0, 1.0]])
+            noise = common.Q_continuous_white_noise(2, dt, 1.0)
             self._F = np.kron(np.eye(3), step)
             self._Q = np.kron(np.diag(self._densities), noise)
         self._filter.predict(F=self._F, Q=self._Q)
