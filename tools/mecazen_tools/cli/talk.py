@@ -76,14 +76,8 @@ def echo(
     def show(key: str, payload: bytes, encoding: str, attachment: bytes | None) -> None:
         nonlocal shown
         del attachment
-        topic = topic_of(key)
         try:
-            value: Any = (
-                msgspec.json.decode(payload)
-                if topic is None
-                else decode(payload, topic.type, encoding)
-            )
-            typer.echo(msgspec.json.encode(value).decode())
+            typer.echo(msgspec.json.encode(_read(key, payload, encoding)).decode())
         except (RefusedError, msgspec.MsgspecError) as error:
             typer.echo(f"{key}: {len(payload)} bytes that are no message: {error}", err=True)
         shown += 1
@@ -116,12 +110,8 @@ def pub(
     Example: mecazen pub cmd_vel '{"linear":{"x":0.3}}' --rate 20 --duration 3
     """
     payload = message.encode()
-    topic = topic_of(key)
     try:
-        if topic is not None:
-            decode(payload, topic.type, JSON_ENCODING)
-        else:
-            msgspec.json.decode(payload)
+        _read(key, payload, JSON_ENCODING)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if duration is not None and rate is None:
@@ -135,3 +125,9 @@ def pub(
                 break
             while (left := begin + sent / rate - time.monotonic()) > 0:
                 bus.spin_once(left)
+
+
+def _read(key: str, payload: bytes, encoding: str) -> Any:
+    """Return what is on a key: a message of its type where the table has it, else any JSON."""
+    topic = topic_of(key)
+    return msgspec.json.decode(payload) if topic is None else decode(payload, topic.type, encoding)
