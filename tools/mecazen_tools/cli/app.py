@@ -20,7 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mecazen_tools import certificates
-from mecazen_tools.cli import graph, sim, status, talk, up
+from mecazen_tools.cli import sim, status, talk, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -45,7 +45,7 @@ certificates_app = typer.Typer(
 )
 app.add_typer(sim.app, name="sim")
 app.add_typer(certificates_app, name="keys")
-app.command()(graph.graph)
+app.command()(talk.graph)
 app.command()(talk.topics)
 app.command()(status.status)
 app.command()(talk.echo)

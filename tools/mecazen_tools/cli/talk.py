@@ -1,14 +1,15 @@
-"""Commands that look at the bus and talk on it."""
+"""Commands that show the graph, look at the bus and talk on it."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import typer
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
 from mecazen.programs import graph_of
@@ -17,9 +18,55 @@ from rich.console import Console
 from rich.table import Table
 
 from mecazen_tools import graph_views
-from mecazen_tools.cli.options import Connect, Namespace, Tls, load, tool_bus
+from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
+from mecazen_tools.generated import one_process_each
 
 LIVE_S = 1.0
+
+
+def graph(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="[SCENARIO]", help="Its nodes; left out, all that there are."),
+    ] = None,
+    svg_file: Annotated[
+        Path | None, typer.Option("--svg", metavar="FILE", help="Draw the data flow.")
+    ] = None,
+    settings: Settings = None,
+) -> None:
+    """Show the nodes, the keys that they take and give with their rates, and the processes.
+
+    Examples: mecazen graph back · mecazen graph back --svg flow.svg
+    """
+    if scenario is None:
+        nodes, processes = Graph(GRAPH), one_process_each()
+    else:
+        loaded = load(scenario, settings)
+        nodes = graph_of(loaded)
+        processes = [
+            (process.name, [row.name for s in process.services for row in nodes.services[s]])
+            for process in loaded.process_plan
+            if process.robot in ("", loaded.names[0])
+        ]
+    if svg_file is not None:
+        try:
+            svg_file.write_text(graph_views.svg(nodes, processes))
+        except OSError as error:
+            raise MecazenError(f"--svg {svg_file}: {error.strerror}") from None
+    table = Table("process", "node", "takes", "gives, answers?", "rates")
+    for process, names in processes:
+        for number, name in enumerate(names):
+            row = nodes.row(name)
+            rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
+            table.add_row(
+                "" if number else process,
+                name,
+                graph_views.takes(row),
+                graph_views.gives(row),
+                rates,
+            )
+        table.add_section()
+    console(160).print(table)
 
 
 def topics(
@@ -35,7 +82,7 @@ def topics(
     tls: Tls = None,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
-    graph = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
+    nodes = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
     rates: Counter[str] = Counter()
 
     def count(key: str, *_: object) -> None:
@@ -49,10 +96,10 @@ def topics(
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
     table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
-    for cells in graph_views.topic_rows(graph):
+    for cells in graph_views.topic_rows(nodes):
         table.add_row(*cells, *([f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []))
     table.add_section()
-    for cells in graph_views.call_rows(graph):
+    for cells in graph_views.call_rows(nodes):
         table.add_row(*cells)
     Console().print(table)
 
