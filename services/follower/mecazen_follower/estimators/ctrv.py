@@ -35,7 +35,7 @@ MAX_STEP_S = 0.1
 MIN_POSITION_WALK = 0.001
 """Random walk of the position [m] after 1 s besides sway and side steps."""
 MIN_FACTOR, MAX_FACTOR = 0.1, 1000.0
-"""Bounds of the factors: beyond them the filter ignores its prediction or its sensor."""
+"""Bounds of `NoiseScale`: beyond them the filter ignores its prediction or its sensor."""
 
 
 class Unscented:
