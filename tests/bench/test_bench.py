@@ -15,7 +15,6 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
-    viewer,
 )
 from mecazen_bench.figures import Figure, Group, named
 from mecazen_bench.stack import robot
@@ -99,7 +98,7 @@ def test_the_recorder_loses_nothing_alone_or_as_a_process():
 
 
 def test_the_viewer_takes_some_processor_time_and_memory():
-    service, server, _ = figures(viewer.run(window_s=2.0)).values()
+    service, server, _ = figures(realtime.run_viewer(window_s=2.0)).values()
     # a server without a browser may take less than the resolution of the processor's clock
     assert service["% of a core"].value > 0.0
     assert min(service["MB"].value, server["MB"].value) > 1.0

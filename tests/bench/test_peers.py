@@ -12,8 +12,7 @@ from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen_bench import gazebo_peer, physics
-from mecazen_bench.energy import Body, Sample
-from mecazen_bench.engine import Engine, measure_accuracy
+from mecazen_bench.engine import Body, Engine, Sample, measure_accuracy
 from mecazen_bench.gazebo_peer import GazeboEngine
 from mecazen_bench.stack import robot
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds

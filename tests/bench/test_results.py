@@ -9,13 +9,12 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from mecazen.errors import MecazenError
-from mecazen_bench import benchmarks, document, machine, results
+from mecazen_bench import benchmarks, machine, results
 from mecazen_bench.benchmarks import BENCHMARKS, Benchmark, measure
 from mecazen_bench.compare import Change, compare, notes
-from mecazen_bench.document import updated
 from mecazen_bench.figures import Better, Figure, Group, Row, Target, merged
 from mecazen_bench.machine import Machine, OtherLoad, Others
-from mecazen_bench.results import Measured, Results, ResultsError
+from mecazen_bench.results import Measured, Results, ResultsError, updated
 from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
@@ -232,8 +231,8 @@ def test_a_figure_that_a_row_lacks_is_an_empty_cell():
 
 
 def test_the_tables_of_the_document_are_those_of_the_results_files():
-    text = document.DOCUMENT.read_text()
-    assert document.BLOCK.search(text)
+    text = results.DOCUMENT.read_text()
+    assert results.BLOCK.search(text)
     assert updated(text) == text  # `mecazen bench tables` writes them
 
 
@@ -246,7 +245,7 @@ def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path)
         return text.removeprefix(begin).removesuffix(end)
 
     def write(value: float, *only: str) -> None:
-        results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
+        results.write(result(value), results.default_path(results.MACHINE, only, tmp_path))
 
     write(80.0)
     (group,) = result(80.0).groups

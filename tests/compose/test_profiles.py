@@ -12,7 +12,7 @@ import msgspec
 from harness import ROOT, SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen_bench import containers
+from mecazen_bench import latency
 from mecazen_bench.compose import docker
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
@@ -91,7 +91,7 @@ def test_a_recording_outlives_its_recorder(stacks, tmp_path: Path) -> None:
 
 
 def test_the_bench_compares_containers_with_processes(images: tuple[str, ...]) -> None:
-    (group,) = containers.run(puts=20)
+    (group,) = latency.run_containers(puts=20)
     assert [row.subject for row in group.rows] == ["processes", "containers"]
     for row in group.rows:
         assert 0.0 < row.figures["median ms"].value <= row.figures["p99 ms"].value < 1000.0

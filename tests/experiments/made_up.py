@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 from mecazen.geometry import Pose2D
-from mecazen_experiments.poses import Poses
 from mecazen_experiments.scores import score
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Poses, Table
 from mecazen_follower.goal import Standoff
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
 

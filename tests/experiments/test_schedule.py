@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.run import Record
-from mecazen_experiments.schedule import RunsFailedError, run_all
+from mecazen_experiments.schedule import Done, Failure, Outcomes, RunsFailedError, run_all
 from mecazen_experiments.scores import Score, Scores
 from mecazen_experiments.store import Store
-from mecazen_experiments.workers import Done, Failure, Outcomes
 
 
 class Obedient:

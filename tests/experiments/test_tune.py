@@ -14,10 +14,9 @@ from mecazen_experiments.config import Range, TunedCase, Tuning
 from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.report import summarise
 from mecazen_experiments.run import Record
-from mecazen_experiments.schedule import RunsFailedError
+from mecazen_experiments.schedule import Failure, RunsFailedError
 from mecazen_experiments.scores import Score, Scores
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
-from mecazen_experiments.workers import Failure
 from mecazen_follower.config import FollowerConfig
 
 STANDOFF = "follower.standoff_m"

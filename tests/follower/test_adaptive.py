@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from follower.walks import make
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.estimators.adaptive import MAX_FACTOR, MIN_FACTOR, NoiseScale
+from mecazen_follower.estimators.ctrv import MAX_FACTOR, MIN_FACTOR, NoiseScale
 from mecazen_follower.estimators.turn_rate import SEEN, move
 
 DT = 0.04

@@ -15,7 +15,7 @@ from mecazen import messages, wire
 from mecazen.keys import TOPICS
 from mecazen.messages import Message
 from mecazen.wire import RefusedError
-from mecazen_recorder import cdr, schemas
+from mecazen_recorder import cdr, writer
 from rosbags.typesys import Stores, get_typestore
 
 KINDS = [
@@ -86,7 +86,7 @@ def test_an_independent_decoder_reads_the_same_by_the_schema(
     kind: type[Message], data: st.DataObject
 ) -> None:
     message = data.draw(values(mi.type_info(kind)))
-    schema = schemas.schema(kind, "cdr")
+    schema = writer.schema_of(kind, "cdr")
     read = generate_dynamic(schema.name, schema.data.decode())[schema.name]
     assert bits(from_others(read(cdr.encode(message)))) == plain(message)
 
@@ -124,7 +124,7 @@ def test_the_definitions_of_our_own_messages_are_these() -> None:
 def test_a_json_schema_has_the_message_at_its_root_and_all_that_it_refers_to(
     kind: type[Message],
 ) -> None:
-    schema = schemas.schema(kind, "json")
+    schema = writer.schema_of(kind, "json")
     table = msgspec.json.decode(schema.data)
     assert (schema.encoding, schema.name) == ("jsonschema", kind.ROS_TYPE)
     assert table["type"] == "object"

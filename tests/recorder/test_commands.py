@@ -17,8 +17,7 @@ from mecazen.description import RobotDescription, ask_description, serve_descrip
 from mecazen.messages import Odometry, String, Twist
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError
-from mecazen_recorder.writer import RecordingWriter
+from mecazen_recorder.writer import RecordingError, RecordingWriter
 from recorder.conftest import Net
 from recorder.ticks import odometry, stamp_of, tick
 

@@ -17,8 +17,7 @@ from mecazen.messages import Twist, Vector3
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError, Sink
-from mecazen_recorder.writer import RecordingWriter
+from mecazen_recorder.writer import RecordingError, RecordingWriter, Sink
 from recorder.ticks import TICK_NS, stamp_of, tick
 
 TICKS = range(20)

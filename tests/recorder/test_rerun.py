@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from mecazen_recorder import rerun
-from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.writer import RecordingError
 
 
 @pytest.fixture

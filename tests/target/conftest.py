@@ -5,8 +5,7 @@ from collections.abc import Callable
 import pytest
 from mecazen.geometry import Twist2D
 from mecazen_target.config import Gait
-from mecazen_target.gait import with_gait
-from mecazen_target.motion import Motion, Path
+from mecazen_target.motion import Motion, Path, with_gait
 
 
 @pytest.fixture

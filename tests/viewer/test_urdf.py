@@ -10,7 +10,7 @@ import pytest
 from mecazen.messages import JointState
 from mecazen_viewer import rotation, urdf
 from mecazen_viewer.robot import RobotModel
-from mecazen_viewer.stl import read_stl
+from mecazen_viewer.urdf import read_stl
 from viewer_stage import values
 
 URDF = """<robot name="toy">
