@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import secrets
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import pytest
+from harness import COMMAND_GUARD_S, wait
 from mecazen.bus import Bus, LocalBus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.keys import Topic
 from mecazen.messages import String
 from mecazen.wire import Stamp
-
-GUARD_S = 10.0
-"""Only ends a test that would hang; nothing is measured with it."""
 
 END = Topic("test/end", String, "all before it has arrived")
 
@@ -37,14 +34,6 @@ def open_bus(router: str) -> Iterator[Callable[..., ZenohBus]]:
     yield open_one
     for bus in buses:
         bus.close()
-
-
-def spin_until(bus: Bus, condition: Callable[[], bool]) -> None:
-    """Deliver what arrives until `condition` holds."""
-    end = time.monotonic() + GUARD_S
-    while not condition():
-        assert time.monotonic() < end, "what was waited for did not come"
-        bus.spin_once(0.1)
 
 
 class Pair:
@@ -74,13 +63,13 @@ class Pair:
         self._ready += 1
         name = f"near{self._ready}"
         self.near.declare_alive(name)
-        spin_until(self.far, lambda: name in self.far.presence.names)
+        wait(self.far, lambda: name in self.far.presence.names)
 
     def settle(self) -> None:
         """Deliver everything that the far bus has put so far."""
         awaited = self._ended + 1
         self.far.publisher(END).put(String(), Stamp(0, 0, 0))
-        spin_until(self.near, lambda: self._ended == awaited)
+        wait(self.near, lambda: self._ended == awaited)
 
     @contextmanager
     def serving(self) -> Iterator[None]:
@@ -94,7 +83,7 @@ class Pair:
             yield
         finally:
             self.near.stop()
-            thread.join(GUARD_S)
+            thread.join(COMMAND_GUARD_S)
             assert not thread.is_alive()
 
     def _on_end(self, message: String, stamp: Stamp | None) -> None:
@@ -131,8 +120,3 @@ def pair_of() -> type[Pair]:
 @pytest.fixture
 def zenoh_pair(open_bus: Callable[..., ZenohBus]) -> Pair:
     return Pair(open_bus(), open_bus())
-
-
-@pytest.fixture
-def wait_until() -> Callable[[Bus, Callable[[], bool]], None]:
-    return spin_until

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from harness import wait
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.errors import BusError
@@ -238,12 +239,12 @@ def test_when_nobody_answers_expect_that_said(pair):
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_who_is_alive_is_present_and_told_of(pair, wait_until):
+def test_who_is_alive_is_present_and_told_of(pair):
     told = []
     pair.near.presence.on_change.append(lambda: told.append(set(pair.near.presence.names)))
     pair.far.declare_alive("physics")
     pair.far.declare_alive("physics/ready")
-    wait_until(pair.near, lambda: {"physics", "physics/ready"} <= pair.near.presence.names)
+    wait(pair.near, lambda: {"physics", "physics/ready"} <= pair.near.presence.names)
     assert told[-1] >= {"physics", "physics/ready"}
 
 
