@@ -18,10 +18,10 @@ from hostile import Put, put_all
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.errors import BusError, MecazenError
-from mecazen.geometry import Pose2D
+from mecazen.errors import BusError
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
-from mecazen.messages import Message
+from mecazen.messages import Message, Twist
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import Kind, classes
 from mecazen.robot import Robot
@@ -121,7 +121,12 @@ def load_robot(name: str = "nexus") -> Robot:
     return msgspec.convert(tomllib.loads((ROBOTS / f"{name}.toml").read_text()), Robot)
 
 
-def error_of(kind: type[MecazenError], run: Callable[[], object]) -> str:
+def forward(speed: float) -> Twist:
+    """A command of a speed straight on [m/s]."""
+    return Twist.planar(Twist2D(speed))
+
+
+def error_of(kind: type[Exception], run: Callable[[], object]) -> str:
     """Return what the error that something raises says, in one line."""
     with pytest.raises(kind) as caught:
         run()

@@ -6,6 +6,7 @@ import secrets
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -110,6 +111,19 @@ def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
             open_one = request.getfixturevalue("open_bus")
             form = "msgpack" if "msgpack" in request.param else "json"
             yield Pair(open_one(format=form), open_one(format=form))
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The schedule's wall clock: it stands at 100 s, or goes on by `step_s` with each look."""
+    wall = SimpleNamespace(now=100.0, step_s=0.0)
+
+    def monotonic() -> float:
+        wall.now += wall.step_s
+        return float(wall.now)
+
+    monkeypatch.setattr("mecazen.runtime.schedule.time", SimpleNamespace(monotonic=monotonic))
+    return wall
 
 
 @pytest.fixture
