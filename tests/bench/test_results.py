@@ -64,17 +64,17 @@ def test_rounds_become_medians_with_quartiles():
 
 
 def test_benchmarks_are_interleaved_until_each_has_had_its_rounds():
-    order: list[str] = []
+    order = []
 
-    def benchmark(name: str, rounds: int) -> Benchmark:
-        def run() -> list[Group]:
+    def benchmark(name, rounds):
+        def run():
             order.append(name)
             figure = Figure.of(float(len(order)), "less")
             return [Group(name, "so", (Row("a", {"place": figure}),))]
 
         return Benchmark(run, rounds)
 
-    reports: list[str] = []
+    reports = []
     found = measure({"a": benchmark("a", 3), "b": benchmark("b", 1)}, reports.append)
     assert order == ["a", "b", "a", "a"]
     assert reports[1] == "b, round 1 of 1"
@@ -119,7 +119,7 @@ def test_a_machine_is_named_by_its_processor_and_cores():
 def test_the_load_of_others_is_that_of_the_machine_without_ours_and_our_childrens(monkeypatch):
     now_s, machine_s, own_s, child_s = 100.0, 50.0, 3.0, 1.0
 
-    def cpu_times() -> SimpleNamespace:
+    def cpu_times():
         others = dict.fromkeys(("nice", "system", "irq", "softirq", "steal"), machine_s / 10)
         return SimpleNamespace(user=machine_s / 2, **others)
 
@@ -238,14 +238,14 @@ def test_the_tables_of_the_document_are_those_of_the_results_files():
 
 
 def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path):
-    def block(name: str) -> str:
+    def block(name):
         text = updated(f"a\n<!-- bench: {name} -->\nold\n<!-- /bench -->\nb", tmp_path)
         begin, end = f"a\n<!-- bench: {name} -->\n", "<!-- /bench -->\nb"
         assert text.startswith(begin)
         assert text.endswith(end)
         return text.removeprefix(begin).removesuffix(end)
 
-    def write(value: float, *only: str) -> None:
+    def write(value, *only):
         results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
 
     write(80.0)

@@ -10,8 +10,8 @@ KILLS = 100
 SEED = 7
 
 
-def test_after_each_of_a_hundred_kills_the_robot_follows_again() -> None:
-    done: list[Strike] = []
+def test_after_each_of_a_hundred_kills_the_robot_follows_again():
+    done = []
     with Up("circle", *WALK) as up:
         up.wait_until_it_follows()
         for struck in strikes(up, KILLS, SEED):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import secrets
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from harness import COMMAND_GUARD_S, wait
@@ -22,12 +21,12 @@ END = Topic("test/end", String, "all before it has arrived")
 
 
 @pytest.fixture
-def open_bus(router: str) -> Iterator[Callable[..., ZenohBus]]:
+def open_bus(router):
     """Open Zenoh buses that meet in one random namespace, unless told another."""
     own = f"test{secrets.token_hex(6)}"
-    buses: list[ZenohBus] = []
+    buses = []
 
-    def open_one(mode: str = "peer", namespace: str = own, **settings: Any) -> ZenohBus:
+    def open_one(mode="peer", namespace=own, **settings):
         config = BusConfig(connect=(router,), namespace=namespace, **settings)
         buses.append(ZenohBus(config, mode, lossless=True))
         return buses[-1]
@@ -101,7 +100,7 @@ def run_bus(bus: Bus) -> None:
 
 
 @pytest.fixture(params=["local", "zenoh", "zenoh msgpack"])
-def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
+def pair(request):
     with ExitStack() as stack:
         if request.param == "local":
             bus = LocalBus()
@@ -114,11 +113,11 @@ def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
 
 
 @pytest.fixture
-def wall(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+def wall(monkeypatch):
     """The schedule's wall clock: it stands at 100 s, or goes on by `step_s` with each look."""
     wall = SimpleNamespace(now=100.0, step_s=0.0)
 
-    def monotonic() -> float:
+    def monotonic():
         wall.now += wall.step_s
         return float(wall.now)
 
@@ -127,10 +126,10 @@ def wall(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
 
 @pytest.fixture
-def pair_of() -> type[Pair]:
+def pair_of():
     return Pair
 
 
 @pytest.fixture
-def zenoh_pair(open_bus: Callable[..., ZenohBus]) -> Pair:
+def zenoh_pair(open_bus):
     return Pair(open_bus(), open_bus())

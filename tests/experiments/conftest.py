@@ -81,10 +81,10 @@ class Folder(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def make_folder() -> Callable[[Path], Folder]:
+def make_folder():
     """Make folders with a short scenario, and an experiment of it."""
 
-    def make(path: Path) -> Folder:
+    def make(path):
         folder = Folder(path)
         folder.write("short.toml", SCENARIO)
         folder.write("short_experiment.toml", EXPERIMENT)
@@ -94,7 +94,7 @@ def make_folder() -> Callable[[Path], Folder]:
 
 
 @pytest.fixture
-def folder(make_folder: Callable[[Path], Folder], tmp_path: Path) -> Folder:
+def folder(make_folder, tmp_path):
     """A folder of the test's own."""
     return make_folder(tmp_path)
 
@@ -103,12 +103,10 @@ MakeSeries = Callable[..., tuple[Series, dict[Key, Record]]]
 
 
 @pytest.fixture
-def make_series() -> MakeSeries:
+def make_series():
     """Make a series of made-up runs, and their records."""
 
-    def make(
-        name: str, d_err_m: dict[tuple[str | None, int], float | None], **case: Any
-    ) -> tuple[Series, dict[Key, Record]]:
+    def make(name, d_err_m, **case):
         jobs, records = [], {}
         for (walk, seed), value in d_err_m.items():
             key = Key(f"{name} {walk}", seed, "0")

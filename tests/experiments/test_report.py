@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from typing import Any
 
 import pytest
 from mecazen_experiments.report import Row, summarise, summarise_walks, table, within
@@ -17,7 +16,7 @@ def shown(rows: list[Row]) -> str:
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def test_a_row_is_the_mean_of_its_runs(make_series: Any) -> None:
+def test_a_row_is_the_mean_of_its_runs(make_series):
     row = summarise(*make_series("short", {(None, 1): 0.1, (None, 2): 0.2, (None, 3): 0.6}))
     mean = row.whole["d_err_m"]
     assert mean is not None
@@ -26,14 +25,14 @@ def test_a_row_is_the_mean_of_its_runs(make_series: Any) -> None:
     assert [run.record.key.seed for run in row.runs] == [1, 2, 3]
 
 
-def test_runs_without_a_score_are_not_in_its_mean(make_series: Any) -> None:
+def test_runs_without_a_score_are_not_in_its_mean(make_series):
     row = summarise(*make_series("short", {(None, 1): 0.1, (None, 2): None}))
     assert row.whole["d_err_m"] == Interval(0.1, 0.1, 0.1, 1)
     assert row.whole["nees"] is None
     assert row.settled["d_err_m"] is None
 
 
-def test_a_row_counts_the_runs_of_all_walks_the_same(make_series: Any) -> None:
+def test_a_row_counts_the_runs_of_all_walks_the_same(make_series):
     series = make_series("walks", {("a", 1): 0.1, ("a", 2): 0.1, ("b", 1): 0.4})
     mean = summarise(*series).whole["d_err_m"]
     assert mean is not None
@@ -53,9 +52,7 @@ def test_a_row_counts_the_runs_of_all_walks_the_same(make_series: Any) -> None:
         ({"d_err_m": 0.3, "nees": 3.0}, False),
     ],
 )
-def test_limits_hold_where_no_mean_is_above_them_or_missing(
-    limits: dict[str, float], expected: bool | None
-) -> None:
+def test_limits_hold_where_no_mean_is_above_them_or_missing(limits, expected):
     found = {
         "d_err_m": Interval(0.2, 0.1, 0.3, 5),
         "theta_err_deg": Interval(2.0, 2.0, 2.0, 5),
@@ -64,7 +61,7 @@ def test_limits_hold_where_no_mean_is_above_them_or_missing(
     assert within(found, limits) is expected
 
 
-def test_the_table_has_means_intervals_and_marks(make_series: Any) -> None:
+def test_the_table_has_means_intervals_and_marks(make_series):
     runs = {(None, 1): 0.1, (None, 2): 0.1}
     good = summarise(*make_series("good [red]", runs, limits={"d_err_m": 0.2}))
     bad = summarise(*make_series("bad", runs, limits={"d_err_m": 0.05}))

@@ -1,13 +1,10 @@
 """The paper's table from runs made up by hand."""
 
-from __future__ import annotations
-
 import io
-from typing import Any
 
 import pytest
 from mecazen.errors import ConfigError
-from mecazen_experiments.report import Row, summarise
+from mecazen_experiments.report import summarise
 from mecazen_experiments.table2 import table2, tables
 from rich.console import Console
 
@@ -16,7 +13,7 @@ ERRORS = {"without": (0.25, 0.35), "with": (0.10, 0.15), "best": (0.04, 0.02)}
 
 
 @pytest.fixture
-def rows(make_series: Any) -> list[Row]:
+def rows(make_series):
     return [
         summarise(
             *make_series(
@@ -30,7 +27,7 @@ def rows(make_series: Any) -> list[Row]:
     ]
 
 
-def test_gains_are_how_much_smaller_the_error_of_the_same_seed_is(rows: list[Row]) -> None:
+def test_gains_are_how_much_smaller_the_error_of_the_same_seed_is(rows):
     gains = {(g.view, g.score, g.variant, g.over): g.difference for g in table2(rows).gains}
     assert len(gains) == 8
     better = gains["back", "d_err_m", "with", "without"]
@@ -40,17 +37,17 @@ def test_gains_are_how_much_smaller_the_error_of_the_same_seed_is(rows: list[Row
     assert gains["side", "theta_err_deg", "best", "with"].mean == pytest.approx(0.95, abs=1e-12)
 
 
-def test_a_missing_case_is_named(rows: list[Row]) -> None:
+def test_a_missing_case_is_named(rows):
     with pytest.raises(ConfigError, match="needs a case named 'side best'"):
         table2(rows[:-1])
 
 
-def test_a_case_without_errors_is_named(rows: list[Row], make_series: Any) -> None:
+def test_a_case_without_errors_is_named(rows, make_series):
     with pytest.raises(ConfigError, match="nobody walks in the case 'side best'"):
         table2([*rows, summarise(*make_series("side best", {(None, 1): None}))])
 
 
-def test_the_table_has_the_paper_s_figures_beside_ours(rows: list[Row]) -> None:
+def test_the_table_has_the_paper_s_figures_beside_ours(rows):
     console = Console(file=io.StringIO(), width=100)
     for table in tables(table2(rows)):
         console.print(table)

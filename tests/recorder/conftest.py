@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -16,12 +15,10 @@ from recorder.ticks import stamp_of, tick, topic_named
 
 
 @pytest.fixture
-def make_recording(tmp_path: Path) -> Callable[..., Path]:
+def make_recording(tmp_path):
     """Write a recording of some ticks; return its path."""
 
-    def make(
-        ticks: Sequence[int] = range(20), encoding: Any = "cdr", name: str = "made.mcap"
-    ) -> Path:
+    def make(ticks=range(20), encoding="cdr", name="made.mcap"):
         path = tmp_path / name
         writer = RecordingWriter(path, encoding)
         for number in ticks:
@@ -70,7 +67,7 @@ class Net:
 
 
 @pytest.fixture
-def net(router: str) -> Iterator[Net]:
+def net(router):
     net = Net(router)
     yield net
     net.close()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import resource
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -52,9 +50,7 @@ def finish(net: Net, recorder: Command) -> str:
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
-def test_what_is_recorded_replayed_and_recorded_again_is_the_same(
-    net: Net, tmp_path: Path, encoding: str
-) -> None:
+def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path, encoding):
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     recorder = record(net, first, "--encoding", encoding)
     net.publish(range(50))
@@ -79,7 +75,7 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(
     assert samples(second) == expected
 
 
-def test_some_keys_are_recorded_once_each(net: Net, tmp_path: Path) -> None:
+def test_some_keys_are_recorded_once_each(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
     net.publish(range(5))
@@ -89,9 +85,7 @@ def test_some_keys_are_recorded_once_each(net: Net, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("batches", [0, 1, 3])
-def test_after_sigkill_all_that_had_reached_the_disk_is_read(
-    net: Net, tmp_path: Path, batches: int
-) -> None:
+def test_after_sigkill_all_that_had_reached_the_disk_is_read(net, tmp_path, batches):
     path = tmp_path / "killed.mcap"
     recorder = record(net, path)
     for batch in range(batches):
@@ -112,9 +106,7 @@ def test_after_sigkill_all_that_had_reached_the_disk_is_read(
     assert "the end of the file is missing" in line
 
 
-def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(
-    net: Net, tmp_path: Path
-) -> None:
+def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(net, tmp_path):
     path = tmp_path / "full.mcap"
     recorder = record(net, path)
     net.publish(range(20))
@@ -132,7 +124,7 @@ def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(
     assert len(samples(path)) == 20 * PER_TICK
 
 
-def test_what_is_malformed_is_refused_and_the_rest_recorded(net: Net, tmp_path: Path) -> None:
+def test_what_is_malformed_is_refused_and_the_rest_recorded(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path)
     for payload in (b"", b"{", b'{"linear":1}', b"\xff"):
@@ -146,9 +138,7 @@ def test_what_is_malformed_is_refused_and_the_rest_recorded(net: Net, tmp_path: 
 ROBOT = RobotDescription("<robot/>", {"meshes/r.stl": b"solid"})
 
 
-def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_like(
-    net: Net, tmp_path: Path
-) -> None:
+def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_like(net, tmp_path):
     path = tmp_path / "asked.mcap"
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data="seed = 3")))
     serve_description(net.bus, ROBOT)
@@ -162,9 +152,7 @@ def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_l
     assert recording.descriptions() == {"": ROBOT}
 
 
-def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
-    net: Net, tmp_path: Path
-) -> None:
+def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, tmp_path):
     names = ("one", "two")
     toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
@@ -204,9 +192,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
 
 
 @pytest.mark.parametrize("names", [("",), ("one", "two")], ids=["one robot", "several robots"])
-def test_a_replay_tells_what_robots_look_like(
-    net: Net, tmp_path: Path, names: tuple[str, ...]
-) -> None:
+def test_a_replay_tells_what_robots_look_like(net, tmp_path, names):
     path = tmp_path / "described.mcap"
     writer = RecordingWriter(path, "cdr")
     for name in names:
@@ -223,11 +209,9 @@ def test_a_replay_tells_what_robots_look_like(
         assert described == RobotDescription(f"<{name}/>", ROBOT.meshes)
 
 
-def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(
-    net: Net, make_recording: Callable[..., Path]
-) -> None:
+def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(net, make_recording):
     path = make_recording(range(4))
-    heard: list[tuple[str, Any]] = []
+    heard = []
     net.bus.subscribe(keys.CMD_VEL, lambda *sample: heard.append(sample), every=True)
     net.bus.subscribe(keys.ODOM, lambda *_: pytest.fail("not asked for"), every=True)
     options = ("--keys", "cmd_vel", "--from", 0.01, "--to", 0.02)
@@ -241,9 +225,7 @@ def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(
     ]
 
 
-def test_without_a_router_expect_one_line(
-    make_recording: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_without_a_router_expect_one_line(make_recording, tmp_path):
     nowhere = ("--connect", "tcp/127.0.0.1:1")
     path = tmp_path / "none.mcap"
     for done in (
@@ -254,9 +236,7 @@ def test_without_a_router_expect_one_line(
     assert not path.exists()
 
 
-def test_what_a_user_gets_wrong_is_one_line(
-    net: Net, make_recording: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
     path = make_recording()
     text = tmp_path / "text.mcap"
     text.write_text("hello")
@@ -271,13 +251,13 @@ def test_what_a_user_gets_wrong_is_one_line(
     assert_one_line(through, 1, "the configuration of a run")
 
 
-def test_rerun_and_json_do_not_go_together(tmp_path: Path) -> None:
+def test_rerun_and_json_do_not_go_together(tmp_path):
     done = mecazen("record", "-o", tmp_path / "a.mcap", "--rrd", "--encoding", "json")
     assert done.returncode == 2
     assert "--encoding cdr" in done.stderr
 
 
-def test_an_empty_twist_is_a_whole_message(net: Net, tmp_path: Path) -> None:
+def test_an_empty_twist_is_a_whole_message(net, tmp_path):
     path = tmp_path / "whole.mcap"
     recorder = record(net, path, "--encoding", "json")
     net.bus.put_bytes("cmd_vel", b"{}")

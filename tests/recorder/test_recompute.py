@@ -17,7 +17,6 @@ from mecazen.errors import MecazenError
 from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
 from mecazen.runtime.host import make_service
-from mecazen.wire import Stamp
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
@@ -54,10 +53,10 @@ class Advances(World):
 
 
 @pytest.fixture
-def program(tmp_path: Path) -> Callable[..., str]:
+def program(tmp_path):
     """Write a follower; return how it is named."""
 
-    def write(answer: str = "Twist2D(x=self.sum)", kind: str = "Mine") -> str:
+    def write(answer="Twist2D(x=self.sum)", kind="Mine"):
         path = tmp_path / f"follower{len(list(tmp_path.iterdir()))}.py"
         path.write_text(PROGRAM.format(answer=answer))
         return f"{path}:{kind}"
@@ -66,16 +65,10 @@ def program(tmp_path: Path) -> Callable[..., str]:
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> Callable[..., Path]:
+def recorded(tmp_path):
     """Record followers that answer made-up odometry and frames; return the file."""
 
-    def make(
-        program: str,
-        encoding: str = "cdr",
-        first: int = 0,
-        runs: int = 1,
-        robots: tuple[RobotConfig, ...] = (),
-    ) -> Path:
+    def make(program, encoding="cdr", first=0, runs=1, robots=()):
         path = tmp_path / "run.mcap"
         scenario = Scenario(
             robot=load_robot(), seed=3, robots=robots, programs={"follower": program}
@@ -93,7 +86,7 @@ def recorded(tmp_path: Path) -> Callable[..., Path]:
         recorder.close()
         return path
 
-    def publish(bus: LocalBus, number: int, other: int, stamp: Stamp) -> None:
+    def publish(bus, number, other, stamp):
         if number % FRAME_TICKS == 0:
             seen = Observation(poses=(odometry(1).pose,) * (number % 3))
             bus.publisher(keys.OBSERVATION).put(seen, stamp)
@@ -122,9 +115,7 @@ def rewritten(
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
 @pytest.mark.parametrize("runs", [1, 2])
-def test_the_same_code_answers_as_recorded(
-    program: Callable[..., str], recorded: Callable[..., Path], encoding: str, runs: int
-) -> None:
+def test_the_same_code_answers_as_recorded(program, recorded, encoding, runs):
     mine = program()
     compared = recompute(Recording(recorded(mine, encoding, runs=runs)), mine)
     assert compared.difference is None
@@ -134,9 +125,7 @@ def test_the_same_code_answers_as_recorded(
 TWO = RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=1.5))
 
 
-def test_each_of_several_robots_is_computed_anew_by_itself(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
+def test_each_of_several_robots_is_computed_anew_by_itself(program, recorded):
     mine = program()
     recording = Recording(recorded(mine, robots=TWO))
     commands = {s.key: s.payload for s in recording.samples() if s.key.endswith("cmd_vel")}
@@ -156,18 +145,14 @@ def test_each_of_several_robots_is_computed_anew_by_itself(
     ],
 )
 def test_a_robot_that_is_not_named_or_not_there_is_one_line(
-    program: Callable[..., str],
-    recorded: Callable[..., Path],
-    robots: tuple[RobotConfig, ...],
-    robot: str,
-    words: str,
-) -> None:
+    program, recorded, robots, robot, words
+):
     mine = program()
     with pytest.raises(MecazenError, match=words):
         recompute(Recording(recorded(mine, robots=robots)), mine, robot)
 
 
-def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path: Path) -> None:
+def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path):
     writer = RecordingWriter(tmp_path / "run.mcap", "cdr")
     tables = effective(Scenario(robot=load_robot(), robots=TWO))
     # a file that was there when it was recorded
@@ -187,9 +172,7 @@ def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_pat
         ("Twist2D(x=self.sum, yaw=-0.0 if tick.time_ns == 12 * 10**7 else 0.0)", "angular.z"),
     ],
 )
-def test_the_first_difference_is_named_to_the_last_bit(
-    program: Callable[..., str], recorded: Callable[..., Path], answer: str, field: str
-) -> None:
+def test_the_first_difference_is_named_to_the_last_bit(program, recorded, answer, field):
     difference = recompute(Recording(recorded(program())), program(answer)).difference
     assert difference is not None
     assert (difference.key, difference.time_ns, difference.field) == ("cmd_vel", 12 * 10**7, field)
@@ -198,9 +181,7 @@ def test_the_first_difference_is_named_to_the_last_bit(
     assert str(difference).startswith(line)
 
 
-def test_an_answer_that_is_missing_is_a_difference(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
+def test_an_answer_that_is_missing_is_a_difference(program, recorded):
     mine = program()
     path = recorded(mine)
     gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")))
@@ -208,9 +189,7 @@ def test_an_answer_that_is_missing_is_a_difference(
     assert str(difference) == "cmd_vel at 0.2 s: recorded nothing, recomputed a message"
 
 
-def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
+def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(program, recorded):
     mine = program()
     path = recorded(mine)
     for key in ("cmd_vel", "odom", "target/observation"):
@@ -222,9 +201,7 @@ def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(
         copy.unlink()
 
 
-def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
+def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(program, recorded):
     mine = program()
     copy = rewritten(recorded(mine), turned=True)
     assert recompute(Recording(copy), mine).difference is None
@@ -234,17 +211,13 @@ def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(
     ("first", "kind", "words"),
     [(1, "Mine", "without the beginning of a run"), (0, "Advances", "mecazen simulate")],
 )
-def test_what_cant_be_computed_anew_is_one_line(
-    program: Callable[..., str], recorded: Callable[..., Path], first: int, kind: str, words: str
-) -> None:
+def test_what_cant_be_computed_anew_is_one_line(program, recorded, first, kind, words):
     path = recorded(program(), first=first)
     with pytest.raises(MecazenError, match=words):
         recompute(Recording(path), program(kind=kind))
 
 
-def test_a_service_of_which_nothing_was_recorded_is_one_line(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
+def test_a_service_of_which_nothing_was_recorded_is_one_line(program, recorded):
     mine = program()
     copy = rewritten(recorded(mine), lambda _, key: key != "cmd_vel")
     with pytest.raises(MecazenError, match=r"holds nothing that .*Mine publishes"):
@@ -255,9 +228,7 @@ def test_a_service_of_which_nothing_was_recorded_is_one_line(
         recompute(Recording(copy), "recorder")
 
 
-def test_the_recorder_beside_a_follower_writes_what_both_say(
-    program: Callable[..., str], tmp_path: Path
-) -> None:
+def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
     config = RecorderConfig(file=str(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
     scenario = Scenario(
         robot=load_robot(),

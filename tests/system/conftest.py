@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -60,11 +60,11 @@ class Stack:
 
 
 @pytest.fixture
-def stack() -> Iterator[Callable[..., Stack]]:
+def stack():
     """Make stacks of processes that end with the test."""
-    stacks: list[Stack] = []
+    stacks = []
 
-    def make(path: Path, *settings: str) -> Stack:
+    def make(path, *settings):
         stacks.append(Stack(path, settings))
         return stacks[-1]
 

@@ -1,7 +1,5 @@
 """The examples: nodes of one's own, by one file and one line of a scenario."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path
@@ -20,14 +18,14 @@ SHORT = ("sim.duration_s=2.0",)
 
 
 @pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
-def test_an_example_gives_the_same_in_one_process_and_in_many(name: str) -> None:
+def test_an_example_gives_the_same_in_one_process_and_in_many(name):
     path = EXAMPLES / f"{name}.toml"
     alone = simulate(load_scenario(path, SHORT), name)[0]
     apart = simulate_distributed(path, SHORT, name)[0]
     assert alone.trajectory_sha256 == apart.trajectory_sha256
 
 
-def test_the_follower_keeps_its_distance() -> None:
+def test_the_follower_keeps_its_distance():
     scenario = load_scenario(EXAMPLES / "my_follower.toml", ("sim.duration_s=6.0",))
     d_err_m = simulate(scenario, "mine")[0].d_err_m
     assert d_err_m is not None
@@ -35,10 +33,10 @@ def test_the_follower_keeps_its_distance() -> None:
     assert d_err_m < 0.15
 
 
-def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance() -> None:
+def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance():
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
     run = InProcess(load_scenario(RANGE, settings))
-    measured: list[tuple[float, float]] = []
+    measured = []
     (topic,) = (t for t in run.members[-1].nodes[0].row.outputs)  # type: ignore[attr-defined]
     run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
     run.begin()
@@ -54,7 +52,7 @@ def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_d
     assert distance == pytest.approx(float(row[tx]) - float(row[x]), abs=0.01)  # type: ignore[arg-type]
 
 
-def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path: Path) -> None:
+def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path):
     file = tmp_path / "run.mcap"
     done = mecazen("simulate", RANGE, "--record", file, "--set", SHORT[0])
     assert done.returncode == 0, done.stderr
@@ -66,7 +64,7 @@ def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path: Path) -
     assert "range_sensor.py" not in mecazen("graph", RANGE).stderr
 
 
-def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path: Path) -> None:
+def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path):
     # it is slower than the others, so samples wait for it; all that it gives is recorded
     (tmp_path / "slow.py").write_text(
         "import time\n"
@@ -90,7 +88,7 @@ def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path
     assert [sample.time_ns for sample in samples] == [n * 50_000_000 for n in range(20)]
 
 
-def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_path: Path) -> None:
+def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_path):
     (tmp_path / "wrong.py").write_text(
         "from range_sensor import RangeSensor\n"
         "class Wrong(RangeSensor):\n"
@@ -104,7 +102,7 @@ def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_pat
     assert done.stderr.splitlines()[-1].startswith("error: range: TypeError: ")
 
 
-def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:
+def test_another_class_takes_the_sensors_place(tmp_path):
     (tmp_path / "blind.py").write_text(
         "from mecazen.node import Node\n"
         "from mecazen.graph import Row, every\n"
@@ -128,14 +126,14 @@ def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:
         ("range.std_m=-1.0", "range.std_m"),
     ],
 )
-def test_the_sensors_section_is_checked_as_strictly_as_ours(setting: str, said: str) -> None:
+def test_the_sensors_section_is_checked_as_strictly_as_ours(setting, said):
     with pytest.raises(ConfigError) as caught:
         InProcess(load_scenario(RANGE, (*SHORT, setting)))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path: Path) -> None:
+def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path):
     (tmp_path / "walk.py").write_text(
         "from mecazen.geometry import Twist2D\n"
         "from mecazen.keys import GROUND_TRUTH, TARGET_CMD_VEL\n"
@@ -167,9 +165,7 @@ def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path
         ("{CMD_VEL: Twist.planar(Twist2D(x=float('nan')))}", "linear velocity nan is out of range"),
     ],
 )
-def test_a_node_that_returns_nonsense_is_told_in_one_line(
-    tmp_path: Path, returned: str, said: str
-) -> None:
+def test_a_node_that_returns_nonsense_is_told_in_one_line(tmp_path, returned, said):
     (tmp_path / "bad.py").write_text(
         "from mecazen.geometry import Twist2D\n"
         "from mecazen.keys import CMD_VEL, ODOM\n"

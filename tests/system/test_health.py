@@ -25,7 +25,7 @@ def health(name: str, scenario: str, *settings: str) -> tuple[int, str]:
     return done.returncode, done.stdout.strip()
 
 
-def test_a_service_is_healthy_as_long_as_it_lives(stack) -> None:
+def test_a_service_is_healthy_as_long_as_it_lives(stack):
     running = stack(SCENARIOS / "teleop.toml")
     asked = (str(SCENARIOS / "teleop.toml"), *running.settings)
     running.launch("target")
@@ -50,9 +50,7 @@ def test_a_service_is_healthy_as_long_as_it_lives(stack) -> None:
         ("/nowhere.toml", (), "/nowhere.toml"),
     ],
 )
-def test_what_can_not_be_asked_is_one_line(
-    scenario: str, settings: tuple[str, ...], words: str
-) -> None:
+def test_what_can_not_be_asked_is_one_line(scenario, settings, words):
     code, said = health("physics", scenario, *settings)
     assert code == 1
     assert words in said

@@ -16,7 +16,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -194,7 +194,7 @@ class Hosts:
 
 
 @pytest.fixture
-def hosts(tmp_path: Path) -> Iterator[Hosts]:
+def hosts(tmp_path):
     with ExitStack() as stack:
         yield Hosts(tmp_path / "keys", stack)
 
@@ -216,9 +216,7 @@ def hardest_braking(odoms: list[Any]) -> float:
     )
 
 
-def test_when_the_link_is_cut_the_robot_comes_to_rest_and_follows_when_it_is_back(
-    hosts: Hosts,
-) -> None:
+def test_when_the_link_is_cut_the_robot_comes_to_rest_and_follows_when_it_is_back(hosts):
     moving = hosts.truth.wait(lambda odom: speed(odom) > 0.15)
     hosts.state.wait(lambda state: state["tracking"] == "following")
     hosts.link.is_cut = True

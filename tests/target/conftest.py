@@ -1,21 +1,15 @@
 """What the tests of paths share."""
 
-from collections.abc import Callable
-
 import pytest
 from mecazen.geometry import Twist2D
-from mecazen_target.config import Gait
 from mecazen_target.gait import with_gait
-from mecazen_target.motion import Motion, Path
 
 
 @pytest.fixture
-def differences() -> Callable[..., tuple[Motion, Twist2D, float]]:
+def differences():
     """From a path, a gait, a time and dt: the motion, and its twist and speed by differences."""
 
-    def central(
-        path: Path, gait: Gait | None, t: float, dt: float
-    ) -> tuple[Motion, Twist2D, float]:
+    def central(path, gait, t, dt):
         before, now, after = (
             motion if gait is None else with_gait(motion, gait)
             for motion in (path.at(t - dt), path.at(t), path.at(t + dt))

@@ -74,7 +74,7 @@ def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> Fo
     )
 
 
-def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_the_person() -> None:
+def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_the_person():
     shown = picture()
     list(shown.on_target_odom(odometry(Pose2D(3.0, 2.0)), 0))
     entities = dict(shown.on_ground_truth(odometry(Pose2D(1.0, 2.0, 0.5)), 0))
@@ -82,7 +82,7 @@ def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_t
     assert place(entities, e.FOLLOW) == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
 
 
-def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_true_one() -> None:
+def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_true_one():
     shown = picture()
     truth, drifted = Pose2D(1.0, 2.0, 0.5), Pose2D(0.7, 2.2, 0.4)
     list(shown.on_ground_truth(odometry(truth), 0))
@@ -90,7 +90,7 @@ def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_tr
     assert frame.compose(drifted) == pytest.approx(truth, abs=1e-6)
 
 
-def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture() -> None:
+def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture():
     shown = picture()
     for tick in range(5):
         list(shown.on_ground_truth(odometry(Pose2D(y=0.1 * tick, yaw=math.pi / 2)), tick * 10 * MS))
@@ -107,7 +107,7 @@ def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture() -> Non
     )
 
 
-def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing() -> None:
+def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing():
     shown = picture()
     seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
     frame = Observation(header=Header(frame_id="world"), poses=(seen,))
@@ -118,7 +118,7 @@ def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing() -> None:
     assert counts == [1, 2, 1, 0, 0]
 
 
-def test_errors_are_true_and_as_the_follower_has_them() -> None:
+def test_errors_are_true_and_as_the_follower_has_them():
     shown = picture()
     list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     list(shown.on_target_odom(odometry(Pose2D()), 0))
@@ -136,7 +136,7 @@ def test_errors_are_true_and_as_the_follower_has_them() -> None:
     assert place(entities, e.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
 
 
-def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown() -> None:
+def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown():
     shown = picture()
     list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     entities = dict(shown.on_target_odom(odometry(Pose2D()), 0))
@@ -149,12 +149,12 @@ def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown() -> None:
     assert e.DISTANCE not in dict(shown.on_target_odom(odometry(Pose2D()), 200 * MS))
 
 
-def test_a_command_of_efforts_plots_no_speeds() -> None:
+def test_a_command_of_efforts_plots_no_speeds():
     efforts = JointState(name=WHEEL_JOINTS, effort=(1.0,) * 4)
     assert list(picture().on_joint_command(efforts, 0)) == []
 
 
-def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() -> None:
+def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry():
     shown = picture()
     robot, person, drifted = Pose2D(2.0, 1.0, 0.3), Pose2D(3.0, 1.0, 0.2), Pose2D(9.0, 9.0, 2.0)
     list(shown.on_ground_truth(odometry(robot), 0))
@@ -166,13 +166,13 @@ def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() ->
     assert scalars(entities, e.NEES)[-1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_lines_have_ten_points_a_second() -> None:
+def test_lines_have_ten_points_a_second():
     shown = picture()
     twists = [entity for tick in range(101) for entity in shown.on_cmd_vel(Twist(), tick * 10 * MS)]
     assert len(twists) == 2 * 11  # velocity and yaw rate
 
 
-def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
+def test_every_line_that_is_drawn_has_a_name_and_a_colour():
     shown = picture()
     list(shown.on_ground_truth(odometry(Pose2D()), 0))
     list(shown.on_target_odom(odometry(Pose2D(1.0)), 0))
@@ -198,9 +198,9 @@ def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArr
     return DiagnosticArray(status=(status,))
 
 
-def test_tracking_and_health_are_logged_when_they_change() -> None:
+def test_tracking_and_health_are_logged_when_they_change():
     shown = picture()
-    lines: list[str] = []
+    lines = []
     for entities in (
         shown.on_follower_state(FollowerState(tracking="waiting"), 0),
         shown.on_follower_state(FollowerState(tracking="waiting"), 0),
@@ -222,11 +222,11 @@ def test_tracking_and_health_are_logged_when_they_change() -> None:
     ]
 
 
-def test_of_several_robots_health_and_tracking_are_told_with_their_names() -> None:
+def test_of_several_robots_health_and_tracking_are_told_with_their_names():
     health, scenario = Health(), Scenario(robot=load_robot())
     pictures = [Picture(scenario, health, robot) for robot in ("", "one", "two")]
     report = DiagnosticArray(status=(DiagnosticStatus(name="follower", message="ok"),))
-    lines: list[str] = []
+    lines = []
     for shown in pictures[1:]:
         tracking = shown.on_follower_state(FollowerState(tracking="lost"), 0)
         said = [*tracking, *shown.on_diagnostics(report, 0)]
@@ -240,7 +240,7 @@ def test_of_several_robots_health_and_tracking_are_told_with_their_names() -> No
     assert rows == ["| one/follower", "| physics", "| two/follower"]
 
 
-def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
+def test_the_table_holds_the_newest_of_every_service_in_four_digits():
     shown = picture()
     list(shown.on_diagnostics(physics_says("0.123456"), 0))
     table = dict(shown.on_diagnostics(physics_says("0.987654"), 0))[e.HEALTH]
@@ -249,7 +249,7 @@ def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
     assert "0.1235" not in text
 
 
-def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far() -> None:
+def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far():
     shown = picture()
     assert list(shown.ground()) == []
     laid = []
@@ -266,14 +266,14 @@ def origins(part: Any) -> set[str]:
     return set().union(*(origins(child) for child in part.contents))
 
 
-def test_the_layout_shows_every_plot_and_text_there_is() -> None:
+def test_the_layout_shows_every_plot_and_text_there_is():
     shown = origins(blueprint(("",)).root_container)
     assert {e.FOLLOW, e.HEALTH, e.LOG} <= shown
     for path in LINES | TIME_LINES:
         assert any(path == origin or path.startswith(f"{origin}/") for origin in shown)
 
 
-def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has() -> None:
+def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has():
     single = origins(blueprint(("",)).root_container)
     tabs = blueprint(("one", "two")).root_container.contents
     assert [tab.name for tab in tabs] == ["one", "two"]
@@ -285,7 +285,7 @@ def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has() -> None:
     assert len({application(robots) for robots in (("",), ("one",), ("one", "two"))}) == 3
 
 
-def test_what_several_robots_have_is_below_their_names_and_what_they_share_is_not() -> None:
+def test_what_several_robots_have_is_below_their_names_and_what_they_share_is_not():
     assert e.of_robot(e.GOAL, "two") == "world/two/odom/goal"
     assert e.of_robot(e.DISTANCE, "two") == "plots/two/distance"
     assert e.of_robot(e.HEALTH, "two") == e.HEALTH

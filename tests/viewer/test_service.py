@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
-from hostile import FORGED, FUZZ, Put, put_all, puts
+from hostile import FORGED, FUZZ, put_all, puts
 from hypothesis import given
 from mecazen import keys
 from mecazen.config import Scenario
@@ -46,7 +46,7 @@ class Recordings:
         return self.memories[-1].num_msgs()
 
 
-def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample() -> None:
+def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample():
     stage = Stage()
     taken = Recordings(stage)
     assert taken.names == []
@@ -55,7 +55,7 @@ def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample() 
     assert taken.names == ["00000abc", "00000def"]
 
 
-def test_what_is_late_of_an_ended_run_begins_no_recording() -> None:
+def test_what_is_late_of_an_ended_run_begins_no_recording():
     stage = Stage()
     taken = Recordings(stage)
     stage.play(run=1, ticks=2)
@@ -64,7 +64,7 @@ def test_what_is_late_of_an_ended_run_begins_no_recording() -> None:
     assert len(taken.names) == 2
 
 
-def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none() -> None:
+def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none():
     stage = Stage()
     taken = Recordings(stage)
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
@@ -80,8 +80,8 @@ def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none() -> None:
     ("robots", "whose"), [((), "the robot"), (("one", "two"), "two")], ids=["one", "several"]
 )
 def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robot(
-    caplog: pytest.LogCaptureFixture, robots: tuple[str, ...], whose: str
-) -> None:
+    caplog, robots, whose
+):
     stage = Stage(described=False, robots=robots)
     taken = Recordings(stage)
     for robot in robots[:-1]:
@@ -100,8 +100,8 @@ def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robo
     ids=["one robot", "several robots"],
 )
 def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_same_recording(
-    robots: tuple[str, ...], key: str
-) -> None:
+    robots, key
+):
     stage = Stage(robots=robots)
     taken = Recordings(stage)
     stage.play(run=1, ticks=1)
@@ -136,7 +136,7 @@ GOOD = {
 
 @FUZZ
 @given(wrong=puts(GOOD, FORGED))
-def test_whatever_comes_the_viewer_goes_on(wrong: list[Put]) -> None:
+def test_whatever_comes_the_viewer_goes_on(wrong):
     stage = Stage()
     Recordings(stage)
     assert "physics" in Scenario(robot=stage.viewer.scenario.robot).services
