@@ -86,7 +86,6 @@ class Watch:
         assert not self.bus.refused, "what is not finite is refused"
 
     def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:
-        assert stamp is not None
         if self.stamp is not None and stamp.run != self.stamp.run:
             self._recent.clear()
         self.stamp = stamp
@@ -194,17 +193,14 @@ def strike(up: Up, names: tuple[str, ...]) -> Strike:
     services = [name for name in names if name != "router"]
     watch.begin_anew()
     before = watch.stamp
-    assert before is not None
     pids = {name: up.pid(name) for name in names}
     begin = time.monotonic()
     for pid in pids.values():
-        assert pid is not None
         os.kill(pid, signal.SIGKILL)
     up.wait(lambda: not any(name in up.bus.presence.names for name in services))
     up.wait(lambda: up.ready(services) and all(up.pid(n) not in (None, pids[n]) for n in names))
     back_s = time.monotonic() - begin
     back = watch.stamp
-    assert back is not None
     if services:
         watch.following_since = None
     if "physics" in names:
@@ -227,6 +223,5 @@ def strikes(up: Up, count: int, seed: int) -> Iterable[Strike]:
         names = chance.choice(pairs) if chance.random() < 1 / 3 else (chance.choice(PARTS),)
         pause_s = chance.uniform(0.0, 1.0)
         begin = up.watch.stamp
-        assert begin is not None
         up.wait(lambda begin=begin, s=pause_s: seconds(begin, up.watch.stamp or begin) >= s)
         yield strike(up, names)

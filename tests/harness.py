@@ -72,7 +72,6 @@ class Command:
 
     def read_until(self, words: str) -> str:
         """Read what it prints until some words come; return the line with them."""
-        assert self.process.stdout is not None
         for line in self.process.stdout:
             self.text += line
             if words in line:
@@ -81,7 +80,6 @@ class Command:
 
     def await_start(self) -> None:
         """Wait until it says that it has started."""
-        assert self.process.stderr is not None
         assert "msg=started" in self.process.stderr.readline()
 
     def end(self, number: int | None = signal.SIGINT) -> tuple[int, str, str]:

@@ -60,7 +60,7 @@ def test_gazebos_program_says_what_it_does_not_understand(capfd):
         closing(GazeboEngine(robot("nexus"), STEP_S, "capsule")) as engine,
         pytest.raises(MecazenError, match="gazebo-peer has ended with 1"),
     ):
-        engine.advance(["fast"], 1)  # type: ignore[list-item]
+        engine.advance(["fast"], 1)
     assert capfd.readouterr().err == "gazebo-peer: not understood: drive fast 1\n"
 
 

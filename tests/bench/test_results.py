@@ -93,7 +93,6 @@ def test_what_takes_minutes_is_measured_on_request_only():
 def test_the_help_names_what_is_measured_on_request_only():
     shown = CliRunner().invoke(app, ["bench", "run", "--help"], env={"COLUMNS": "400"}).output
     names = re.search(r"take minutes: ([\w, ]+)\.", shown)
-    assert names is not None
     on_demand = {name for name, benchmark in BENCHMARKS.items() if benchmark.on_demand}
     assert set(names[1].split(", ")) == on_demand
 

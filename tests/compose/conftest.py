@@ -129,7 +129,6 @@ class Stack(Compose):
             guard = threading.Timer(GUARD_S, followed.kill)
             guard.start()
             try:
-                assert followed.stdout is not None
                 yield from followed.stdout
             finally:
                 guard.cancel()

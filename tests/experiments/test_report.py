@@ -13,13 +13,12 @@ from rich.console import Console
 def shown(rows: list[Row]) -> str:
     console = Console(file=io.StringIO(), width=160)
     console.print(table(rows))
-    return console.file.getvalue()  # type: ignore[attr-defined]
+    return console.file.getvalue()
 
 
 def test_a_row_is_the_mean_of_its_runs(make_series):
     row = summarise(*make_series("short", {(None, 1): 0.1, (None, 2): 0.2, (None, 3): 0.6}))
     mean = row.whole["d_err_m"]
-    assert mean is not None
     assert (mean.mean, mean.n) == (pytest.approx(0.3, abs=1e-12), 3)  # a few roundings
     assert 0.1 <= mean.low < mean.mean < mean.high <= 0.6
     assert [run.record.key.seed for run in row.runs] == [1, 2, 3]
@@ -35,7 +34,6 @@ def test_runs_without_a_score_are_not_in_its_mean(make_series):
 def test_a_row_counts_the_runs_of_all_walks_the_same(make_series):
     series = make_series("walks", {("a", 1): 0.1, ("a", 2): 0.1, ("b", 1): 0.4})
     mean = summarise(*series).whole["d_err_m"]
-    assert mean is not None
     assert mean.mean == pytest.approx(0.2, abs=1e-12)  # a few roundings
     walks = summarise_walks(*series)
     assert [(walk.name, len(walk.runs)) for walk in walks] == [("walks / a", 2), ("walks / b", 1)]

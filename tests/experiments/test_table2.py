@@ -51,6 +51,6 @@ def test_the_table_has_the_paper_s_figures_beside_ours(rows):
     console = Console(file=io.StringIO(), width=100)
     for table in tables(table2(rows)):
         console.print(table)
-    text = console.file.getvalue()  # type: ignore[attr-defined]
+    text = console.file.getvalue()
     for word in ("D_err back [m]", "Θ_err side [°]", "0.22", "12.2", "0.300", "3.00", "0.175"):
         assert word in text

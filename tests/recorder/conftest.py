@@ -10,8 +10,9 @@ import pytest
 from harness import Command, mecazen, wait
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
+from mecazen.keys import topic_of
 from mecazen_recorder.writer import RecordingWriter
-from recorder.ticks import stamp_of, tick, topic_named
+from recorder.ticks import stamp_of, tick
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ class Net:
 
     def publish(self, ticks: Sequence[int], **run: int) -> None:
         """Publish some ticks, with a stamp each."""
-        publishers = {key: self.bus.publisher(topic_named(key)) for key in tick(0)}
+        publishers = {key: self.bus.publisher(topic_of(key)) for key in tick(0)}
         for number in ticks:
             for key, message in tick(number).items():
                 publishers[key].put(message, stamp_of(number, **run))

@@ -29,7 +29,6 @@ class Stack:
     @property
     def endpoint(self) -> str:
         """Where tools connect."""
-        assert self.scenario.bus.connect is not None
         return self.scenario.bus.connect[0]
 
     def start(self) -> None:

@@ -28,7 +28,6 @@ def test_an_example_gives_the_same_in_one_process_and_in_many(name):
 def test_the_follower_keeps_its_distance():
     scenario = load_scenario(EXAMPLES / "my_follower.toml", ("sim.duration_s=6.0",))
     d_err_m = simulate(scenario, "mine")[0].d_err_m
-    assert d_err_m is not None
     # a proportional law lags by speed over gain, 0.2/1.5 m
     assert d_err_m < 0.15
 
@@ -37,7 +36,7 @@ def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_d
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
     run = InProcess(load_scenario(RANGE, settings))
     measured = []
-    (topic,) = (t for t in run.members[-1].nodes[0].row.outputs)  # type: ignore[attr-defined]
+    (topic,) = run.members[-1].nodes[0].row.outputs
     run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
     run.begin()
     for _ in range(199):
@@ -49,7 +48,7 @@ def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_d
     time_s, distance = measured[-1]
     row = rows[time_s]
     # both go along x: y differs by less than the rounding of a centimetre
-    assert distance == pytest.approx(float(row[tx]) - float(row[x]), abs=0.01)  # type: ignore[arg-type]
+    assert distance == pytest.approx(float(row[tx]) - float(row[x]), abs=0.01)
 
 
 def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path):

@@ -48,7 +48,6 @@ class Running:
         os.kill(self.stack.supervisor.pids[name], number)
 
     def now(self) -> Stamp:
-        assert self.watch.stamp is not None
         return self.watch.stamp
 
     def wait_for_rest(self) -> None:
@@ -225,11 +224,9 @@ def test_a_recorder_without_space_ends_with_what_it_has_and_the_rest_goes_on(tmp
     with Up("circle", *WALK, services, f"recorder.file={file}", restart=False) as up:
         up.wait_until_it_follows()
         recorder = up.pid("recorder")
-        assert recorder is not None
         resource.prlimit(recorder, resource.RLIMIT_FSIZE, (FULL, FULL))
         up.wait(lambda: "recorder" not in up.bus.presence.names)
         begin = up.watch.stamp
-        assert begin is not None
         up.wait(lambda: seconds(begin, up.watch.stamp or begin) > 1.0)
         assert up.watch.follows
     assert 0 < file.stat().st_size <= FULL
@@ -242,11 +239,9 @@ def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path):
     with Up("circle", *WALK, services, f"recorder.file={files[0]}") as up:
         up.wait(lambda: up.watch.stamp is not None and up.watch.stamp.time_ns > 3e9)
         recorder = up.pid("recorder")
-        assert recorder is not None
         os.kill(recorder, signal.SIGKILL)
         up.wait(lambda: up.bus.presence.returns["recorder/ready"] == 1)
         back = up.watch.stamp
-        assert back is not None
         up.wait(lambda: seconds(back, up.watch.stamp or back) > 1.0)
     before, after = (
         [sample.time_ns for sample in Recording(file).samples() if sample.key == "clock"]

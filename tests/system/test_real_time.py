@@ -76,7 +76,6 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
-    assert shown.stdout is not None
     line = msgspec.json.decode(shown.stdout.readline())
     shown.kill()
     shown.wait()

@@ -121,7 +121,6 @@ class Echo:
         self._thread.start()
 
     def _read(self) -> None:
-        assert self.process.stdout is not None
         for line in self.process.stdout:
             with self._changed:
                 self.messages.append(json.loads(line))
@@ -140,7 +139,6 @@ class Echo:
     def close(self) -> None:
         end(self.process)
         self._thread.join()
-        assert self.process.stdout is not None
         self.process.stdout.close()
 
 
@@ -178,7 +176,6 @@ class Hosts:
                 )  # fmt: skip
                 stack.callback(self._end, process)
                 if name == "router":
-                    assert process.stderr is not None
                     assert "msg=started" in process.stderr.readline()
         self.truth = Echo(near, "ground_truth/odom", tools)
         stack.callback(self.truth.close)
@@ -189,7 +186,6 @@ class Hosts:
 
     def _end(self, process: subprocess.Popen[str]) -> None:
         end(process)
-        assert process.stderr is not None
         process.stderr.close()
 
 

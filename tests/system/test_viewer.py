@@ -22,6 +22,7 @@ from mecazen_viewer.entities import of_robot
 from mecazen_viewer.plots import LINES
 from mecazen_viewer.recorded import draw
 from PIL import Image
+from viewer_stage import paths_of
 
 FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
 FRAMES = 200
@@ -265,17 +266,14 @@ def test_a_recorded_run_is_shown_as_a_live_one(tmp_path, attach):
     (follow,) = (view.view_id for view in state.views if view.name == "following")
     until_shown(lambda: attach.take_screenshot(follow), shows_the_scene)
     (recording,) = state.recordings
-    schema = attach.get_recording_schema(recording.store_id, paths_only=True)
-    paths = {entity.entity_path for entity in schema.entities}
-    assert {f"/{path}" for path in ("world/robot/roller", *LINES)} <= paths
+    assert {f"/{path}" for path in ("world/robot/roller", *LINES)} <= paths_of(attach, recording)
 
 
 def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
     attach.open(str(recorded("convoy", 4, tmp_path)))
     until_shown(attach.take_screenshot, shows_two_persons)
     (recording,) = attach.get_state().recordings
-    schema = attach.get_recording_schema(recording.store_id, paths_only=True)
-    paths = {entity.entity_path for entity in schema.entities}
+    paths = paths_of(attach, recording)
     for robot in ("one", "two"):
         expected = {"world/robot/roller", *LINES}
         assert {f"/{of_robot(path, robot)}" for path in expected} <= paths

@@ -195,7 +195,6 @@ def test_recorded_track_begins_at_the_start_pose():
 
 def test_synthetic_walk_is_what_its_readme_makes():
     program = re.search(r"```python\n(.*?)```", (WALKS / "README.md").read_text(), re.DOTALL)
-    assert program is not None
     with redirect_stdout(io.StringIO()) as printed:
         exec(program[1], {})  # noqa: S102 - our own
     assert printed.getvalue() == (WALKS / "synthetic.csv").read_text()

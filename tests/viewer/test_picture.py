@@ -9,24 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from harness import load_robot
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import (
-    DiagnosticArray,
-    DiagnosticStatus,
-    FollowerState,
-    Header,
-    JointState,
-    KeyValue,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Time,
-    Twist,
-    planar_odometry,
-)
 from mecazen.robot import WHEEL_JOINTS
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import Components
@@ -40,14 +26,15 @@ from viewer_stage import values
 MS = 10**6
 POINTS = e.OBSERVATION, "Points3D:positions"
 COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+SEEN = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), COVARIANCE)
 
 
 def picture() -> Picture:
     return Picture(Scenario(robot=load_robot()), Health())
 
 
-def odometry(pose: Pose2D, twist: Twist2D | None = None) -> Odometry:
-    return planar_odometry(Time(), "world", "base_link", pose, twist or Twist2D())
+def odometry(pose: Pose2D) -> m.Odometry:
+    return m.planar_odometry(m.Time(), "world", "base_link", pose, Twist2D())
 
 
 def scalars(entities: Mapping[str, Components], path: str) -> np.ndarray:
@@ -63,12 +50,12 @@ def place(entities: Iterable[Entity], path: str) -> Pose2D:
     return Pose2D(x, y, 2.0 * math.atan2(z, w))
 
 
-def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> FollowerState:
-    pose = PoseWithCovariance(pose=Pose.planar(estimate), covariance=COVARIANCE)
-    return FollowerState(
+def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> m.FollowerState:
+    pose = m.PoseWithCovariance(pose=m.Pose.planar(estimate), covariance=COVARIANCE)
+    return m.FollowerState(
         tracking=tracking,
-        estimate=(Odometry(pose=pose),),
-        goal=(Pose.planar(goal),),
+        estimate=(m.Odometry(pose=pose),),
+        goal=(m.Pose.planar(goal),),
         distance_error=0.25,
         heading_error=0.5,
     )
@@ -94,9 +81,8 @@ def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture():
     shown = picture()
     for tick in range(5):
         list(shown.on_ground_truth(odometry(Pose2D(y=0.1 * tick, yaw=math.pi / 2)), tick * 10 * MS))
-    seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
-    header = Header(stamp=Time.from_ns(20 * MS), frame_id="base_link")
-    entities = dict(shown.on_observation(Observation(header=header, poses=(seen,)), 40 * MS))
+    frame = m.Observation(m.Header(m.Time.from_ns(20 * MS), "base_link"), (SEEN,))
+    entities = dict(shown.on_observation(frame, 40 * MS))
     # 1 m ahead of a robot at y = 0.2 m that looks along y
     assert values(entities, *POINTS)[0][:2] == pytest.approx((0.0, 1.2))
     stretch = values(entities, e.OBSERVATION_ELLIPSE, "Transform3D:mat3x3")[0]
@@ -109,11 +95,10 @@ def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture():
 
 def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing():
     shown = picture()
-    seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
-    frame = Observation(header=Header(frame_id="world"), poses=(seen,))
+    frame, nothing = m.Observation(m.Header(frame_id="world"), (SEEN,)), m.Observation()
     counts = [
         len(values(dict(shown.on_observation(message, 100 * MS * i)), *POINTS))
-        for i, message in enumerate((frame, frame, Observation(), Observation(), Observation()))
+        for i, message in enumerate((frame, frame, nothing, nothing, nothing))
     ]
     assert counts == [1, 2, 1, 0, 0]
 
@@ -150,7 +135,7 @@ def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown():
 
 
 def test_a_command_of_efforts_plots_no_speeds():
-    efforts = JointState(name=WHEEL_JOINTS, effort=(1.0,) * 4)
+    efforts = m.JointState(name=WHEEL_JOINTS, effort=(1.0,) * 4)
     assert list(picture().on_joint_command(efforts, 0)) == []
 
 
@@ -168,7 +153,9 @@ def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry():
 
 def test_lines_have_ten_points_a_second():
     shown = picture()
-    twists = [entity for tick in range(101) for entity in shown.on_cmd_vel(Twist(), tick * 10 * MS)]
+    twists = [
+        entity for tick in range(101) for entity in shown.on_cmd_vel(m.Twist(), tick * 10 * MS)
+    ]
     assert len(twists) == 2 * 11  # velocity and yaw rate
 
 
@@ -178,9 +165,9 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour():
     list(shown.on_target_odom(odometry(Pose2D(1.0)), 0))
     drawn = [
         *shown.on_odom(odometry(Pose2D()), 0),
-        *shown.on_cmd_vel(Twist(), 0),
-        *shown.on_joint_states(JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
-        *shown.on_joint_command(JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 4), 0),
+        *shown.on_cmd_vel(m.Twist(), 0),
+        *shown.on_joint_states(m.JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
+        *shown.on_joint_command(m.JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 4), 0),
         *shown.on_follower_state(following(Pose2D(1.0), Pose2D()), 0),
         *shown.on_diagnostics(physics_says("0.5"), 0),
     ]
@@ -191,19 +178,19 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour():
         assert len(scalars(plotted, path)) == len(lines[path])
 
 
-def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArray:
-    status = DiagnosticStatus(
-        level=level, name="physics", message=message, values=(KeyValue(key="rtf", value=rtf),)
+def physics_says(rtf: str, level: int = 0, message: str = "ok") -> m.DiagnosticArray:
+    status = m.DiagnosticStatus(
+        level=level, name="physics", message=message, values=(m.KeyValue(key="rtf", value=rtf),)
     )
-    return DiagnosticArray(status=(status,))
+    return m.DiagnosticArray(status=(status,))
 
 
 def test_tracking_and_health_are_logged_when_they_change():
     shown = picture()
     lines = []
     for entities in (
-        shown.on_follower_state(FollowerState(tracking="waiting"), 0),
-        shown.on_follower_state(FollowerState(tracking="waiting"), 0),
+        shown.on_follower_state(m.FollowerState(tracking="waiting"), 0),
+        shown.on_follower_state(m.FollowerState(tracking="waiting"), 0),
         shown.on_follower_state(following(Pose2D(), Pose2D(), "coasting"), 0),
         shown.on_diagnostics(physics_says("1.0"), 0),
         shown.on_diagnostics(physics_says("1.1"), 0),
@@ -225,10 +212,10 @@ def test_tracking_and_health_are_logged_when_they_change():
 def test_of_several_robots_health_and_tracking_are_told_with_their_names():
     health, scenario = Health(), Scenario(robot=load_robot())
     pictures = [Picture(scenario, health, robot) for robot in ("", "one", "two")]
-    report = DiagnosticArray(status=(DiagnosticStatus(name="follower", message="ok"),))
+    report = m.DiagnosticArray(status=(m.DiagnosticStatus(name="follower", message="ok"),))
     lines = []
     for shown in pictures[1:]:
-        tracking = shown.on_follower_state(FollowerState(tracking="lost"), 0)
+        tracking = shown.on_follower_state(m.FollowerState(tracking="lost"), 0)
         said = [*tracking, *shown.on_diagnostics(report, 0)]
         lines += [text.text.as_arrow_array()[0].as_py() for path, text in said if path != e.HEALTH]
     assert lines == [

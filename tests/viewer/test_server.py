@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -21,7 +20,7 @@ from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import RerunError
 from mecazen_viewer.server import Server, serving
 from rerun.experimental import ViewerClient, ViewerState
-from viewer_stage import Stage
+from viewer_stage import Stage, paths_of
 
 ANYWHERE = ViewerConfig(web_port=0, data_port=0)
 LAYOUT = blueprint(("",))
@@ -53,11 +52,6 @@ def playing(*robots: str, ticks: int = 50) -> Iterator[tuple[Server, Callable[[i
         play(1)
         yield server, play
         stage.viewer.end()
-
-
-def paths_of(viewer: ViewerClient, recording: Any) -> set[str]:
-    schema = viewer.get_recording_schema(recording.store_id, paths_only=True)
-    return {entity.entity_path for entity in schema.entities}
 
 
 def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach):
@@ -154,7 +148,6 @@ def test_when_the_viewer_is_killed_the_server_ends_too():
     with subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as viewer:
-        assert viewer.stdout is not None
         server = os.pidfd_open(int(viewer.stdout.readline()))
         viewer.kill()
         assert select.select([server], [], [], 60.0)[0]

@@ -8,23 +8,10 @@ import pytest
 from hostile import FORGED, FUZZ, put_all, puts
 from hypothesis import given
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import (
-    DiagnosticArray,
-    DiagnosticStatus,
-    FollowerState,
-    JointState,
-    KeyValue,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Time,
-    Twist,
-    planar_odometry,
-)
 from mecazen.wire import Stamp
 from viewer_stage import COVARIANCE, URDF, Stage
 
@@ -105,7 +92,7 @@ def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_sa
     stage = Stage(robots=robots)
     taken = Recordings(stage)
     stage.play(run=1, ticks=1)
-    far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
+    far = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(1e9), Twist2D())
     publisher = stage.bus.namespaced(stage.names[-1]).publisher(keys.GROUND_TRUTH)
     publisher.put(far, Stamp(10**9, 1, 7))
     stage.bus.spin()
@@ -115,20 +102,20 @@ def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_sa
     assert taken.names == ["00000001"]
 
 
-POSE = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)
+POSE = m.PoseWithCovariance(pose=m.Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)
 GOOD = {
-    "ground_truth/odom": (Odometry(pose=POSE),),
-    "odom": (Odometry(pose=POSE),),
-    "target/odom": (Odometry(pose=POSE),),
+    "ground_truth/odom": (m.Odometry(pose=POSE),),
+    "odom": (m.Odometry(pose=POSE),),
+    "target/odom": (m.Odometry(pose=POSE),),
     "joint_states": (
-        JointState(name=("front_left_wheel_joint",), position=(1.0,), velocity=(1.0,) * 4),
+        m.JointState(name=("front_left_wheel_joint",), position=(1.0,), velocity=(1.0,) * 4),
     ),
-    "target/observation": (Observation(poses=(POSE,)),),
-    "follower/state": (FollowerState(estimate=(Odometry(pose=POSE),), goal=(POSE.pose,)),),
-    "cmd_vel": (Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
+    "target/observation": (m.Observation(poses=(POSE,)),),
+    "follower/state": (m.FollowerState(estimate=(m.Odometry(pose=POSE),), goal=(POSE.pose,)),),
+    "cmd_vel": (m.Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
     "diagnostics/physics": (
-        DiagnosticArray(
-            status=(DiagnosticStatus(name="physics", values=(KeyValue(key="rtf", value="1"),)),)
+        m.DiagnosticArray(
+            status=(m.DiagnosticStatus(name="physics", values=(m.KeyValue(key="rtf", value="1"),)),)
         ),
     ),
 }
