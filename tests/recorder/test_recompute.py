@@ -66,14 +66,18 @@ def program(tmp_path):
 
 
 @pytest.fixture
-def recorded(tmp_path):
+def mine(program):
+    """The follower that is recorded."""
+    return program()
+
+
+@pytest.fixture
+def recorded(tmp_path, mine):
     """Record followers that answer made-up odometry and frames; return the file."""
 
-    def make(program, encoding="cdr", first=0, runs=1, robots=()):
+    def make(encoding="cdr", first=0, runs=1, robots=()):
         path = tmp_path / "run.mcap"
-        scenario = Scenario(
-            robot=load_robot(), seed=3, robots=robots, programs={"follower": program}
-        )
+        scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = LocalBus()
         for robot in scenario.names:
             make_service("follower", bus, scenario, robot)
@@ -116,9 +120,8 @@ def rewritten(
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
 @pytest.mark.parametrize("runs", [1, 2])
-def test_the_same_code_answers_as_recorded(program, recorded, encoding, runs):
-    mine = program()
-    compared = recompute(Recording(recorded(mine, encoding, runs=runs)), mine)
+def test_the_same_code_answers_as_recorded(mine, recorded, encoding, runs):
+    compared = recompute(Recording(recorded(encoding, runs=runs)), mine)
     assert compared.difference is None
     assert compared.counts == {"cmd_vel": TICKS * runs}
 
@@ -126,9 +129,8 @@ def test_the_same_code_answers_as_recorded(program, recorded, encoding, runs):
 TWO = RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=1.5))
 
 
-def test_each_of_several_robots_is_computed_anew_by_itself(program, recorded):
-    mine = program()
-    recording = Recording(recorded(mine, robots=TWO))
+def test_each_of_several_robots_is_computed_anew_by_itself(mine, recorded):
+    recording = Recording(recorded(robots=TWO))
     commands = {s.key: s.payload for s in recording.samples() if s.key.endswith("cmd_vel")}
     assert commands["one/cmd_vel"] != commands["two/cmd_vel"]
     for robot in ("one", "two"):
@@ -145,12 +147,9 @@ def test_each_of_several_robots_is_computed_anew_by_itself(program, recorded):
         ((), "one", "'one': no such robot"),
     ],
 )
-def test_a_robot_that_is_not_named_or_not_there_is_one_line(
-    program, recorded, robots, robot, words
-):
-    mine = program()
+def test_a_robot_that_is_not_named_or_not_there_is_one_line(mine, recorded, robots, robot, words):
     with pytest.raises(MecazenError, match=words):
-        recompute(Recording(recorded(mine, robots=robots)), mine, robot)
+        recompute(Recording(recorded(robots=robots)), mine, robot)
 
 
 def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path):
@@ -174,24 +173,22 @@ def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_pat
     ],
 )
 def test_the_first_difference_is_named_to_the_last_bit(program, recorded, answer, field):
-    difference = recompute(Recording(recorded(program())), program(answer)).difference
+    difference = recompute(Recording(recorded()), program(answer)).difference
     assert (difference.key, difference.time_ns, difference.field) == ("cmd_vel", 12 * 10**7, field)
     assert difference.recorded != difference.recomputed
     line = f"cmd_vel {field} at 0.12 s: recorded {difference.recorded}, recomputed"
     assert str(difference).startswith(line)
 
 
-def test_an_answer_that_is_missing_is_a_difference(program, recorded):
-    mine = program()
-    path = recorded(mine)
+def test_an_answer_that_is_missing_is_a_difference(mine, recorded):
+    path = recorded()
     gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")))
     difference = recompute(gap, mine).difference
     assert str(difference) == "cmd_vel at 0.2 s: recorded nothing, recomputed a message"
 
 
-def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(program, recorded):
-    mine = program()
-    path = recorded(mine)
+def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(mine, recorded):
+    path = recorded()
     for key in ("cmd_vel", "odom", "target/observation"):
         # the link of one process was behind the others' when the recorder was stopped
         copy = rewritten(path, lambda n, k, key=key: k != key or n < TICKS - 3)
@@ -201,9 +198,8 @@ def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(program, 
         copy.unlink()
 
 
-def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(program, recorded):
-    mine = program()
-    copy = rewritten(recorded(mine), turned=True)
+def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(mine, recorded):
+    copy = rewritten(recorded(), turned=True)
     assert recompute(Recording(copy), mine).difference is None
 
 
@@ -212,14 +208,13 @@ def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(prog
     [(1, "Mine", "without the beginning of a run"), (0, "Advances", "mecazen simulate")],
 )
 def test_what_cant_be_computed_anew_is_one_line(program, recorded, first, kind, words):
-    path = recorded(program(), first=first)
+    path = recorded(first=first)
     with pytest.raises(MecazenError, match=words):
         recompute(Recording(path), program(kind=kind))
 
 
-def test_a_service_of_which_nothing_was_recorded_is_one_line(program, recorded):
-    mine = program()
-    copy = rewritten(recorded(mine), lambda _, key: key != "cmd_vel")
+def test_a_service_of_which_nothing_was_recorded_is_one_line(program, mine, recorded):
+    copy = rewritten(recorded(), lambda _, key: key != "cmd_vel")
     with pytest.raises(MecazenError, match=r"holds nothing that .*Mine publishes"):
         recompute(Recording(copy), mine)
     with pytest.raises(MecazenError, match=r"holds nothing that .*Other publishes"):
