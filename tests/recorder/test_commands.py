@@ -41,8 +41,9 @@ def record(net: Net, path: Path, *options: object) -> Command:
     return recorder
 
 
-def finish(net: Net, recorder: Command) -> str:
-    """End a recorder as Ctrl-C does, and return what it says."""
+def finish(net: Net, recorder: Command, path: Path, count: int) -> str:
+    """End a recorder as Ctrl-C does when it has so many samples, and return what it says."""
+    net.wait(lambda: len(samples(path)) == count)
     code, out, err = recorder.end()
     assert code == 0, err
     net.wait(lambda: "record" not in net.bus.presence.names)
@@ -57,8 +58,7 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path,
     net.bus.put_bytes("my/key", b"\x00\xff", "image/png", stamp_of(50).pack())
     net.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.5}}')
     count = 50 * PER_TICK + 2
-    net.wait(lambda: len(samples(first)) == count)
-    assert f"{count} samples" in finish(net, recorder)
+    assert f"{count} samples" in finish(net, recorder, first, count)
     expected = samples(first)
     assert [s.key for s in expected[:PER_TICK]] == list(tick(0))
     assert (expected[-1].stamp, expected[-1].time_ns) == (None, stamp_of(50).time_ns)
@@ -70,8 +70,7 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path,
 
     recorder = record(net, second, "--encoding", encoding)
     assert f"{count} samples" in net.run("replay", first, "--speed", 100).stdout
-    net.wait(lambda: len(samples(second)) == count)
-    finish(net, recorder)
+    finish(net, recorder, second, count)
     assert samples(second) == expected
 
 
@@ -79,8 +78,7 @@ def test_some_keys_are_recorded_once_each(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
     net.publish(range(5))
-    net.wait(lambda: len(samples(path)) == 10)
-    finish(net, recorder)
+    finish(net, recorder, path, 10)
     assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 5
 
 
@@ -131,8 +129,7 @@ def test_what_is_malformed_is_refused_and_the_rest_recorded(net, tmp_path):
         net.bus.put_bytes("cmd_vel", payload, JSON_ENCODING)
     net.bus.put_bytes("cmd_vel", b"{}", JSON_ENCODING, b"no stamp")
     net.bus.put_bytes("cmd_vel", b"{}", JSON_ENCODING)
-    net.wait(lambda: len(samples(path)) == 1)
-    assert "1 samples, 5 refused or dropped" in finish(net, recorder)
+    assert "1 samples, 5 refused or dropped" in finish(net, recorder, path, 1)
 
 
 ROBOT = RobotDescription("<robot/>", {"meshes/r.stl": b"solid"})
@@ -144,8 +141,7 @@ def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_l
     serve_description(net.bus, ROBOT)
     recorder = record(net, path)
     net.publish(range(2))
-    net.wait(lambda: len(samples(path)) == 2 * PER_TICK)
-    finish(net, recorder)
+    finish(net, recorder, path, 2 * PER_TICK)
     recording = Recording(path)
     assert len(list(recording.samples())) == 2 * PER_TICK
     assert recording.scenarios == {7: "seed = 3"}
@@ -166,8 +162,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
             bus.publisher(keys.ODOM).put(odometry(number), stamp_of(number, seed=seed))
     buses[1].put_bytes("odom", b"{", JSON_ENCODING)
     net.bus.put_bytes("two/camera", b"\xff", "image/png")
-    net.wait(lambda: len(samples(first)) == 21)
-    assert "21 samples, 1 refused or dropped" in finish(net, recorder)
+    assert "21 samples, 1 refused or dropped" in finish(net, recorder, first, 21)
     expected = samples(first)
     assert [(s.key, s.kind) for s in expected[-3:]] == [
         ("one/odom", Odometry),
@@ -181,8 +176,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
 
     recorder = record(net, second)
     net.run("replay", first, "--speed", 100)
-    net.wait(lambda: len(samples(second)) == 21)
-    finish(net, recorder)
+    finish(net, recorder, second, 21)
     assert samples(second) == expected
     shown = mecazen("info", first).stdout
     assert "two/odom" in shown
@@ -261,6 +255,5 @@ def test_an_empty_twist_is_a_whole_message(net, tmp_path):
     path = tmp_path / "whole.mcap"
     recorder = record(net, path, "--encoding", "json")
     net.bus.put_bytes("cmd_vel", b"{}")
-    net.wait(lambda: len(samples(path)) == 1)
-    finish(net, recorder)
+    finish(net, recorder, path, 1)
     assert msgspec.json.decode(samples(path)[0].payload) == msgspec.to_builtins(Twist())
