@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from harness import error_of
 from mecazen.errors import MecazenError
 from mecazen_experiments import commands
 from mecazen_tools.cli.app import app
@@ -139,11 +140,9 @@ WRONG = [
 
 @pytest.mark.parametrize(("arguments", "words"), WRONG)
 def test_what_a_user_gets_wrong_is_one_line(arguments, words):
-    with pytest.raises(MecazenError) as error:
-        experiment(*arguments)
-    assert "\n" not in str(error.value)
+    text = error_of(MecazenError, lambda: experiment(*arguments))
     for word in words:
-        assert word in str(error.value)
+        assert word in text
 
 
 def test_a_run_that_fails_is_one_line_with_case_and_seed(folder, capsys):

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 from mecazen_experiments.jobs import Job, Key
-from mecazen_experiments.run import Record
 from mecazen_experiments.schedule import RunsFailedError, run_all
-from mecazen_experiments.scores import Score, Scores
 from mecazen_experiments.store import Store
 from mecazen_experiments.workers import Done, Failure, Outcomes
+
+from experiments import made_up
 
 
 class Obedient:
@@ -29,8 +29,7 @@ class Obedient:
                 yield Failure(job, "out of the world")
                 continue
             self.done.append(job.key.seed)
-            scores = Scores(Score(d_err_m=0.1 * job.key.seed), Score())
-            yield Done(job, Record(job.key, "", scores, 1.0, 100.0))
+            yield Done(job, made_up.record(job.key, 0.1 * job.key.seed))
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import sys
 from contextlib import closing
 
 import pytest
+from harness import error_of
 from mecazen.errors import MecazenError
 from mecazen_experiments.jobs import Key
 from mecazen_experiments.run import Record
@@ -76,9 +77,7 @@ def test_a_command_that_is_killed_while_it_writes_leaves_what_it_had_written(tmp
 @pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite"])
 def test_what_can_t_be_a_store_is_one_line(tmp_path, name):
     (tmp_path / "text.sqlite").write_text("no database, but long enough to look like one" * 10)
-    with pytest.raises(MecazenError, match=name) as error:
-        Store(tmp_path / name)
-    assert "\n" not in str(error.value)
+    assert name in error_of(MecazenError, lambda: Store(tmp_path / name))
 
 
 def test_a_store_of_something_else_is_one_line(tmp_path):

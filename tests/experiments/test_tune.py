@@ -11,13 +11,13 @@ from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen_experiments.config import Range, TunedCase, Tuning
 from mecazen_experiments.jobs import Job, Key
-from mecazen_experiments.report import summarise
 from mecazen_experiments.run import Record
 from mecazen_experiments.schedule import RunsFailedError
-from mecazen_experiments.scores import Score, Scores
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
 from mecazen_experiments.workers import Failure
 from mecazen_follower.config import FollowerConfig
+
+from experiments import made_up
 
 STANDOFF = "follower.standoff_m"
 BEST_M = 3.0
@@ -39,8 +39,8 @@ class Robot:
         standoff_m = scenario.section(FollowerConfig, "follower").standoff_m
         if standoff_m > self._fails_above:
             raise RunsFailedError([Failure(job, "out of the world")])
-        score = Score(d_err_m=0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed)
-        return Record(job.key, "", Scores(score, Score()), 1.0, 100.0)
+        d_err_m = 0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed
+        return made_up.record(job.key, d_err_m)
 
 
 def search(folder: Any, objective: Any = "limits", low: float = 1.0, **case: Any) -> Tuning:
@@ -54,17 +54,17 @@ def search(folder: Any, objective: Any = "limits", low: float = 1.0, **case: Any
     )
 
 
-def test_the_cost_of_a_match_is_the_squared_relative_error(make_series):
+def test_the_cost_of_a_match_is_the_squared_relative_error():
     published = {"d_err_m": 0.2, "theta_err_deg": 5.0}
-    row = summarise(*make_series("short", {(None, 1): 0.3}, published=published))
+    row = made_up.row("short", 0.3, published=published)
     # a half above 0.2 m; 3° are two fifths below 5°; but for roundings
     assert match_cost(row) == pytest.approx(0.5**2 + 0.4**2, abs=1e-12)
 
 
-def test_the_cost_of_limits_is_their_used_part_and_steep_above_one(make_series):
+def test_the_cost_of_limits_is_their_used_part_and_steep_above_one():
     def of(limit):
         limits = {"d_err_m": limit, "theta_err_deg": 6.0}
-        return limits_cost(summarise(*make_series("short", {(None, 1): 0.3}, limits=limits)))
+        return limits_cost(made_up.row("short", 0.3, limits=limits))
 
     assert of(0.6) == pytest.approx(0.5 + 0.5, abs=1e-12)  # but for roundings
     assert of(0.2) > 10.0 * of(0.6)
@@ -75,8 +75,8 @@ def test_what_is_preferred_costs_nothing_and_the_rest_little():
     assert preference(1.0, 2.0) == preference(4.0, 2.0) == 0.001 * math.log(2.0) ** 2
 
 
-def test_a_score_that_no_run_has_is_an_error(make_series):
-    row = summarise(*make_series("short", {(None, 1): 0.3}, limits={"nees": 3.0}))
+def test_a_score_that_no_run_has_is_an_error():
+    row = made_up.row("short", 0.3, limits={"nees": 3.0})
     with pytest.raises(MecazenError, match="short: there is no nees"):
         limits_cost(row)
 
