@@ -104,12 +104,6 @@ def test_what_the_process_serves_itself_is_answered_on_the_same_thread(pair):
     assert pair.near.fetch_files("robot_description/**") == files
 
 
-def test_samples_of_other_keys_do_not_arrive(pair, received):
-    pair.far.publisher(keys.TARGET_CMD_VEL).put(forward(0.2), STAMP)
-    pair.settle()
-    assert received == []
-
-
 JSON = b'{"linear":{"x":0.5}}\n'
 MSGPACK = b"\x81\xa6linear\x81\xa1x\xcb\x3f\xe0" + bytes(6)
 

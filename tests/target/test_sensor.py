@@ -25,12 +25,6 @@ def frames(sensor: Sensor, count: int, per_frame: int = 4) -> list[Frame]:
     return [frame for frame in seen if frame is not None]
 
 
-def test_frames_come_at_their_rate_from_tick_0():
-    eye = sensor(rate_hz=25.0)
-    due = [tick for tick in range(13) if eye.observe(tick, ROBOT, PERSON) is not None]
-    assert due == [0, 4, 8, 12]
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -136,10 +130,3 @@ def test_frame_holds_plain_floats_and_a_wrapped_yaw():
     for frame in frames(eye, 1000, 1):
         assert all(type(value) is float for value in frame.pose)
         assert -math.pi < frame.pose.yaw <= math.pi
-
-
-def test_covariance_is_ros_6_by_6():
-    covariance = sensor(position_std_m=0.1, yaw_std_deg=90.0).covariance
-    assert len(covariance) == 36
-    nonzero = {i: value for i, value in enumerate(covariance) if value}
-    assert nonzero == pytest.approx({0: 0.01, 7: 0.01, 35: (math.pi / 2) ** 2})
