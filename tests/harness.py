@@ -98,6 +98,15 @@ def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: s
         assert word in done.stderr
 
 
+def is_running(pid: int) -> bool:
+    """Whether there is such a process."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 def options(settings: Sequence[str]) -> list[str]:
     """Return the options that lay settings over a scenario."""
     return [f"--set={setting}" for setting in settings]

@@ -18,6 +18,7 @@ from harness import (
     Command,
     assert_one_line,
     endpoint_of,
+    is_running,
     mecazen,
     options,
 )
@@ -134,14 +135,6 @@ class Up(Command):
         return {row[1].strip(): int(row[2]) for row in rows}
 
 
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
 def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     up = Up("back", "sim.speed=4")
     up.read_until("following")
@@ -161,7 +154,7 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     code, out, err = up.end()
     assert (code, err) == (0, "")
     assert "all processes have ended" in out
-    assert all(gone(pid) for pid in pids.values())
+    assert not any(is_running(pid) for pid in pids.values())
 
 
 def test_when_a_process_dies_up_ends_all_and_names_it():
@@ -172,7 +165,7 @@ def test_when_a_process_dies_up_ends_all_and_names_it():
     code, _, err = up.end(None)
     assert code == 1
     assert err.splitlines()[-1].startswith("error: target:")
-    assert all(gone(pid) for pid in pids.values())
+    assert not any(is_running(pid) for pid in pids.values())
 
 
 def test_when_a_service_fails_up_shows_its_own_error():
@@ -199,7 +192,7 @@ def test_when_up_itself_is_killed_its_processes_end_too():
     up.end(signal.SIGKILL)
     # they end by themselves, a moment after their standard input closes
     for pid in pids.values():
-        if not gone(pid):
+        if is_running(pid):
             process = os.pidfd_open(pid)
             assert select.select([process], [], [], COMMAND_GUARD_S)[0]
             os.close(process)

@@ -1,7 +1,6 @@
 """Paths at constant speed: where they lead, and that their twist is their derivative."""
 
 import math
-from collections.abc import Callable
 
 import msgspec
 import pytest
@@ -19,10 +18,8 @@ from mecazen_target.config import (
     UTrack,
     Waypoints,
 )
-from mecazen_target.motion import Motion
 from mecazen_target.paths import make_path
-
-Differences = Callable[..., tuple[Motion, Twist2D, float]]
+from target.differences import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
 PATHS = {
@@ -136,7 +133,7 @@ def test_waypoints_that_no_smooth_curve_joins_are_refused(points, message):
 
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
 @pytest.mark.parametrize("name", PATHS)
-def test_twist_is_the_derivative_of_the_pose(name, gait, differences):
+def test_twist_is_the_derivative_of_the_pose(name, gait):
     path, dt = make_path(PATHS[name]), 1e-4
     jumps = {25.0, 25.0 + 10.0 * math.pi}  # of the U-track's yaw rate
     for k in range(300):

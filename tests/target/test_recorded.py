@@ -3,7 +3,6 @@
 import io
 import math
 import re
-from collections.abc import Callable
 from contextlib import redirect_stdout
 from itertools import pairwise
 from pathlib import Path
@@ -13,11 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.geometry import Twist2D, wrap
 from mecazen_target.config import Gait, Recorded
-from mecazen_target.motion import Motion
 from mecazen_target.paths import make_path
 from mecazen_target.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
-
-Differences = Callable[..., tuple[Motion, Twist2D, float]]
+from target.differences import differences
 
 REPOSITORY = Path(__file__).parents[2]
 WALKS = REPOSITORY / "configs" / "walks"
@@ -174,7 +171,7 @@ def test_recorded_person_moves_as_people_do(file):
 
 @pytest.mark.parametrize("file", pedestrians())
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
-def test_recorded_twist_is_the_derivative_of_the_pose(file, gait, differences):
+def test_recorded_twist_is_the_derivative_of_the_pose(file, gait):
     path, dt = make_path(Recorded(file=file, x_m=1.0, yaw_deg=40.0, start_after_s=2.0)), 1e-5
     for k in range(300):
         now, measured, _ = differences(
