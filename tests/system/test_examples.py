@@ -5,16 +5,31 @@ import re
 from pathlib import Path
 
 import pytest
-from harness import mecazen
+from harness import ROBOTS, ROOT, assert_one_line, error_of, mecazen
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.simulate import InProcess, simulate, simulate_distributed
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = ROOT / "examples"
 RANGE = EXAMPLES / "range_sensor.toml"
 SHORT = ("sim.duration_s=2.0",)
+NODE = """
+from mecazen.geometry import Twist2D
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_CMD_VEL
+from mecazen.messages import Odometry, Twist
+from mecazen.node import Node, Row, every
+class Mine(Node):
+    ROW = Row({row})
+    def reset(self, seed): pass
+    def step(self, tick, inputs): return {answer}
+"""
+
+
+def write_node(folder: Path, row: str, answer: str) -> None:
+    """Write a node of one's own; it is named `mine.py:Mine`."""
+    (folder / "mine.py").write_text(NODE.format(row=row, answer=answer))
 
 
 @pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
@@ -102,17 +117,9 @@ def test_a_mistake_in_a_node_of_ones_own_is_shown_whole_wherever_it_runs(tmp_pat
 
 
 def test_another_class_takes_the_sensors_place(tmp_path):
-    (tmp_path / "blind.py").write_text(
-        "from mecazen.node import Node\n"
-        "from mecazen.graph import Row, every\n"
-        "from mecazen.keys import GROUND_TRUTH\n"
-        "class Blind(Node):\n"
-        "    ROW = Row('range', inputs=(every(GROUND_TRUTH),))\n"
-        "    def reset(self, seed): pass\n"
-        "    def step(self, tick, inputs): return {}\n"
-    )
-    text = RANGE.read_text().replace("range_sensor.py:RangeSensor", "blind.py:Blind")
-    text = text.partition("[range]")[0].replace("../configs", str(EXAMPLES.parent / "configs"))
+    write_node(tmp_path, "'range', inputs=(every(GROUND_TRUTH),)", "{}")
+    text = RANGE.read_text().replace("range_sensor.py:RangeSensor", "mine.py:Mine")
+    text = text.partition("[range]")[0].replace("../configs", str(ROOT / "configs"))
     (tmp_path / "blind.toml").write_text(text)
     assert simulate(load_scenario(tmp_path / "blind.toml", SHORT), "blind")[0].ticks == 200
 
@@ -126,29 +133,17 @@ def test_another_class_takes_the_sensors_place(tmp_path):
     ],
 )
 def test_the_sensors_section_is_checked_as_strictly_as_ours(setting, said):
-    with pytest.raises(ConfigError) as caught:
-        InProcess(load_scenario(RANGE, (*SHORT, setting)))
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert said in error_of(ConfigError, lambda: InProcess(load_scenario(RANGE, (*SHORT, setting))))
 
 
 def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path):
-    (tmp_path / "walk.py").write_text(
-        "from mecazen.geometry import Twist2D\n"
-        "from mecazen.keys import GROUND_TRUTH, TARGET_CMD_VEL\n"
-        "from mecazen.messages import Twist\n"
-        "from mecazen.node import Node, Row, every\n"
-        "class Walk(Node):\n"
-        "    ROW = Row('walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,))\n"
-        "    def reset(self, seed): pass\n"
-        "    def step(self, tick, inputs):\n"
-        "        return {TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}\n"
-    )
+    row = "'walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,)"
+    answer = "{TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}"
+    write_node(tmp_path, row, answer)
     path = tmp_path / "walk.toml"
-    robot = EXAMPLES.parent / "configs" / "robots" / "nexus.toml"
     path.write_text(
-        f"robot = '{robot}'\nprograms.walk = 'walk.py:Walk'\n[start]\nx_m = -1.0\n"
-        "[target.path]\nkind = 'driven'\n"
+        f"robot = '{ROBOTS / 'nexus.toml'}'\nprograms.walk = 'mine.py:Mine'\n"
+        "[start]\nx_m = -1.0\n[target.path]\nkind = 'driven'\n"
     )
     alone = simulate(load_scenario(path, SHORT), "walk")[0].trajectory_sha256
     for groups in ("[]", '[["walk", "target"]]', '[["physics", "walk"]]'):
@@ -165,18 +160,7 @@ def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path
     ],
 )
 def test_a_node_that_returns_nonsense_is_told_in_one_line(tmp_path, returned, said):
-    (tmp_path / "bad.py").write_text(
-        "from mecazen.geometry import Twist2D\n"
-        "from mecazen.keys import CMD_VEL, ODOM\n"
-        "from mecazen.messages import Odometry, Twist\n"
-        "from mecazen.node import Node, Row, every\n"
-        "class Bad(Node):\n"
-        "    ROW = Row('follower', inputs=(every(ODOM),), outputs=(CMD_VEL,))\n"
-        "    def reset(self, seed): pass\n"
-        f"    def step(self, tick, inputs): return {returned}\n"
-    )
-    done = mecazen("simulate", "back", "--set", f"programs.follower={tmp_path}/bad.py:Bad")
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("error: follower")
-    assert said in line
+    write_node(tmp_path, "'follower', inputs=(every(ODOM),), outputs=(CMD_VEL,)", returned)
+    done = mecazen("simulate", "back", "--set", f"programs.follower={tmp_path}/mine.py:Mine")
+    assert_one_line(done, 1, said)
+    assert done.stderr.startswith("error: follower")

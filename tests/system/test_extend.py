@@ -2,15 +2,13 @@
 
 import re
 import shlex
-from pathlib import Path
 
 import pytest
-from harness import mecazen
+from harness import ROBOTS, ROOT, mecazen
 from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import InProcess
 
-ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "extend.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
 SHORT = ("--set", "sim.duration_s=1.0")
@@ -21,8 +19,7 @@ COMMANDS = [line for kind, block in BLOCKS if kind == "sh" for line in block.spl
 def folder(tmp_path_factory):
     """All files of the page, and the robot file that they name."""
     made = tmp_path_factory.mktemp("extend")
-    robot = (ROOT / "configs" / "robots" / "nexus.toml").read_text()
-    (made / "nexus.toml").write_text(robot)
+    (made / "nexus.toml").write_text((ROBOTS / "nexus.toml").read_text())
     for kind, block in BLOCKS:
         if kind != "sh":
             (made / block.partition("\n")[0].removeprefix("# ")).write_text(block)
