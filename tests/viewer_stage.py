@@ -1,7 +1,5 @@
 """A simulation for the viewer's tests: a bus on which somebody says what services say."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -46,7 +44,10 @@ def paths_of(viewer: Any, recording: Any) -> set[str]:
 
 
 class Stage:
-    """Publishes ticks of robots that drive in circles, each after a person."""
+    """Publishes ticks of robots that drive in circles, each after a person.
+
+    What is shown of each run is taken into memory, unless the viewer sends it elsewhere.
+    """
 
     def __init__(self, *, described: bool = True, robots: Sequence[str] = ()) -> None:
         self.bus = LocalBus()
@@ -60,6 +61,10 @@ class Stage:
         )
         scenario = Scenario(robot=load_robot(), robots=members)
         self.viewer = make_service("viewer", self.bus, scenario)
+        self.viewer.send = self._take
+        self.shown: list[str] = []
+        """The names of the recordings that it has begun."""
+        self.memories: list[Any] = []
 
     def play(self, run: int, ticks: int, begin: int = 0) -> None:
         """Publish ticks of a run, one after the other."""
@@ -68,6 +73,10 @@ class Stage:
                 stamp = Stamp(tick * TICK_NS, run, SEED + number)
                 self._publish(self.bus.namespaced(robot), tick, stamp)
             self.bus.spin()
+
+    def _take(self, recording: Any) -> None:
+        self.shown.append(recording.get_recording_id())
+        self.memories.append(recording.memory_recording())
 
     def _publish(self, bus: LocalBus, tick: int, stamp: Stamp) -> None:
         # each robot a tenth of a turn behind the one before
