@@ -1,7 +1,5 @@
 """What the tests of all services share: commands, the rest of the bus, and rigs."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

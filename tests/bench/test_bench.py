@@ -1,7 +1,5 @@
 """Each benchmark gives finite and plausible figures; how fast it is, is not tested."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

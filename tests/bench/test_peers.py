@@ -1,7 +1,5 @@
 """The same robot in other engines, and what all of them are measured by."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Figures, the file that keeps them, two files beside each other, and the document's tables."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """A hundred kills in one run: whoever dies, the robot stays sane and follows again."""
 
-from __future__ import annotations
-
 from statistics import median
 
 from faults import PARTS, RESUME_S, WALK, Strike, Up, strikes

@@ -1,7 +1,5 @@
 """Scenario files, a Zenoh router of one's own, and pairs of buses that hear each other."""
 
-from __future__ import annotations
-
 import secrets
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Which samples make up a step of a node."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Whole systems in containers, each test's under a name and at ports of its own."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import threading

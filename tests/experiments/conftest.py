@@ -1,7 +1,5 @@
 """Experiments of very short runs, and the command line that does them."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from typing import Any, NamedTuple

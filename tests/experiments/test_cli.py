@@ -1,7 +1,5 @@
 """The commands in this process, where a run is soon done, and what is said of wrong options."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

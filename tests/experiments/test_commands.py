@@ -1,7 +1,5 @@
 """`mecazen experiment` as a user meets it: every run is a real one, though a short one."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3

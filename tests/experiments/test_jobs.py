@@ -1,7 +1,5 @@
 """From cases to runs, and the keys under which results are found again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

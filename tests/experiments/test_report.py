@@ -1,7 +1,5 @@
 """Rows of a report: means over runs and walks, and limits."""
 
-from __future__ import annotations
-
 import pytest
 from mecazen_experiments.report import summarise, summarise_walks, table, within
 from mecazen_experiments.statistics import Interval

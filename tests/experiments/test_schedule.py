@@ -1,7 +1,5 @@
 """All runs of a command, over made-up workers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Results in a file: found again, and safe from what may happen meanwhile."""
 
-from __future__ import annotations
-
 import signal
 import sqlite3
 import subprocess

@@ -1,7 +1,5 @@
 """The search, over a made-up robot whose best distance is known."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

@@ -1,7 +1,5 @@
 """Recordings made in the test itself, and the commands as processes."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Every message survives CDR and JSON bit for bit, and others read it as ROS's."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

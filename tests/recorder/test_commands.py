@@ -1,7 +1,5 @@
 """`mecazen record`, `replay` and `info` as processes, over a router."""
 
-from __future__ import annotations
-
 import resource
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A service that is fed with what it was given answers as it did, or the difference is named."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path

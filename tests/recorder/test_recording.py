@@ -1,7 +1,5 @@
 """What is written is read again, whatever is missing or damaged; and others read it too."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

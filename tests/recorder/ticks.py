@@ -1,7 +1,5 @@
 """What is published in a tick, and its stamp."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from mecazen import messages as m

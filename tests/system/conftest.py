@@ -1,7 +1,5 @@
 """Whole systems as processes, each test's at a port and a namespace of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command line as a user meets it: what it prints, and one line where something is wrong."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import select

@@ -1,7 +1,5 @@
 """Parts that are killed, frozen, slow or out of space: the rest goes on, and following resumes."""
 
-from __future__ import annotations
-
 import ast
 import os
 import resource

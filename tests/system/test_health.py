@@ -1,7 +1,5 @@
 """The health check of a container: is a service alive, by its liveliness token."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """One client against a running scenario: payloads that are no messages, and floods."""
 
-from __future__ import annotations
-
 import psutil
 import zenoh
 from harness import SCENARIOS

@@ -1,7 +1,5 @@
 """One scenario and seed, one trajectory: in one process or several, idle or under load."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os
@@ -95,7 +93,7 @@ def test_another_seed_gives_another_trajectory():
     assert one_process("back", *HARD, "seed=1") != one_process("back", *HARD, "seed=2")
 
 
-def _burn(stop: multiprocessing.synchronize.Event) -> None:
+def _burn(stop):
     while not stop.is_set():
         sum(range(10_000))
 

@@ -1,7 +1,5 @@
 """The loop in real time, as processes: following, driving by hand, and simulated time."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

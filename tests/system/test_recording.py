@@ -1,7 +1,5 @@
 """Whole runs, recorded in one process and as processes, and computed anew."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections import Counter

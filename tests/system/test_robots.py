@@ -1,7 +1,5 @@
 """Several robots in one world: one result in any number of processes, and each for itself."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -4,8 +4,6 @@ What is denied is denied in silence. So it is followed, on the same session, by 
 anyone may make: when it is answered, what came before it has been let through or not.
 """
 
-from __future__ import annotations
-
 import json
 import secrets
 import struct

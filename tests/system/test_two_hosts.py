@@ -1,7 +1,5 @@
 """Services on two hosts: network namespaces, and between them a slow link that loses and breaks."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

@@ -1,7 +1,5 @@
 """The viewer beside a real simulation: pictures, resets, and its own end."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What is shown of each message, and when."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The server: attaching at any time, ports, memory, and its end."""
 
-from __future__ import annotations
-
 import os
 import select
 import socket

@@ -1,7 +1,5 @@
 """What is read of a URDF, and the robot that is drawn of it."""
 
-from __future__ import annotations
-
 import math
 import struct
 
