@@ -1,7 +1,5 @@
 """What tests of faults share: a scenario under `mecazen up`, watched tick by tick, and kills."""
 
-from __future__ import annotations
-
 import math
 import os
 import random
@@ -10,6 +8,7 @@ import subprocess
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -119,7 +118,7 @@ def seconds(begin: Stamp, end: Stamp) -> float:
     return (end.time_ns - begin.time_ns) / 1e9
 
 
-class Up:
+class Up(AbstractContextManager["Up"]):
     """`mecazen up`, and a bus beside it."""
 
     def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
@@ -162,17 +161,11 @@ class Up:
         """Whether services are ready."""
         return {f"{name}/ready" for name in names} <= self.bus.presence.names
 
-    def close(self) -> None:
+    def __exit__(self, *error: object) -> None:
         """End everything."""
         self.bus.close()
         self.process.send_signal(signal.SIGINT)
         self.process.wait(COMMAND_GUARD_S)
-
-    def __enter__(self) -> Up:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 class Strike(NamedTuple):
