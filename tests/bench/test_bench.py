@@ -1,9 +1,6 @@
 """Each benchmark gives finite and plausible figures; how fast it is, is not tested."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
 
 import pytest
 from mecazen_bench import (
@@ -112,9 +109,9 @@ def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(monkeypatc
     spent_s = 0.0
 
     class Quadratic:
-        def __init__(self, *_: object) -> None: ...
+        def __init__(self, *_): ...
 
-        def advance(self, commands: Sequence[object], _: int) -> None:
+        def advance(self, commands, _):
             nonlocal spent_s
             spent_s += 1e-3 * len(commands) ** 2
 

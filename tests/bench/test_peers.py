@@ -1,7 +1,5 @@
 """The same robot in other engines, and what all of them are measured by."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 from collections.abc import Sequence
@@ -59,7 +57,7 @@ def test_gazebos_program_says_what_it_does_not_understand(capfd):
         closing(GazeboEngine(robot("nexus"), STEP_S, "capsule")) as engine,
         pytest.raises(MecazenError, match="gazebo-peer has ended with 1"),
     ):
-        engine.advance(["fast"], 1)  # type: ignore[list-item]
+        engine.advance(["fast"], 1)
     assert capfd.readouterr().err == "gazebo-peer: not understood: drive fast 1\n"
 
 
