@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mecazen.graph import Input, due, every, latest
 from mecazen.keys import Topic
 from mecazen.messages import String
-from mecazen.runtime.join import Join
+from mecazen.runtime.join import Join, make_join
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
@@ -19,7 +19,7 @@ A, B, D, E, L = (Topic(key, String, "") for key in "abdel")
 def join_of(*inputs: Input, whole: bool = False, **periods: int) -> Join:
     """`periods` are those of the due topics, in ticks."""
     periods_ns = {i.topic: periods[i.topic.key] * TICK_NS for i in inputs if i.rule == "due"}
-    return Join(inputs, periods_ns, whole=whole)
+    return make_join(inputs, periods_ns, whole=whole)
 
 
 def feed(join: Join, script: str) -> list[str]:
@@ -163,7 +163,7 @@ def test_whatever_order_the_samples_come_in_the_steps_are_the_same(
 
     def steps(shuffle):
         periods_ns = {topic: period * TICK_NS for topic, period in periods.items()}
-        join = Join(inputs, periods_ns, whole=whole)
+        join = make_join(inputs, periods_ns, whole=whole)
         made = []
         last = first + 12
         for begin, end in [(first, last)] if whole else pairwise(range(first, last + 1)):
