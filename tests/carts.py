@@ -1,7 +1,5 @@
 """Simulated time over a world of a few lines, and what answers it."""
 
-from __future__ import annotations
-
 from harness import Answer, Listener, load_robot
 from mecazen import keys
 from mecazen.bus import LocalBus

@@ -1,19 +1,14 @@
 """Settings of every project's tests, and what several of them need: a scenario, a router."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 import socket
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from harness import ROBOTS
 from hypothesis import HealthCheck, settings
 from mecazen.bus.session import open_session
-from mecazen.config import BusConfig, Scenario
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario
 
@@ -28,13 +23,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 @pytest.fixture
-def write_scenario(tmp_path: Path) -> Callable[..., Path]:
+def write_scenario(tmp_path):
     """Write a scenario into `scenarios/`, beside `robots/nexus.toml`; return its path."""
     for folder in ("robots", "scenarios"):
         (tmp_path / folder).mkdir()
     shutil.copy(ROBOTS / "nexus.toml", tmp_path / "robots" / "nexus.toml")
 
-    def write(text: str = "", robot: str = 'robot = "../robots/nexus.toml"\n') -> Path:
+    def write(text="", robot='robot = "../robots/nexus.toml"\n'):
         path = tmp_path / "scenarios" / "test.toml"
         path.write_text(robot + text)
         return path
@@ -43,18 +38,18 @@ def write_scenario(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def scenario(write_scenario: Callable[..., Path]) -> Scenario:
+def scenario(write_scenario):
     return load_scenario(write_scenario("seed = 5\n"))
 
 
 @pytest.fixture
-def free_port() -> int:
+def free_port():
     with socket.create_server(("127.0.0.1", 0)) as server:
         return int(server.getsockname()[1])
 
 
 @pytest.fixture(scope="session")
-def router() -> Iterator[str]:
+def router():
     """A Zenoh router on loopback; its endpoint."""
     for _ in range(10):
         with socket.create_server(("127.0.0.1", 0)) as server:
@@ -70,7 +65,7 @@ def router() -> Iterator[str]:
 
 
 @pytest.fixture
-def attach() -> Iterator[Any]:
+def attach():
     """A native viewer without a window: Rerun's `ViewerClient`."""
     from mecazen_viewer.rerun_process import RerunError, headless_viewer
 

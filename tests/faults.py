@@ -1,7 +1,5 @@
 """What tests of faults share: a scenario under `mecazen up`, watched tick by tick, and kills."""
 
-from __future__ import annotations
-
 import math
 import os
 import random
@@ -10,6 +8,7 @@ import subprocess
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -86,7 +85,6 @@ class Watch:
         assert not self.bus.refused, "what is not finite is refused"
 
     def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:
-        assert stamp is not None
         if self.stamp is not None and stamp.run != self.stamp.run:
             self._recent.clear()
         self.stamp = stamp
@@ -120,7 +118,7 @@ def seconds(begin: Stamp, end: Stamp) -> float:
     return (end.time_ns - begin.time_ns) / 1e9
 
 
-class Up:
+class Up(AbstractContextManager["Up"]):
     """`mecazen up`, and a bus beside it."""
 
     def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
@@ -163,17 +161,11 @@ class Up:
         """Whether services are ready."""
         return {f"{name}/ready" for name in names} <= self.bus.presence.names
 
-    def close(self) -> None:
+    def __exit__(self, *error: object) -> None:
         """End everything."""
         self.bus.close()
         self.process.send_signal(signal.SIGINT)
         self.process.wait(COMMAND_GUARD_S)
-
-    def __enter__(self) -> Up:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 class Strike(NamedTuple):
@@ -194,17 +186,14 @@ def strike(up: Up, names: tuple[str, ...]) -> Strike:
     services = [name for name in names if name != "router"]
     watch.begin_anew()
     before = watch.stamp
-    assert before is not None
     pids = {name: up.pid(name) for name in names}
     begin = time.monotonic()
     for pid in pids.values():
-        assert pid is not None
         os.kill(pid, signal.SIGKILL)
     up.wait(lambda: not any(name in up.bus.presence.names for name in services))
     up.wait(lambda: up.ready(services) and all(up.pid(n) not in (None, pids[n]) for n in names))
     back_s = time.monotonic() - begin
     back = watch.stamp
-    assert back is not None
     if services:
         watch.following_since = None
     if "physics" in names:
@@ -227,6 +216,5 @@ def strikes(up: Up, count: int, seed: int) -> Iterable[Strike]:
         names = chance.choice(pairs) if chance.random() < 1 / 3 else (chance.choice(PARTS),)
         pause_s = chance.uniform(0.0, 1.0)
         begin = up.watch.stamp
-        assert begin is not None
         up.wait(lambda begin=begin, s=pause_s: seconds(begin, up.watch.stamp or begin) >= s)
         yield strike(up, names)

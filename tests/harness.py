@@ -1,7 +1,5 @@
 """What the tests of all services share: commands, the rest of the bus, and rigs."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -18,10 +16,10 @@ from hostile import Put, put_all
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.errors import BusError, MecazenError
-from mecazen.geometry import Pose2D
+from mecazen.errors import BusError
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
-from mecazen.messages import Message
+from mecazen.messages import Message, Twist
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import Kind, classes
 from mecazen.robot import Robot
@@ -72,7 +70,6 @@ class Command:
 
     def read_until(self, words: str) -> str:
         """Read what it prints until some words come; return the line with them."""
-        assert self.process.stdout is not None
         for line in self.process.stdout:
             self.text += line
             if words in line:
@@ -81,7 +78,6 @@ class Command:
 
     def await_start(self) -> None:
         """Wait until it says that it has started."""
-        assert self.process.stderr is not None
         assert "msg=started" in self.process.stderr.readline()
 
     def end(self, number: int | None = signal.SIGINT) -> tuple[int, str, str]:
@@ -98,6 +94,15 @@ def assert_one_line(done: subprocess.CompletedProcess[str], code: int, *words: s
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     for word in words:
         assert word in done.stderr
+
+
+def is_running(pid: int) -> bool:
+    """Whether there is such a process."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def options(settings: Sequence[str]) -> list[str]:
@@ -121,7 +126,12 @@ def load_robot(name: str = "nexus") -> Robot:
     return msgspec.convert(tomllib.loads((ROBOTS / f"{name}.toml").read_text()), Robot)
 
 
-def error_of(kind: type[MecazenError], run: Callable[[], object]) -> str:
+def forward(speed: float) -> Twist:
+    """A command of a speed straight on [m/s]."""
+    return Twist.planar(Twist2D(speed))
+
+
+def error_of(kind: type[Exception], run: Callable[[], object]) -> str:
     """Return what the error that something raises says, in one line."""
     with pytest.raises(kind) as caught:
         run()

@@ -1,7 +1,5 @@
 """Payloads that are wrong, or extreme but right, for every service."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable, Mapping, Sequence

@@ -1,29 +1,18 @@
 """A simulation for the viewer's tests: a bus on which somebody says what services say."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from harness import load_robot
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, StartConfig
 from mecazen.covariance import diagonal_covariance
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import (
-    FollowerState,
-    Header,
-    JointState,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Twist,
-    planar_odometry,
-)
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.runtime.host import make_service
 from mecazen.wire import Stamp
@@ -48,8 +37,17 @@ def values(entities: Mapping[str, Components], path: str, component: str) -> np.
     return np.array(logged[component].as_arrow_array().to_pylist())
 
 
+def paths_of(viewer: Any, recording: Any) -> set[str]:
+    """The paths of all entities that a native viewer has of a recording."""
+    schema = viewer.get_recording_schema(recording.store_id, paths_only=True)
+    return {entity.entity_path for entity in schema.entities}
+
+
 class Stage:
-    """Publishes ticks of robots that drive in circles, each after a person."""
+    """Publishes ticks of robots that drive in circles, each after a person.
+
+    What is shown of each run is taken into memory, unless the viewer sends it elsewhere.
+    """
 
     def __init__(self, *, described: bool = True, robots: Sequence[str] = ()) -> None:
         self.bus = LocalBus()
@@ -63,6 +61,10 @@ class Stage:
         )
         scenario = Scenario(robot=load_robot(), robots=members)
         self.viewer = make_service("viewer", self.bus, scenario)
+        self.viewer.send = self._take
+        self.shown: list[str] = []
+        """The names of the recordings that it has begun."""
+        self.memories: list[Any] = []
 
     def play(self, run: int, ticks: int, begin: int = 0) -> None:
         """Publish ticks of a run, one after the other."""
@@ -72,29 +74,31 @@ class Stage:
                 self._publish(self.bus.namespaced(robot), tick, stamp)
             self.bus.spin()
 
+    def _take(self, recording: Any) -> None:
+        self.shown.append(recording.get_recording_id())
+        self.memories.append(recording.memory_recording())
+
     def _publish(self, bus: LocalBus, tick: int, stamp: Stamp) -> None:
         # each robot a tenth of a turn behind the one before
         angle = tick / 500 - math.tau / 10 * (stamp.seed - SEED)
         robot = Pose2D(2 * math.cos(angle), 2 * math.sin(angle), angle + math.pi / 2)
         person = robot.compose(Pose2D(1.0))
-        odom = planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D(0.4))
-        seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
-        header = Header(stamp=stamp.time, frame_id="base_link")
-        estimate = Odometry(
-            pose=PoseWithCovariance(pose=Pose.planar(person), covariance=COVARIANCE)
-        )
+        ahead = Twist2D(0.4)
+        odom = m.planar_odometry(stamp.time, "odom", "base_link", robot, ahead)
+        seen = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), COVARIANCE)
+        estimate = m.Odometry(pose=m.PoseWithCovariance(m.Pose.planar(person), COVARIANCE))
         said = {
             keys.GROUND_TRUTH: odom,
-            keys.JOINT_STATES: JointState(
+            keys.JOINT_STATES: m.JointState(
                 name=WHEEL_JOINTS, position=(0.1 * tick,) * 4, velocity=(10.0,) * 4
             ),
-            keys.TARGET_ODOM: planar_odometry(stamp.time, "world", "person", person, Twist2D(0.4)),
-            keys.OBSERVATION: Observation(header=header, poses=(seen,)),
+            keys.TARGET_ODOM: m.planar_odometry(stamp.time, "world", "person", person, ahead),
+            keys.OBSERVATION: m.Observation(m.Header(stamp.time, "base_link"), (seen,)),
             keys.ODOM: odom,
-            keys.FOLLOWER_STATE: FollowerState(
-                tracking="following", estimate=(estimate,), goal=(Pose.planar(robot),)
+            keys.FOLLOWER_STATE: m.FollowerState(
+                tracking="following", estimate=(estimate,), goal=(m.Pose.planar(robot),)
             ),
-            keys.CMD_VEL: Twist.planar(Twist2D(0.4)),
+            keys.CMD_VEL: m.Twist.planar(ahead),
         }
         for topic, message in said.items():
             bus.publisher(topic).put(message, stamp)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from mecazen.errors import MecazenError
 
 from mecazen_bench import (
-    containers,
     experiments,
     flood,
     latency,
@@ -19,7 +18,6 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
-    viewer,
 )
 from mecazen_bench.figures import Group, merged
 from mecazen_bench.machine import Machine, Others
@@ -43,12 +41,12 @@ BENCHMARKS = {
     "latency": Benchmark(latency.run),
     "realtime": Benchmark(realtime.run, rounds=3),
     "recorder": Benchmark(recorder.run),
-    "viewer": Benchmark(viewer.run),
+    "viewer": Benchmark(realtime.run_viewer),
     "peers": Benchmark(physics.run_peers, on_demand=True),
     "experiments": Benchmark(experiments.run, rounds=2, on_demand=True),
     "flood": Benchmark(flood.run, on_demand=True),
     "malformed": Benchmark(malformed.run, rounds=1, on_demand=True),
-    "containers": Benchmark(containers.run, on_demand=True),
+    "containers": Benchmark(latency.run_containers, on_demand=True),
 }
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from mecazen_tools.cli.options import console
 from rich.console import Console
 
 app = typer.Typer(
@@ -50,15 +51,15 @@ def run(
     chosen = benchmarks.select(only or ())
     with Console(stderr=True).status("") as status:
         found = benchmarks.measure(chosen, lambda what: status.update(f"measuring {what} …"))
-    console = _console()
-    console.print(found.table())
+    terminal = console(WIDTH)
+    terminal.print(found.table())
     for group in found.groups:
-        console.print(f"[dim]{group.title}: {group.how}[/]")
+        terminal.print(f"[dim]{group.title}: {group.how}[/]")
     took = ", ".join(f"{name} {one.seconds:.0f} s" for name, one in found.benchmarks.items())
-    console.print(f"{found.context()}\ntook {took}")
+    terminal.print(f"{found.context()}\ntook {took}")
     path = json or results.default_path(found.machine.name, list(chosen) if only else [])
     results.write(found, path)
-    console.print(f"figures: {path}")
+    terminal.print(f"figures: {path}")
 
 
 @app.command()
@@ -75,17 +76,17 @@ def compare(before: File, after: File) -> None:
 
     earlier, later = results.read(before), results.read(after)
     changes = compare(earlier, later)
-    console = _console()
-    console.print(table(changes), *notes(earlier, later), sep="\n")
+    terminal = console(WIDTH)
+    terminal.print(table(changes), *notes(earlier, later), sep="\n")
     worse = sum(change.verdict == "worse" for change in changes)
-    console.print(f"{worse} of {len(changes)} figures became worse")
+    terminal.print(f"{worse} of {len(changes)} figures became worse")
     raise typer.Exit(1 if worse else 0)
 
 
 @app.command()
 def tables() -> None:
     """Write the tables of docs/performance.md from the files in bench/results."""
-    from mecazen_bench.document import DOCUMENT, updated  # noqa: PLC0415
+    from mecazen_bench.results import DOCUMENT, updated  # noqa: PLC0415
 
     DOCUMENT.write_text(updated(DOCUMENT.read_text()))
 
@@ -103,8 +104,3 @@ def soak(
 
     passed = [soak.lockstep(hours), soak.real_time(minutes)]
     raise typer.Exit(0 if all(passed) else 1)
-
-
-def _console() -> Console:
-    console = Console()
-    return console if console.is_terminal else Console(width=WIDTH)

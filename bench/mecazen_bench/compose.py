@@ -41,14 +41,9 @@ def command() -> list[str]:
 
 
 class Compose:
-    """One project of Compose, until `close`.
+    """One project of Compose, until `close`, with variables of docker-compose.yml.
 
-    Args:
-        profile: What to start; without it, what `docker compose up` starts.
-        environment: Variables of docker-compose.yml.
-
-    Raises:
-        MecazenError: See `command`.
+    Without a profile it starts what `docker compose up` starts. Raises as `command`.
     """
 
     def __init__(self, profile: str | None = None, **environment: str) -> None:

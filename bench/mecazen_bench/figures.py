@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -26,14 +25,7 @@ class Target(msgspec.Struct, frozen=True, omit_defaults=True):
             return "less" if self.low is None else "more"
         return (self.low + self.high) / 2
 
-    def met_by(self, value: float) -> bool:
-        """Return whether `value` lies within the range."""
-        low = -math.inf if self.low is None else self.low
-        high = math.inf if self.high is None else self.high
-        return low <= value <= high
-
     def __str__(self) -> str:
-        """Return the range as tables show it."""
         if self.low is None or self.high is None:
             return f"< {self.high:g}" if self.low is None else f"≥ {self.low:g}"
         return f"{(self.low + self.high) / 2:g} ± {(self.high - self.low) / 2:g}"
@@ -56,8 +48,11 @@ class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def met(self) -> bool | None:
-        """Whether the target is met; None without one."""
-        return None if self.target is None else self.target.met_by(self.value)
+        """Whether the value is in its target's range; None without one."""
+        if self.target is None:
+            return None
+        low, high = self.target.low, self.target.high
+        return (low is None or low <= self.value) and (high is None or self.value <= high)
 
     @property
     def spread(self) -> float:

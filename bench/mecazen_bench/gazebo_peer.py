@@ -13,8 +13,7 @@ from mecazen.robot import Robot
 from mecazen_physics.rollers import Roller, binary_stl
 from mecazen_physics.urdf import build_urdf
 
-from mecazen_bench.energy import Sample
-from mecazen_bench.engine import Engine
+from mecazen_bench.engine import Engine, Sample
 
 Shape = Literal["capsule", "mesh"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -50,7 +49,6 @@ class GazeboEngine(Engine):
             self.advance(None, 0)  # it has read the files when it answers
 
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
-        """Simulate some steps; see `Engine`."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         words = ("coast", steps) if speeds is None else ("drive", *speeds, steps)
@@ -67,5 +65,4 @@ class GazeboEngine(Engine):
         return Sample(x, y, z, yaw, wheels)
 
     def close(self) -> None:
-        """End the process."""
         self._process.communicate()

@@ -1,4 +1,4 @@
-"""Real time: from `cmd_vel` put by another process to the `joint_command` that follows it."""
+"""Real time: from `cmd_vel` put by another process or host to the `joint_command` that follows."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ import numpy as np
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
+from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
+from mecazen.loading import load_scenario
 from mecazen.messages import JointState, Twist
 from mecazen.wire import JSON_ENCODING, Stamp, encode
 
+from mecazen_bench.compose import Compose
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
-from mecazen_bench.stack import running, spin, spin_until
+from mecazen_bench.stack import SCENARIOS, running, spin, spin_until
 
 PUTS = 500
 PAUSE_S = (0.003, 0.009)
@@ -35,6 +38,8 @@ SPEED, SPEED_STEP = 0.05, 1e-5
 MEDIAN_MS = Target(high=0.2)
 P99_MS = Target(high=1.0)
 BUSY_P99_MS = Target(high=5.0)
+
+CONTAINERS = ("router", "teleop-physics", "teleop-controller", "teleop-target")
 
 
 class Probe:
@@ -82,6 +87,23 @@ def run(puts: int = PUTS) -> list[Group]:
         "processes with real-time priority, where that is allowed"
     )
     return [Group("Latency from cmd_vel to joint_command: scenario teleop", how, rows)]
+
+
+def run_containers(puts: int = PUTS) -> list[Group]:
+    """Drive the scenario `teleop` as processes and in containers, where Docker is available."""
+    title = "Latency in containers: scenario teleop"
+    try:
+        Compose().run("build", *CONTAINERS)
+    except MecazenError as error:
+        return [Group(title, str(error), ())]
+    with running("teleop") as stack:
+        processes = figures(drive(stack.scenario, puts))
+    with closing(Compose()) as compose:
+        compose.run("up", "--detach", *CONTAINERS)
+        reached = (f'bus.connect=["{compose.endpoint}"]',)
+        containers = figures(drive(load_scenario(SCENARIOS / "teleop.toml", reached), puts))
+    rows = Row("processes", processes), Row("containers", containers)
+    return [Group(title, f"`cmd_vel` to `joint_command`: {puts} puts by the host", rows)]
 
 
 def set_priority() -> None:

@@ -6,14 +6,13 @@ import time
 from collections import defaultdict
 from contextlib import closing
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.base import Handler, Publisher
 from mecazen.config import Scenario
-from mecazen.keys import Topic
+from mecazen.keys import MessageT, Topic
 from mecazen.loading import load_scenario
-from mecazen.messages import Message
 from mecazen.wire import Stamp
 from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed
 
@@ -32,8 +31,6 @@ SHARE = Target(high=10.0)
 BUS = "messages and bus"
 UNBOUNDED = ("physics", "follower")
 """Parts whose share has no target: their computation is the purpose of the loop."""
-
-MessageT = TypeVar("MessageT", bound=Message)
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
@@ -123,19 +120,15 @@ class TimedBus:
         return getattr(self._bus, name)
 
     def namespaced(self, name: str) -> TimedBus:
-        """Return the bus of a namespace, timed for the same part."""
         bus = self._bus.namespaced(name)
         return self if bus is self._bus else TimedBus(bus, self._watch, self._part)
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return what publishes on a topic, timed."""
         return _TimedPublisher(self._bus.publisher(topic), self._watch, self._part)
 
     def subscribe(
         self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
     ) -> None:
-        """Deliver samples of a topic to `handler`, timed."""
-
         def timed(message: MessageT, stamp: Stamp | None) -> None:
             self._watch.turn_to(self._part)
             handler(message, stamp)

@@ -28,7 +28,6 @@ class Machine(msgspec.Struct, frozen=True):
 
     @classmethod
     def here(cls) -> Machine:
-        """Return this machine."""
         libraries = {}
         for name in LIBRARIES:
             with suppress(PackageNotFoundError):
@@ -51,7 +50,6 @@ class Machine(msgspec.Struct, frozen=True):
         return f"{re.sub(r'[^a-z0-9]+', '-', words).strip('-')}-{self.cores}-cores"
 
     def __str__(self) -> str:
-        """Return the machine in one line."""
         libraries = ", ".join(f"{name} {found}" for name, found in self.libraries.items())
         system = f"Linux {self.kernel}, Python {self.python}"
         return f"{self.cpu}, {self.cores} cores; {system}, {libraries}"
@@ -66,7 +64,6 @@ class OtherLoad(msgspec.Struct, frozen=True):
     """Cores that others kept busy, on average."""
 
     def __str__(self) -> str:
-        """Return it in one line."""
         load = " ".join(f"{value:.2f}" for value in self.load)
         return f"load before {load}; other processes took {self.cores:.2f} cores meanwhile"
 
@@ -79,7 +76,6 @@ class Others:
         self._begin_s, self._begin_others_s = time.monotonic(), _others_s()
 
     def so_far(self) -> OtherLoad:
-        """Return the load so far."""
         elapsed = time.monotonic() - self._begin_s
         # the clocks of machine and processes are not read at one instant
         cores = max(0.0, (_others_s() - self._begin_others_s) / elapsed)

@@ -70,7 +70,6 @@ class Malformed:
         }
 
     def __iter__(self) -> Iterator[Payload]:
-        """Return payloads without end."""
         below = self._random.randrange
         while True:
             key = self._random.choice(list(self._good))

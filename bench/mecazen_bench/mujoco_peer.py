@@ -12,8 +12,7 @@ from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.rollers import Roller
 
-from mecazen_bench.energy import Sample
-from mecazen_bench.engine import Engine
+from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.gazebo_peer import Shape
 
 INTEGRATOR = "implicitfast"
@@ -36,7 +35,6 @@ class MujocoEngine(Engine):
         self._wheels = [int(self._model.joint(name).qposadr[0]) for name in WHEEL_JOINTS]
 
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
-        """Simulate some steps; see `Engine`."""
         off = mujoco.mjtDisableBit.mjDSBL_ACTUATION if speeds is None else 0
         self._model.opt.disableflags = off
         begin = time.thread_time()

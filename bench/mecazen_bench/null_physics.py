@@ -49,7 +49,6 @@ class NullWorld:
         ]
 
     def state(self) -> RobotState:
-        """Return the present state."""
         x, y, yaw = self._pose
         return RobotState(
             time=self._time,

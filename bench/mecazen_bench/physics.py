@@ -18,8 +18,7 @@ from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.world import World
 
 from mecazen_bench import gazebo_peer
-from mecazen_bench.energy import Sample
-from mecazen_bench.engine import Accuracy, Engine, measure_accuracy, measure_speed
+from mecazen_bench.engine import Accuracy, Engine, Sample, measure_accuracy, measure_speed
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.stack import robot
 
@@ -47,7 +46,6 @@ class DartEngine(Engine):
         self._world = World([(robot, Pose2D())], PhysicsConfig(dt_s=dt_s, rollers=rollers))
 
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
-        """Simulate some steps; see `Engine`."""
         begin = time.thread_time()
         command = WheelCommand([0.0] * len(WHEELS), is_effort=True)
         self._world.advance([command if speeds is None else WheelCommand(speeds)], steps)

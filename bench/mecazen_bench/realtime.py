@@ -1,4 +1,4 @@
-"""A whole stack in real time under `mecazen up`: start, schedule, processor time and memory."""
+"""Real time: start and schedule under `mecazen up`; processor time and memory, also of a viewer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ import numpy as np
 import psutil
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario
+from mecazen.config import Process, Scenario
+from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock
 from mecazen.wire import Stamp
@@ -23,15 +24,18 @@ from mecazen_tools.processes import private_router
 
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.latency import set_priority
-from mecazen_bench.stack import SCENARIOS, Usage, spin, spin_until
+from mecazen_bench.stack import SCENARIOS, START_S, Usage, running, spin, spin_until
 
 WARM_S = 2.0
 WINDOW_S = 5.0
+VIEWER_WINDOW_S = 6.0
+"""Of the viewer's measurement; a quarter of it before that warms up."""
 
 FIRST_ODOM_S = Target(high=2.0)
 JITTER_MS = Target(high=1.0)
 CPU_PERCENT = Target(high=25.0)
 MEMORY_MB = Target(high=150.0)
+VIEWER_CPU_PERCENT, VIEWER_MEMORY_MB = Target(high=10.0), Target(high=300.0)
 
 
 def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
@@ -86,6 +90,24 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
         Group(f"Processes: {where}", load, tuple(rows)),
         Group(f"Start and schedule: {where}", start, (Row("mecazen up", schedule),)),
     ]
+
+
+def run_viewer(window_s: float = VIEWER_WINDOW_S) -> list[Group]:
+    """Run the scenario `side` with a viewer to which no browser is attached."""
+    with running("side", "viewer.web_port=0", "viewer.data_port=0") as stack:
+        stack.supervisor.start(Process(("viewer",)))
+        lines = iter(lambda: stack.supervisor.poll(START_S), None)
+        if not any(line.is_address for line in lines):
+            raise MecazenError("the viewer does not serve")
+        with closing(ZenohBus(stack.scenario.bus, "client")) as bus:
+            bus.subscribe(keys.CLOCK, lambda *_: None)
+            spin(bus, window_s / 4)
+            service = stack.processes()["viewer"]
+            usage = Usage({"service": service, "Rerun's server": service.children()[0]})
+            spin(bus, window_s)
+            rows = usage.rows(VIEWER_CPU_PERCENT, "less", VIEWER_MEMORY_MB)
+    how = f"real time, 30 frames a second, no browser; over {window_s:g} s; resident memory"
+    return [Group("Viewer: scenario side", how, tuple(rows))]
 
 
 @contextmanager

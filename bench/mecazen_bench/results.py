@@ -1,7 +1,12 @@
-"""The results of a run of the bench, and the file that keeps them."""
+"""The results of a run of the bench, the file that keeps them, and docs/performance.md.
+
+A block of the document that is generated from results begins with `<!-- bench: NAME -->` and ends
+with `<!-- /bench -->`. NAME is a benchmark or `machine`.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +18,10 @@ from mecazen_bench.figures import Group
 from mecazen_bench.machine import Machine, OtherLoad
 
 FOLDER = Path(__file__).parents[1] / "results"
+DOCUMENT = FOLDER.parents[1] / "docs" / "performance.md"
+MACHINE = "intel-xeon-processor-2-cores"
+"""The machine whose results are in the document."""
+BLOCK = re.compile(r"(<!-- bench: (\S+) -->\n).*?(<!-- /bench -->)", re.DOTALL)
 SCHEMA = 2
 """Raised when older files no longer mean the same."""
 
@@ -41,7 +50,6 @@ class Results(msgspec.Struct, frozen=True):
 
     @property
     def groups(self) -> list[Group]:
-        """The groups of all benchmarks."""
         return [group for measured in self.benchmarks.values() for group in measured.groups]
 
     def table(self) -> Table:
@@ -99,3 +107,26 @@ def read(path: Path) -> Results:
         raise ResultsError(f"{path}: {error.strerror}") from error
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise ResultsError(f"{path}: no results of mecazen bench: {error}") from error
+
+
+def updated(document: str, folder: Path = FOLDER) -> str:
+    """Return a document with its blocks generated anew from the results in `folder`.
+
+    Raises:
+        ResultsError: A results file can't be used.
+    """
+    return BLOCK.sub(lambda found: f"{found[1]}{_block(found[2], folder)}{found[3]}", document)
+
+
+def _block(name: str, folder: Path) -> str:
+    main = read(default_path(MACHINE, [], folder))
+    if name == "machine":
+        return f"{main.context()}\n"
+    path = default_path(MACHINE, [name], folder)
+    results = read(path) if path.exists() else main
+    if name not in results.benchmarks:
+        return f"Not measured yet: `mecazen bench run --only {name}`.\n"
+    tables = [group.markdown() for group in results.benchmarks[name].groups]
+    if results is not main:
+        tables.append(f"{results.context()}\n")
+    return "\n".join(tables)

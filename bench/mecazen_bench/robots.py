@@ -47,7 +47,6 @@ class Robots:
         self._drive(WARM_UP_TICKS, MOTIONS[0])
 
     def measure(self) -> None:
-        """Measure a block."""
         leg, is_back = divmod(len(self.spent_s), 2) if self._there_and_back else (0, 0)
         motion = [-v if is_back else v for v in MOTIONS[leg % len(MOTIONS)]]
         self._drive(REVERSAL_TICKS, motion)

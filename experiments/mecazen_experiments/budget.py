@@ -1,8 +1,6 @@
 """The error budget: which part of the following errors comes from control, which from estimation.
 
-An oracle that knows the true person drives the same robot by the same control law: its errors
-are those of control. A smoother that knows later observations as well shows how much of the
-estimate's error no filter can avoid; the rest is that of the filter.
+docs/results.md tells what the oracle and the smoother show.
 """
 
 from __future__ import annotations
@@ -18,13 +16,12 @@ from mecazen_target.sensor import Sensor
 from rich.table import Table as Shown
 
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.poses import Poses
 from mecazen_experiments.report import CAPTION, show
 from mecazen_experiments.run import Record, simulated
 from mecazen_experiments.scores import Score
 from mecazen_experiments.smoother import Sight, least_errors
 from mecazen_experiments.statistics import Interval, mean_interval
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Poses, Table
 
 ORACLE = 'programs.follower="mecazen_experiments.oracle:OracleFollower"'
 

@@ -22,8 +22,7 @@ Runs = Annotated[
     int | None, Option(min=1, max=1_000_000, help=RUNS_HELP, show_default="experiment's")
 ]
 Jobs = Annotated[
-    int | None,
-    Option(min=1, help="Processes on this machine.", show_default="one for each core"),
+    int | None, Option(min=1, help="Processes on this machine.", show_default="one for each core")
 ]
 Scheduler = Annotated[str | None, Option(metavar="ADDRESS", help=DASK_HELP, show_default=False)]
 Store = Annotated[Path, Option(metavar="FILE", help="Where results are kept; SQLite.")]

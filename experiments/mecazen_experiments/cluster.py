@@ -13,7 +13,7 @@ from distributed import Client, KilledWorker, as_completed
 from mecazen.errors import ConfigError, MecazenError
 
 from mecazen_experiments.jobs import Job
-from mecazen_experiments.workers import Done, Failure, Outcomes, T, attempt, died
+from mecazen_experiments.schedule import Done, Failure, Outcomes, T, attempt, died
 
 CONNECT_S = 10.0
 

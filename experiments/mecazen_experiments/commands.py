@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
@@ -13,7 +12,8 @@ import msgspec
 import typer
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_table
-from rich.console import Console, RenderableType
+from mecazen_tools.cli.options import console
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
@@ -25,10 +25,9 @@ from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_
 from mecazen_experiments.jobs import Job, Series, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.run import tabulate
-from mecazen_experiments.schedule import Progress, do_all, run_all
+from mecazen_experiments.schedule import Progress, Workers, do_all, run_all
 from mecazen_experiments.store import Store
 from mecazen_experiments.table import Table
-from mecazen_experiments.workers import Workers
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of a shell: 128 and the signal's number."""
@@ -67,7 +66,7 @@ def run(
     if verbose:
         walked = (report.summarise_walks(one, records) for one in todo)
         rows = [row for one, more in zip(rows, walked, strict=True) for row in (one, *more)]
-    _print(report.table(rows))
+    console(WIDTH).print(report.table(rows))
 
 
 def tune(options: Options, file: str) -> None:
@@ -76,7 +75,7 @@ def tune(options: Options, file: str) -> None:
     with _session(options, "trials") as (store, workers, progress):
         best = search.tune(tuning, partial(run_all, store=store, workers=workers), progress)
     _write(options, best)
-    _print(search.table(best), report.table(best.rows))
+    console(WIDTH).print(search.table(best), report.table(best.rows), sep="\n")
 
 
 def table2(options: Options, runs: int | None) -> None:
@@ -86,7 +85,7 @@ def table2(options: Options, runs: int | None) -> None:
         records = run_all(_jobs(todo), store, workers, progress)
     result = paper.table2(report.summarise(one, records) for one in todo)
     _write(options, result)
-    _print(*paper.tables(result))
+    console(WIDTH).print(*paper.tables(result), sep="\n")
 
 
 def budget(options: Options, file: str, runs: int | None, walks: Path | None) -> None:
@@ -105,7 +104,7 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
         do_all(budgets.bound, jobs, workers, keep)
     rows = [budgets.budget(*pair, records, bounds) for pair in zip(todo, oracle, strict=True)]
     _write(options, {"rows": rows})
-    _print(budgets.table(rows))
+    console(WIDTH).print(budgets.table(rows))
 
 
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:
@@ -201,8 +200,3 @@ def _write(options: Options, result: object) -> None:
         options.json.write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
     except OSError as error:
         raise MecazenError(f"--json {options.json}: {error.strerror}") from None
-
-
-def _print(*shown: RenderableType) -> None:
-    console = Console() if sys.stdout.isatty() else Console(width=WIDTH)
-    console.print(*shown, sep="\n")

@@ -18,9 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mecazen_follower.config import FollowerConfig
 
-from mecazen_experiments.poses import Poses
 from mecazen_experiments.scores import deviations
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Poses, Table
 
 STANDOFFS = {
     "back": FollowerConfig(view="back").standoff,

@@ -49,7 +49,6 @@ class Job(msgspec.Struct, frozen=True):
     key: Key
 
     def __str__(self) -> str:
-        """Return row, walk and seed."""
         walk = f" / {self.walk}" if self.walk else ""
         return f"{self.row}{walk}, seed {self.key.seed}"
 
@@ -99,24 +98,21 @@ def series(
     """
     settings = (*case.settings, *settings)
     scenario = load_scenario(case.scenario, settings)
-    recorded = isinstance(scenario.section(TargetConfig, "target").path, Recorded)
-    variants: list[tuple[str | None, Settings, Scenario]] = [(None, settings, scenario)]
-    if walks and recorded:
+    variants: Iterable[tuple[str | None, Settings, str]]
+    if walks and isinstance(scenario.section(TargetConfig, "target").path, Recorded):
         variants = [_with_walk(case.scenario, settings, walk) for walk in walks]
-    return Series(
-        row,
-        case,
-        tuple(
-            Job(row, walk, case.scenario, (*changed, f"seed={seed}"), Key(sha256, seed, version()))
-            for walk, changed, loaded in variants
-            for sha256 in [fingerprint(loaded)]
-            for seed in seeds
-        ),
-    )
+    else:
+        variants = [(None, settings, fingerprint(scenario))]
+    jobs = [
+        Job(row, walk, case.scenario, (*changed, f"seed={seed}"), Key(sha256, seed, version()))
+        for walk, changed, sha256 in variants
+        for seed in seeds
+    ]
+    return Series(row, case, tuple(jobs))
 
 
-def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Settings, Scenario]:
-    """Return the walk's name, and the scenario with the walk and its duration."""
+def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Settings, str]:
+    """Return the walk's name, the settings with it and its duration, and their fingerprint."""
     settings = (*settings, f"target.path.file={msgspec.json.encode(str(walk.resolve())).decode()}")
     loaded = load_scenario(scenario, settings)
     path = loaded.section(TargetConfig, "target").path
@@ -128,7 +124,7 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
     # rounding does not make the run a tick longer
     ticks = math.ceil(end_s / loaded.sim.tick_s - 1e-6)
     settings = (*settings, f"sim.duration_s={ticks * loaded.sim.tick_s!r}")
-    return walk.stem, settings, load_scenario(scenario, settings)
+    return walk.stem, settings, fingerprint(load_scenario(scenario, settings))
 
 
 def fingerprint(scenario: Scenario) -> str:

@@ -12,14 +12,13 @@ from contextlib import closing, contextmanager, suppress
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 
 from mecazen_experiments.jobs import Job
-from mecazen_experiments.workers import MAX_TRIES, Outcomes, T, attempt, died
+from mecazen_experiments.schedule import MAX_TRIES, Outcomes, T, attempt, died
 
 
 class LocalWorkers:
     """Processes of this machine, one BLAS thread each; a single one is this process itself.
 
-    Args:
-        count: How many; -1 is one for each core.
+    -1 is one for each core.
     """
 
     def __init__(self, count: int = -1) -> None:

@@ -19,28 +19,17 @@ CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 class Truth(Estimator):
     """The true person in place of an estimate."""
 
-    def __init__(self) -> None:
-        super().__init__(Params())
-        self.reset()
+    estimate: Estimate | None = None
 
     def reset(self) -> None:
         """Forget the person."""
-        self._person: Estimate | None = None
-
-    def tell(self, pose: Pose2D, velocity: Twist2D) -> None:
-        """Take the person's pose and velocity, both in odom."""
-        self._person = Estimate(pose, velocity, CERTAIN)
+        self.estimate = None
 
     def predict(self, dt: float) -> None:
-        """Do nothing: `tell` sets the estimate."""
+        """Do nothing: the estimate is set."""
 
     def _observe(self, observation: Pose2D, noise: Array) -> None:
         """Know better."""
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The person."""
-        return self._person
 
 
 class OracleFollower(Node):
@@ -59,7 +48,7 @@ class OracleFollower(Node):
     def reset(self, seed: int) -> None:
         """Begin a run."""
         del seed
-        self._truth = Truth()
+        self._truth = Truth(Params())
         self._following = Following(self.scenario.section(FollowerConfig, "follower"), 0.0)
         self._following.estimator = self._truth
 
@@ -70,7 +59,8 @@ class OracleFollower(Node):
         )
         seen = odom.compose(robot.between(person))
         twist = inputs[TARGET_ODOM].twist.twist.to_planar()
-        self._truth.tell(seen, Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw))
+        velocity = Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw)
+        self._truth.estimate = Estimate(seen, velocity, CERTAIN)
         measurement = Measurement(seen, CERTAIN)
         step = self._following.step(tick.time_ns / NS_PER_S, tick.period_s, odom, measurement)
         return {CMD_VEL: Twist.planar(step.command)}

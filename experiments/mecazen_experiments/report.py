@@ -60,11 +60,9 @@ def summarise_walks(series: Series, records: Mapping[Key, Record]) -> list[Row]:
 def _row(name: str, case: BaseCase, jobs: Sequence[Job], records: Mapping[Key, Record]) -> Row:
     runs = tuple(Run(job.walk, records[job.key]) for job in jobs)
     whole = means([run.record.scores.whole for run in runs])
-    settled, is_within = (
-        means([run.record.scores.settled for run in runs]),
-        within(whole, case.limits),
-    )
-    return Row(name, case.published, case.limits, is_within, whole, settled, runs)
+    settled = means([run.record.scores.settled for run in runs])
+    meets = within(whole, case.limits)
+    return Row(name, case.published, case.limits, meets, whole, settled, runs)
 
 
 def means(scores: Sequence[Score]) -> Means:

@@ -1,16 +1,67 @@
-"""All runs of a command: what is already in the store is not run again."""
+"""All runs of a command: what is already in the store is not run again; the rest workers do."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from mecazen.errors import MecazenError
 
 from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.run import Record, run
 from mecazen_experiments.store import Store
-from mecazen_experiments.workers import Done, Failure, T, Workers
+
+T = TypeVar("T")
+
+MAX_TRIES = 3
+"""How often a job is started whose worker dies."""
+
+
+class Done(NamedTuple, Generic[T]):
+    """A job that was done, and its result."""
+
+    job: Job
+    value: T
+
+
+class Failure(NamedTuple):
+    """A job that failed, and why, in one line."""
+
+    job: Job
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.job}: {self.reason}"
+
+
+Outcomes = Generator[Done[T] | Failure, None, None]
+"""Of jobs, in the order of completion; closing it ends the work."""
+
+
+class Workers(Protocol):
+    """Processes that do jobs, as many at a time as there are."""
+
+    def do(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        """Yield the outcome of each job; the work of a worker that dies is done again.
+
+        Raises:
+            MecazenError: There are no workers any more.
+        """
+
+
+def attempt(work: Callable[[Job], T], job: Job) -> Done[T] | Failure:
+    """Do a job; a `MecazenError` is an outcome too."""
+    try:
+        return Done(job, work(job))
+    except MecazenError as error:
+        return Failure(job, str(error))
+
+
+def died(job: Job) -> Failure:
+    """Return the outcome of a job that kills its workers."""
+    return Failure(job, "its worker died, each time it was tried")
+
 
 Progress = Callable[[int, int], None]
 """Is called with the number of runs that are done, and of all."""
@@ -35,11 +86,10 @@ def do_all(
     failures = []
     with closing(workers.do(work, jobs)) as outcomes:
         for outcome in outcomes:
-            match outcome:
-                case Done(job, value):
-                    keep(job, value)
-                case Failure():
-                    failures.append(outcome)
+            if isinstance(outcome, Failure):
+                failures.append(outcome)
+            else:
+                keep(*outcome)
     if failures:
         raise RunsFailedError(failures)
 

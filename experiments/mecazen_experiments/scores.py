@@ -10,12 +10,11 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
+from mecazen_follower.following import TrackingState
 from mecazen_follower.goal import Standoff
-from mecazen_follower.tracking import TrackingState
 from mecazen_tools.trajectory import COVARIANCE
 
-from mecazen_experiments.poses import Floats, Poses, wrap
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Floats, Poses, Table, wrap
 
 SETTLING_S = 5.0
 """From the first motion of the person until the robot should have caught up."""

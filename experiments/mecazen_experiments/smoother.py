@@ -11,13 +11,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen_follower.estimators import turn_rate as ctrv
 
-from mecazen_experiments.poses import Poses, wrap
-
-Array = npt.NDArray[np.float64]
+from mecazen_experiments.table import Floats, Poses, wrap
 
 
 class Sight(NamedTuple):
@@ -25,12 +22,12 @@ class Sight(NamedTuple):
 
     time: float
     pose: Pose2D
-    covariance: Array
+    covariance: Floats
 
 
 def smooth(
     sights: Sequence[Sight], walks: ctrv.Walks, speed_std: float = 1.0, rate_std: float = 0.5
-) -> Array:
+) -> Floats:
     """Return the smoothed states (n, 5) of `turn_rate` at the times of `sights`, n >= 1.
 
     Rauch, Tung, Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA

@@ -1,9 +1,6 @@
 """Each benchmark gives finite and plausible figures; how fast it is, is not tested."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
 
 import pytest
 from mecazen_bench import (
@@ -15,7 +12,6 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
-    viewer,
 )
 from mecazen_bench.figures import Figure, Group, named
 from mecazen_bench.stack import robot
@@ -99,7 +95,7 @@ def test_the_recorder_loses_nothing_alone_or_as_a_process():
 
 
 def test_the_viewer_takes_some_processor_time_and_memory():
-    service, server, _ = figures(viewer.run(window_s=2.0)).values()
+    service, server, _ = figures(realtime.run_viewer(window_s=2.0)).values()
     # a server without a browser may take less than the resolution of the processor's clock
     assert service["% of a core"].value > 0.0
     assert min(service["MB"].value, server["MB"].value) > 1.0
@@ -113,9 +109,9 @@ def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(monkeypatc
     spent_s = 0.0
 
     class Quadratic:
-        def __init__(self, *_: object) -> None: ...
+        def __init__(self, *_): ...
 
-        def advance(self, commands: Sequence[object], _: int) -> None:
+        def advance(self, commands, _):
             nonlocal spent_s
             spent_s += 1e-3 * len(commands) ** 2
 

@@ -1,7 +1,5 @@
 """The same robot in other engines, and what all of them are measured by."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 from collections.abc import Sequence
@@ -12,8 +10,7 @@ from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen_bench import gazebo_peer, physics
-from mecazen_bench.energy import Body, Sample
-from mecazen_bench.engine import Engine, measure_accuracy
+from mecazen_bench.engine import Body, Engine, Sample, measure_accuracy
 from mecazen_bench.gazebo_peer import GazeboEngine
 from mecazen_bench.stack import robot
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
@@ -60,7 +57,7 @@ def test_gazebos_program_says_what_it_does_not_understand(capfd):
         closing(GazeboEngine(robot("nexus"), STEP_S, "capsule")) as engine,
         pytest.raises(MecazenError, match="gazebo-peer has ended with 1"),
     ):
-        engine.advance(["fast"], 1)  # type: ignore[list-item]
+        engine.advance(["fast"], 1)
     assert capfd.readouterr().err == "gazebo-peer: not understood: drive fast 1\n"
 
 

@@ -1,7 +1,5 @@
 """Figures, the file that keeps them, two files beside each other, and the document's tables."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,13 +7,12 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from mecazen.errors import MecazenError
-from mecazen_bench import benchmarks, document, machine, results
+from mecazen_bench import benchmarks, machine, results
 from mecazen_bench.benchmarks import BENCHMARKS, Benchmark, measure
 from mecazen_bench.compare import Change, compare, notes
-from mecazen_bench.document import updated
 from mecazen_bench.figures import Better, Figure, Group, Row, Target, merged
 from mecazen_bench.machine import Machine, OtherLoad, Others
-from mecazen_bench.results import Measured, Results, ResultsError
+from mecazen_bench.results import Measured, Results, ResultsError, updated
 from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
@@ -64,17 +61,17 @@ def test_rounds_become_medians_with_quartiles():
 
 
 def test_benchmarks_are_interleaved_until_each_has_had_its_rounds():
-    order: list[str] = []
+    order = []
 
-    def benchmark(name: str, rounds: int) -> Benchmark:
-        def run() -> list[Group]:
+    def benchmark(name, rounds):
+        def run():
             order.append(name)
             figure = Figure.of(float(len(order)), "less")
             return [Group(name, "so", (Row("a", {"place": figure}),))]
 
         return Benchmark(run, rounds)
 
-    reports: list[str] = []
+    reports = []
     found = measure({"a": benchmark("a", 3), "b": benchmark("b", 1)}, reports.append)
     assert order == ["a", "b", "a", "a"]
     assert reports[1] == "b, round 1 of 1"
@@ -93,7 +90,6 @@ def test_what_takes_minutes_is_measured_on_request_only():
 def test_the_help_names_what_is_measured_on_request_only():
     shown = CliRunner().invoke(app, ["bench", "run", "--help"], env={"COLUMNS": "400"}).output
     names = re.search(r"take minutes: ([\w, ]+)\.", shown)
-    assert names is not None
     on_demand = {name for name, benchmark in BENCHMARKS.items() if benchmark.on_demand}
     assert set(names[1].split(", ")) == on_demand
 
@@ -119,7 +115,7 @@ def test_a_machine_is_named_by_its_processor_and_cores():
 def test_the_load_of_others_is_that_of_the_machine_without_ours_and_our_childrens(monkeypatch):
     now_s, machine_s, own_s, child_s = 100.0, 50.0, 3.0, 1.0
 
-    def cpu_times() -> SimpleNamespace:
+    def cpu_times():
         others = dict.fromkeys(("nice", "system", "irq", "softirq", "steal"), machine_s / 10)
         return SimpleNamespace(user=machine_s / 2, **others)
 
@@ -232,21 +228,21 @@ def test_a_figure_that_a_row_lacks_is_an_empty_cell():
 
 
 def test_the_tables_of_the_document_are_those_of_the_results_files():
-    text = document.DOCUMENT.read_text()
-    assert document.BLOCK.search(text)
+    text = results.DOCUMENT.read_text()
+    assert results.BLOCK.search(text)
     assert updated(text) == text  # `mecazen bench tables` writes them
 
 
 def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path):
-    def block(name: str) -> str:
+    def block(name):
         text = updated(f"a\n<!-- bench: {name} -->\nold\n<!-- /bench -->\nb", tmp_path)
         begin, end = f"a\n<!-- bench: {name} -->\n", "<!-- /bench -->\nb"
         assert text.startswith(begin)
         assert text.endswith(end)
         return text.removeprefix(begin).removesuffix(end)
 
-    def write(value: float, *only: str) -> None:
-        results.write(result(value), results.default_path(document.MACHINE, only, tmp_path))
+    def write(value, *only):
+        results.write(result(value), results.default_path(results.MACHINE, only, tmp_path))
 
     write(80.0)
     (group,) = result(80.0).groups

@@ -1,7 +1,5 @@
 """A hundred kills in one run: whoever dies, the robot stays sane and follows again."""
 
-from __future__ import annotations
-
 from statistics import median
 
 from faults import PARTS, RESUME_S, WALK, Strike, Up, strikes
@@ -10,8 +8,8 @@ KILLS = 100
 SEED = 7
 
 
-def test_after_each_of_a_hundred_kills_the_robot_follows_again() -> None:
-    done: list[Strike] = []
+def test_after_each_of_a_hundred_kills_the_robot_follows_again():
+    done = []
     with Up("circle", *WALK) as up:
         up.wait_until_it_follows()
         for struck in strikes(up, KILLS, SEED):

@@ -1,15 +1,13 @@
 """Scenario files, a Zenoh router of one's own, and pairs of buses that hear each other."""
 
-from __future__ import annotations
-
 import secrets
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
+from types import SimpleNamespace
 
 import pytest
+from harness import COMMAND_GUARD_S, wait
 from mecazen.bus import Bus, LocalBus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
@@ -17,19 +15,16 @@ from mecazen.keys import Topic
 from mecazen.messages import String
 from mecazen.wire import Stamp
 
-GUARD_S = 10.0
-"""Only ends a test that would hang; nothing is measured with it."""
-
 END = Topic("test/end", String, "all before it has arrived")
 
 
 @pytest.fixture
-def open_bus(router: str) -> Iterator[Callable[..., ZenohBus]]:
+def open_bus(router):
     """Open Zenoh buses that meet in one random namespace, unless told another."""
     own = f"test{secrets.token_hex(6)}"
-    buses: list[ZenohBus] = []
+    buses = []
 
-    def open_one(mode: str = "peer", namespace: str = own, **settings: Any) -> ZenohBus:
+    def open_one(mode="peer", namespace=own, **settings):
         config = BusConfig(connect=(router,), namespace=namespace, **settings)
         buses.append(ZenohBus(config, mode, lossless=True))
         return buses[-1]
@@ -37,14 +32,6 @@ def open_bus(router: str) -> Iterator[Callable[..., ZenohBus]]:
     yield open_one
     for bus in buses:
         bus.close()
-
-
-def spin_until(bus: Bus, condition: Callable[[], bool]) -> None:
-    """Deliver what arrives until `condition` holds."""
-    end = time.monotonic() + GUARD_S
-    while not condition():
-        assert time.monotonic() < end, "what was waited for did not come"
-        bus.spin_once(0.1)
 
 
 class Pair:
@@ -74,13 +61,13 @@ class Pair:
         self._ready += 1
         name = f"near{self._ready}"
         self.near.declare_alive(name)
-        spin_until(self.far, lambda: name in self.far.presence.names)
+        wait(self.far, lambda: name in self.far.presence.names)
 
     def settle(self) -> None:
         """Deliver everything that the far bus has put so far."""
         awaited = self._ended + 1
         self.far.publisher(END).put(String(), Stamp(0, 0, 0))
-        spin_until(self.near, lambda: self._ended == awaited)
+        wait(self.near, lambda: self._ended == awaited)
 
     @contextmanager
     def serving(self) -> Iterator[None]:
@@ -94,7 +81,7 @@ class Pair:
             yield
         finally:
             self.near.stop()
-            thread.join(GUARD_S)
+            thread.join(COMMAND_GUARD_S)
             assert not thread.is_alive()
 
     def _on_end(self, message: String, stamp: Stamp | None) -> None:
@@ -111,7 +98,7 @@ def run_bus(bus: Bus) -> None:
 
 
 @pytest.fixture(params=["local", "zenoh", "zenoh msgpack"])
-def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
+def pair(request):
     with ExitStack() as stack:
         if request.param == "local":
             bus = LocalBus()
@@ -124,15 +111,23 @@ def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
 
 
 @pytest.fixture
-def pair_of() -> type[Pair]:
+def wall(monkeypatch):
+    """The schedule's wall clock: it stands at 100 s, or goes on by `step_s` with each look."""
+    wall = SimpleNamespace(now=100.0, step_s=0.0)
+
+    def monotonic():
+        wall.now += wall.step_s
+        return float(wall.now)
+
+    monkeypatch.setattr("mecazen.runtime.schedule.time", SimpleNamespace(monotonic=monotonic))
+    return wall
+
+
+@pytest.fixture
+def pair_of():
     return Pair
 
 
 @pytest.fixture
-def zenoh_pair(open_bus: Callable[..., ZenohBus]) -> Pair:
+def zenoh_pair(open_bus):
     return Pair(open_bus(), open_bus())
-
-
-@pytest.fixture
-def wait_until() -> Callable[[Bus, Callable[[], bool]], None]:
-    return spin_until

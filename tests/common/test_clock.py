@@ -2,7 +2,6 @@
 
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from carts import ALONE, STATES, Carts, Rig, state, x_of
@@ -21,15 +20,9 @@ TICK_NS = 10_000_000
 
 
 @pytest.fixture
-def wall(monkeypatch):
+def wall(wall):
     """A wall clock for the schedule, which goes on a little with each look at it."""
-    wall = SimpleNamespace(now=100.0, step_s=1e-4)
-
-    def monotonic():
-        wall.now += wall.step_s
-        return wall.now
-
-    monkeypatch.setattr("mecazen.runtime.schedule.time", SimpleNamespace(monotonic=monotonic))
+    wall.step_s = 1e-4
     return wall
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 import pytest
 import tomli_w
+from harness import error_of
 from mecazen import loading
 from mecazen.config import BusConfig, Scenario, whole_ticks
 from mecazen.errors import ConfigError
@@ -42,11 +43,7 @@ def toy(monkeypatch):
 
 def problem(path: Path, *overrides: str) -> str:
     """Return the error of a scenario, as one line without the test's folder."""
-    with pytest.raises(ConfigError) as caught:
-        load_scenario(path, overrides)
-    text = str(caught.value)
-    assert len(text.splitlines()) == 1
-    assert caught.value.exit_code == 2
+    text = error_of(ConfigError, lambda: load_scenario(path, overrides))
     return text.replace(f"{path.parents[1]}/", "")
 
 
@@ -331,10 +328,8 @@ def test_a_multiple_of_the_tick_is_that_many_ticks(seconds, tick_s, ticks):
 
 @pytest.mark.parametrize("seconds", [0.015, 0.001, 1e-12, 0.0333, 1.0001])
 def test_when_a_time_is_no_multiple_of_the_tick_expect_the_key_and_both(seconds):
-    with pytest.raises(ConfigError) as caught:
-        whole_ticks("sensor.latency_s", seconds, 0.01)
-    expected = f"sensor.latency_s: {seconds:.9g} s is not a whole number of ticks of 0.01 s"
-    assert str(caught.value) == expected
+    text = error_of(ConfigError, lambda: whole_ticks("sensor.latency_s", seconds, 0.01))
+    assert text == f"sensor.latency_s: {seconds:.9g} s is not a whole number of ticks of 0.01 s"
 
 
 def test_when_the_sensors_rate_does_not_divide_the_tick_rate_expect_its_key(write_scenario):

@@ -1,9 +1,7 @@
 """The table of nodes: consistent in itself, and what it says of a scenario."""
 
-from __future__ import annotations
-
 from collections import Counter
-from typing import Any, get_type_hints
+from typing import get_type_hints
 
 import msgspec
 import pytest
@@ -19,33 +17,33 @@ GRAPH_OF_ALL = Graph(GRAPH)
 AWAITED = {i.topic for row in GRAPH for i in row.inputs if i.rule != "latest"}
 
 
-def test_names_are_unique_and_each_table_of_names_follows() -> None:
+def test_names_are_unique_and_each_table_of_names_follows():
     assert not [name for name, count in Counter(row.name for row in GRAPH).items() if count > 1]
     assert set(TABLE) >= set(SERVICES) >= set(SHARED) >= set(OBSERVERS) > set()
 
 
-def test_every_input_is_given_by_a_node_or_anyone_may_give_it() -> None:
+def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
     taken = {i.topic for row in GRAPH for i in row.inputs} - {keys.DIAGNOSTICS}  # of every service
     assert [t.key for t in taken if not (t.open or GRAPH_OF_ALL.giver(t.key))] == []
 
 
-def test_every_awaited_key_has_one_giver() -> None:
+def test_every_awaited_key_has_one_giver():
     givers = Counter(topic for row in GRAPH for topic in row.outputs)
     assert {givers[topic] for topic in AWAITED} == {1}
 
 
-def test_every_key_of_the_tables_is_given_or_answered_once() -> None:
+def test_every_key_of_the_tables_is_given_or_answered_once():
     given = {topic for row in GRAPH for topic in row.outputs}
     assert set(keys.TOPICS) - given == {keys.TARGET_CMD_VEL, keys.DIAGNOSTICS}
     assert Counter(call for row in GRAPH for call in row.calls) == Counter(keys.CALLS)
 
 
-def test_services_have_nodes_of_one_kind() -> None:
+def test_services_have_nodes_of_one_kind():
     for rows in GRAPH_OF_ALL.services.values():
         assert len({(row.shared, row.observes, row.priority) for row in rows}) == 1
 
 
-def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist() -> None:
+def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
     sections = {**get_type_hints(Scenario), **installed_sections()}
     for row in GRAPH:
         assert set(row.rates) <= {topic.key for topic in row.outputs}
@@ -68,12 +66,12 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist() -> None:
         ({"outputs": (keys.ODOM,), "rates": {"odom": 0}}, "rates: odom must be positive"),
     ],
 )
-def test_a_row_that_makes_no_sense_is_refused(fields: dict[str, Any], expected: str) -> None:
+def test_a_row_that_makes_no_sense_is_refused(fields, expected):
     with pytest.raises(ConfigError, match=f"^row mine: {expected}"):
         Row("mine", **fields)
 
 
-def test_two_nodes_that_give_one_topic_are_refused() -> None:
+def test_two_nodes_that_give_one_topic_are_refused():
     with pytest.raises(ConfigError, match=r"^follower and mine both give cmd_vel$"):
         Graph((*GRAPH, Row("mine", outputs=(CMD_VEL,))))
 
@@ -89,20 +87,18 @@ def test_two_nodes_that_give_one_topic_are_refused() -> None:
         (keys.TARGET_CMD_VEL, None),  # nobody's
     ],
 )
-def test_a_topic_comes_at_the_rate_of_its_row_or_of_its_givers_inputs(
-    topic: keys.Topic[msgspec.Struct], rate: str | None
-) -> None:
+def test_a_topic_comes_at_the_rate_of_its_row_or_of_its_givers_inputs(topic, rate):
     assert GRAPH_OF_ALL.rate(topic.key) == rate
 
 
-def test_a_graph_that_goes_in_circles_has_rates() -> None:
+def test_a_graph_that_goes_in_circles_has_rates():
     one = Row("one", inputs=(every(ODOM),), outputs=(CMD_VEL,))
     assert Graph((one, Row("two", (), (every(CMD_VEL),), (ODOM,)))).rate(ODOM.key) is None
     timed = Row("two", inputs=(every(CMD_VEL),), outputs=(ODOM,), rates={ODOM.key: 20.0})
     assert Graph((one, timed)).rate(CMD_VEL.key) == 20.0
 
 
-def test_rates_are_whole_ticks_of_the_scenario(scenario: Scenario) -> None:
+def test_rates_are_whole_ticks_of_the_scenario(scenario):
     sections = {"other": {"rate_hz": 20}}
     scenario = msgspec.structs.replace(scenario, sim=SimConfig(tick_s=0.005), others=sections)
     rates = (None, 50.0, "sensor.rate_hz", "other.rate_hz", "other.nothing")
@@ -111,7 +107,7 @@ def test_rates_are_whole_ticks_of_the_scenario(scenario: Scenario) -> None:
         scenario.ticks_per(300.0)
 
 
-def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None:
+def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario):
     inputs = TABLE["controller"].inputs
     alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
     assert graph_of(scenario).resolved(TABLE["controller"]) == inputs
@@ -119,7 +115,7 @@ def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario: Scenario) -> None
     assert alone.giver(CMD_VEL.key) is None
 
 
-def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest() -> None:
+def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest():
     mine = Row("mine", inputs=(latest(ODOM),), outputs=(CMD_VEL,), priority=50, shared=True)
     placed = mine.placed(TABLE["follower"])
     assert (placed.name, placed.part_of, placed.priority) == ("follower", "follower", 2)
@@ -127,18 +123,18 @@ def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest()
     assert not placed.shared
 
 
-def test_a_row_with_another_key_on_the_bus() -> None:
+def test_a_row_with_another_key_on_the_bus():
     row = Row("mine", remap={ODOM.key: "odom2"})
     assert (row.on_bus(ODOM).key, row.on_bus(CMD_VEL)) == ("odom2", CMD_VEL)
 
 
-def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario: Scenario) -> None:
+def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario):
     for key in ("sensor.rate", "sim.mode", "nobody.rate_hz"):
         with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no number"):
             scenario.ticks_per(key)
 
 
-def test_in_lockstep_what_a_node_gives_is_due_and_never_the_latest() -> None:
+def test_in_lockstep_what_a_node_gives_is_due_and_never_the_latest():
     driver = Row("driver", inputs=(every(ODOM),), outputs=(keys.TARGET_CMD_VEL,))
     driven = Graph((*GRAPH, driver))
     target = TABLE["target"]

@@ -1,10 +1,6 @@
 """Which samples make up a step of a node."""
 
-from __future__ import annotations
-
-import random
 import re
-from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import pytest
@@ -13,7 +9,7 @@ from hypothesis import strategies as st
 from mecazen.graph import Input, due, every, latest
 from mecazen.keys import Topic
 from mecazen.messages import String
-from mecazen.runtime.join import Join, Joined
+from mecazen.runtime.join import Join, make_join
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
@@ -23,7 +19,7 @@ A, B, D, E, L = (Topic(key, String, "") for key in "abdel")
 def join_of(*inputs: Input, whole: bool = False, **periods: int) -> Join:
     """`periods` are those of the due topics, in ticks."""
     periods_ns = {i.topic: periods[i.topic.key] * TICK_NS for i in inputs if i.rule == "due"}
-    return Join(inputs, periods_ns, whole=whole)
+    return make_join(inputs, periods_ns, whole=whole)
 
 
 def feed(join: Join, script: str) -> list[str]:
@@ -82,9 +78,7 @@ DUE, REVISED = (every(A), due(D)), (every(A), due(D, revises=True))
         (REVISED, "a0 d0 d2 a1 a2", ["0: a0 d0", "1: a1 d2", "2: a2"]),
     ],
 )
-def test_each_step_is_made_of_what_its_rules_ask_for(
-    inputs: Sequence[Input], script: str, steps: list[str]
-) -> None:
+def test_each_step_is_made_of_what_its_rules_ask_for(inputs, script, steps):
     assert feed(join_of(*inputs, d=2, e=3), script) == steps
 
 
@@ -107,9 +101,7 @@ def test_each_step_is_made_of_what_its_rules_ask_for(
         ((latest(L),), "l0 l1", []),
     ],
 )
-def test_where_every_sample_comes_each_tick_makes_its_step_in_order(
-    inputs: Sequence[Input], script: str, steps: list[str]
-) -> None:
+def test_where_every_sample_comes_each_tick_makes_its_step_in_order(inputs, script, steps):
     assert feed(join_of(*inputs, d=2, whole=True), script) == steps
 
 
@@ -121,9 +113,7 @@ def test_where_every_sample_comes_each_tick_makes_its_step_in_order(
         ("a0 a1 a2 a3", {"d": 2, "e": 1}),  # e was due at 0 alone
     ],
 )
-def test_late_samples_are_counted_by_the_ticks_that_closed_without_them(
-    script: str, late: dict[str, int]
-) -> None:
+def test_late_samples_are_counted_by_the_ticks_that_closed_without_them(script, late):
     join = join_of(every(A), due(D), due(E), d=2, e=4)
     feed(join, script)
     assert join.late == late
@@ -133,15 +123,13 @@ def test_late_samples_are_counted_by_the_ticks_that_closed_without_them(
     ("ticks", "missed"),
     [((0, 1, 2, 3, 4), 0), ((0, 1, 3, 4, 7), 3), ((0, 2, 4, 6), 0), ((5, 7, 9, 15), 2), ((), 0)],
 )
-def test_ticks_that_were_never_heard_of_are_counted_by_the_shortest_period(
-    ticks: Sequence[int], missed: int
-) -> None:
+def test_ticks_that_were_never_heard_of_are_counted_by_the_shortest_period(ticks, missed):
     join = join_of(every(A))
     feed(join, " ".join(f"a{tick}" for tick in ticks))
     assert join.missed_ticks == missed
 
 
-def test_after_a_reset_nothing_is_left_of_the_run_before_but_the_counts() -> None:
+def test_after_a_reset_nothing_is_left_of_the_run_before_but_the_counts():
     join = join_of(*DUE, latest(L), d=2)
     feed(join, "a0 a1 a5 d6 l5 a6x")
     join.reset()
@@ -161,13 +149,8 @@ PERIOD = st.integers(1, 4)
 )
 @pytest.mark.parametrize("whole", [False, True])
 def test_whatever_order_the_samples_come_in_the_steps_are_the_same(
-    whole: bool,
-    triggers: int,
-    step: int,
-    dues: list[tuple[int, bool]],
-    first: int,
-    order: random.Random,
-) -> None:
+    whole, triggers, step, dues, first, order
+):
     # the promise of determinism: a tick's samples may overtake each other; ticks only in a
     # whole join, and there too each sender's samples come in their order
     first = 0 if whole else first  # who joins late misses what was due before, in any order
@@ -178,10 +161,10 @@ def test_whatever_order_the_samples_come_in_the_steps_are_the_same(
         periods[topic] = period
         inputs.append(due(topic, revises=revises))
 
-    def steps(shuffle: Callable[[list[Topic[String]]], None]) -> list[Joined]:
+    def steps(shuffle):
         periods_ns = {topic: period * TICK_NS for topic, period in periods.items()}
-        join = Join(inputs, periods_ns, whole=whole)
-        made: list[Joined] = []
+        join = make_join(inputs, periods_ns, whole=whole)
+        made = []
         last = first + 12
         for begin, end in [(first, last)] if whole else pairwise(range(first, last + 1)):
             ticks = {

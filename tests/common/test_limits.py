@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from harness import error_of, forward
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import LocalBus
@@ -17,10 +18,6 @@ def at(x):
 
 def moving(**twist):
     return m.Odometry(twist=m.TwistWithCovariance(twist=m.Twist(**twist)))
-
-
-def forward(speed):
-    return m.Twist(linear=m.Vector3(x=speed))
 
 
 MESSAGES = {
@@ -71,9 +68,9 @@ def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(
     good = make(sign * most)
     assert decode_sample(topic, encode(good, "json"), "", None) == (good, None)
     number = math.nextafter(most, math.inf) * sign
-    with pytest.raises(RefusedError) as refusal:
-        decode_sample(topic, encode(make(number), "json"), "", None)
-    assert str(refusal.value) == f"{what} {number} is out of range, at most {most:g}{unit}"
+    payload = encode(make(number), "json")
+    text = error_of(RefusedError, lambda: decode_sample(topic, payload, "", None))
+    assert text == f"{what} {number} is out of range, at most {most:g}{unit}"
 
 
 @pytest.mark.parametrize(

@@ -113,11 +113,3 @@ def test_bytes_reach_a_bus_beside_by_a_key_that_begins_with_its_name():
     bus.put_bytes("clock", b"{}")
     bus.spin()
     assert heard == ["one", ""]
-
-
-def test_what_a_bus_beside_refuses_is_counted_under_its_name():
-    bus = LocalBus()
-    bus.namespaced("one").subscribe(keys.CLOCK, lambda *_: None)
-    bus.namespaced("one").put_bytes("clock", b"{")
-    bus.spin()
-    assert bus.refused == {"one/clock": 1}

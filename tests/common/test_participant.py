@@ -1,9 +1,10 @@
 """What takes part in runs: which samples it hears, and its health once a simulated second."""
 
 import pytest
+from harness import forward
 from mecazen.bus import LocalBus
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
-from mecazen.messages import Clock, JointState, KeyValue, Twist, Vector3
+from mecazen.messages import Clock, JointState, KeyValue
 from mecazen.runtime.participant import Participant
 from mecazen.wire import Stamp
 
@@ -61,10 +62,6 @@ def reports(bus):
 
     bus.subscribe(diagnostics("toy"), on_report)
     return reports
-
-
-def forward(speed):
-    return Twist(linear=Vector3(x=speed))
 
 
 def at(tick, run=1, seed=9):

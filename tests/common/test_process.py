@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from harness import COMMAND_GUARD_S as GUARD_S
+from harness import COMMAND_GUARD_S, wait
 from mecazen.keys import SIM_STATE
 from mecazen.messages import Empty
 from mecazen.wire import Stamp
@@ -134,7 +134,7 @@ def await_start(process):
 
 def one_line(process):
     """Return the one line that a process which can't begin has to say, and its exit code."""
-    out, err = process.communicate(timeout=GUARD_S)
+    out, err = process.communicate(timeout=COMMAND_GUARD_S)
     assert out == ""
     assert len(err.splitlines()) == 1, err
     return err.rstrip(), process.returncode
@@ -153,7 +153,7 @@ def test_a_signal_ends_it_cleanly(start, places, part, with_what, last, number):
         started = rf"t=0\.000 level=info service={part} msg=started {with_what}\n"
         assert re.fullmatch(started, await_start(process))
         process.send_signal(number)
-        out, err = process.communicate(timeout=GUARD_S)
+        out, err = process.communicate(timeout=COMMAND_GUARD_S)
     assert (process.returncode, out, err) == (0, "", last)
 
 
@@ -161,7 +161,7 @@ def test_a_signal_ends_it_cleanly(start, places, part, with_what, last, number):
 def test_when_standard_input_closes_expect_an_orphan_to_end(start, places, part):
     with start(part, places[part], "--until-orphaned") as process:
         await_start(process)
-        process.communicate(timeout=GUARD_S)  # closes its standard input
+        process.communicate(timeout=COMMAND_GUARD_S)  # closes its standard input
     assert process.returncode == 0
 
 
@@ -203,10 +203,10 @@ def test_where_priority_is_not_allowed_a_service_works_without(start, settings):
         assert os.sched_getscheduler(process.pid) == os.SCHED_OTHER
 
 
-def test_a_service_logs_with_simulated_time(start, settings, tester, wait_until):
+def test_a_service_logs_with_simulated_time(start, settings, tester):
     with start("toy", settings) as process:
         await_start(process)
-        wait_until(tester, lambda: "toy" in tester.presence.names)
+        wait(tester, lambda: "toy" in tester.presence.names)
         tester.put_bytes("clock", b"{}", "", Stamp(1_500_000_000, 1, 2).pack())
         tester.put_bytes("cmd_vel", b"nonsense")
         line = process.stderr.readline()
@@ -239,25 +239,23 @@ def test_a_failing_node_is_told_with_its_place(start, settings):
     assert code == 1
 
 
-def test_services_of_one_process_are_there_each_by_its_name(start, settings, tester, wait_until):
+def test_services_of_one_process_are_there_each_by_its_name(start, settings, tester):
     settings = [*settings, "programs.pal=../toys.py:Pal"]
     with start("toy+pal", settings) as process:
         assert "service=toy+pal msg=started" in await_start(process)
-        wait_until(tester, lambda: {"toy", "pal", "pal/ready"} <= tester.presence.names)
+        wait(tester, lambda: {"toy", "pal", "pal/ready"} <= tester.presence.names)
         with start("pal", settings) as second:
             line, code = one_line(second)
     assert (line, code) == ("error: another pal is already running on this bus", 1)
 
 
-def test_in_one_process_with_the_clock_are_the_services_of_all_robots(
-    start, settings, tester, wait_until
-):
+def test_in_one_process_with_the_clock_are_the_services_of_all_robots(start, settings, tester):
     world = ["programs.physics=../toys.py:Still", 'services=["physics","toy"]', TWO_ROBOTS]
     with start("physics+toy", [*settings, *world, "sim.mode=lockstep"]) as process:
         await_start(process)
-        wait_until(tester, lambda: "physics" in tester.presence.names)
+        wait(tester, lambda: "physics" in tester.presence.names)
         # each tick is answered by both
-        wait_until(tester, lambda: tester.call(SIM_STATE, Empty()).tick >= 4)
+        wait(tester, lambda: tester.call(SIM_STATE, Empty()).tick >= 4)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +281,7 @@ def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
             assert (report["kind"], text in report["text"]) == (kind, True)
         if code == 0:
             process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=GUARD_S)
+        _, err = process.communicate(timeout=COMMAND_GUARD_S)
         assert lines.read() == ""
     assert (process.returncode, err) == (code, "")
 
@@ -297,14 +295,14 @@ def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
     ],
 )
 def test_it_is_ready_when_all_others_are_alive_in_real_time_without_observers(
-    start, settings, tester, wait_until, mode, others, awaited
+    start, settings, tester, mode, others, awaited
 ):
     with start(
         "toy", [*settings, f"services={json.dumps(['toy', *others])}", f"sim.mode={mode}"]
     ) as process:
         await_start(process)
-        wait_until(tester, lambda: "toy" in tester.presence.names)
+        wait(tester, lambda: "toy" in tester.presence.names)
         for name in awaited:
             assert "toy/ready" not in tester.presence.names
             tester.declare_alive(name)
-        wait_until(tester, lambda: "toy/ready" in tester.presence.names)
+        wait(tester, lambda: "toy/ready" in tester.presence.names)

@@ -1,18 +1,7 @@
 """When a tick is due on the wall clock."""
 
-from types import SimpleNamespace
-
 import pytest
 from mecazen.runtime.schedule import Schedule
-
-
-@pytest.fixture
-def wall(monkeypatch):
-    """A wall clock that stands still at 100 s."""
-    wall = SimpleNamespace(now=100.0)
-    monotonic = SimpleNamespace(monotonic=lambda: wall.now)
-    monkeypatch.setattr("mecazen.runtime.schedule.time", monotonic)
-    return wall
 
 
 @pytest.fixture

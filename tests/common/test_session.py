@@ -5,7 +5,7 @@ import socket
 from contextlib import closing
 
 import pytest
-from harness import error_of
+from harness import error_of, wait
 from mecazen import keys
 from mecazen.bus.session import includes, open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -49,13 +49,13 @@ def test_when_there_is_no_router_expect_a_client_to_say_so(free_port):
     assert text == f"nothing answers at tcp/127.0.0.1:{free_port}: is `mecazen up` running?"
 
 
-def test_a_peer_that_is_there_before_the_router_meets_others_when_it_comes(free_port, wait_until):
+def test_a_peer_that_is_there_before_the_router_meets_others_when_it_comes(free_port):
     config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
     with closing(ZenohBus(config)) as early:
         early.declare_alive("early")
         with open_session(config, "router"), closing(ZenohBus(config)) as late:
             late.declare_alive("late")
-            wait_until(early, lambda: "late" in early.presence.names)
+            wait(early, lambda: "late" in early.presence.names)
 
 
 @pytest.mark.parametrize("mode", ["router", "peer", "client"])
@@ -100,9 +100,7 @@ def test_sessions_stay_on_loopback_without_multicast_by_default(mode):
     assert "/[::]" not in listening
 
 
-def test_a_router_takes_no_more_samples_a_second_from_each_link_than_it_is_told(
-    free_port, wait_until
-):
+def test_a_router_takes_no_more_samples_a_second_from_each_link_than_it_is_told(free_port):
     config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
     speeds, ended = [], set()
     with open_session(config, "router", most_hz=1e-3), closing(ZenohBus(config, "client")) as near:
@@ -112,18 +110,18 @@ def test_a_router_takes_no_more_samples_a_second_from_each_link_than_it_is_told(
         def flood(end, numbers):
             with open_session(config, "client") as session:
                 links = [session.declare_publisher(key) for key in ("cmd_vel", end)]
-                wait_until(near, lambda: all(link.matching_status.matching for link in links))
+                wait(near, lambda: all(link.matching_status.matching for link in links))
                 for number in numbers:
                     links[0].put(b'{"linear":{"x":%d}}' % number)
                 links[1].put(b"")  # on the same link: what came before it has arrived with it
-                wait_until(near, lambda: end in ended)
+                wait(near, lambda: end in ended)
 
         flood("end/one", range(10))
         flood("end/other", range(100, 110))
     assert speeds == [0, 100]
 
 
-def test_a_routers_limit_is_for_each_of_several_robots(free_port, wait_until):
+def test_a_routers_limit_is_for_each_of_several_robots(free_port):
     config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
     names, heard = ("one", "two"), []
     router = open_session(config, "router", most_hz=1e-3, robots=names)
@@ -131,8 +129,8 @@ def test_a_routers_limit_is_for_each_of_several_robots(free_port, wait_until):
         near.subscribe_bytes("**", lambda key, *_: heard.append(key))
         keys_of = [*(f"{name}/ground_truth/odom" for name in names), "end"]
         links = [far.declare_publisher(key) for key in keys_of]
-        wait_until(near, lambda: all(link.matching_status.matching for link in links))
+        wait(near, lambda: all(link.matching_status.matching for link in links))
         for link in (*links[:2], *links):  # in one moment, as physics does; the rest is a flood
             link.put(b"{}")
-        wait_until(near, lambda: "end" in heard)
+        wait(near, lambda: "end" in heard)
     assert heard == keys_of

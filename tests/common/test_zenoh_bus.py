@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 import zenoh
-from harness import error_of
+from harness import error_of, wait
 from mecazen import keys
 from mecazen.bus import StoppedError, base
 from mecazen.bus.session import open_session
@@ -23,10 +23,10 @@ STAMP = Stamp(0, 1, 0)
 
 
 @pytest.fixture
-def flood(zenoh_pair, wait_until):
+def flood(zenoh_pair):
     """Run a function that puts samples on the pair's near bus; all wait then at its far one."""
     zenoh_pair.far.declare_alive("asker")
-    wait_until(zenoh_pair.near, lambda: "asker" in zenoh_pair.near.presence.names)
+    wait(zenoh_pair.near, lambda: "asker" in zenoh_pair.near.presence.names)
 
     def run(put):
         # the answer comes after the samples on the same link: all have arrived when it is there
@@ -80,7 +80,7 @@ def test_a_subscription_of_bytes_hears_what_the_own_process_puts(open_bus):
     assert heard == ["cmd_vel", "cmd_vel"]
 
 
-def test_samples_that_gather_come_all_and_in_order(router, open_bus, pair_of, wait_until):
+def test_samples_that_gather_come_all_and_in_order(router, open_bus, pair_of):
     far, numbers = open_bus(namespace="gathered"), list(range(1000))
     config = BusConfig(connect=(router,), namespace="gathered")
     with closing(ZenohBus(config, gather_s=0.02)) as near:
@@ -90,7 +90,7 @@ def test_samples_that_gather_come_all_and_in_order(router, open_bus, pair_of, wa
         clocks = far.publisher(keys.CLOCK)
         for number in numbers:
             clocks.put(Clock(Time(number)), STAMP)
-        wait_until(near, lambda: len(heard) == len(numbers))
+        wait(near, lambda: len(heard) == len(numbers))
     assert heard == numbers
 
 
@@ -163,30 +163,30 @@ def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, floo
     [("json", JSON_ENCODING, b"{"), ("msgpack", MSGPACK_ENCODING, b"\x82")],
 )
 def test_samples_are_written_in_the_configured_format(
-    open_bus, pair_of, wait_until, mode, form, encoding, first
+    open_bus, pair_of, mode, form, encoding, first
 ):
     near, far = open_bus(mode), open_bus(format=form)
     samples = []
     near.subscribe_bytes("*", lambda *sample: samples.append(sample))
     pair_of(near, far).link()
     far.publisher(keys.CMD_VEL).put(Twist(linear=Vector3(x=0.2)), STAMP)
-    wait_until(near, lambda: bool(samples))
+    wait(near, lambda: bool(samples))
     key, payload, said, attachment = samples[0]
     assert (key, said, attachment) == ("cmd_vel", encoding, STAMP.pack())
     assert payload.startswith(first)
 
 
-def test_a_client_is_heard_through_the_router_and_hears(open_bus, pair_of, wait_until):
+def test_a_client_is_heard_through_the_router_and_hears(open_bus, pair_of):
     near, far = open_bus("client"), open_bus("client")
     twists = []
     near.subscribe(keys.CMD_VEL, lambda twist, _: twists.append(twist))
     pair_of(near, far).link()
     far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
-    wait_until(near, lambda: bool(twists))
+    wait(near, lambda: bool(twists))
     assert twists == [Twist(linear=Vector3(x=0.2))]
 
 
-def test_namespaces_do_not_hear_each_other(open_bus, wait_until):
+def test_namespaces_do_not_hear_each_other(open_bus):
     names = [f"test{secrets.token_hex(6)}" for _ in range(2)]
     ears = [open_bus(namespace=name) for name in names]
     heard = [[], []]
@@ -196,32 +196,32 @@ def test_namespaces_do_not_hear_each_other(open_bus, wait_until):
     mouths = [open_bus(namespace=name) for name in names]
     for mouth in mouths:
         mouth.declare_alive("mouth")
-        wait_until(mouth, lambda mouth=mouth: "ear" in mouth.presence.names)
+        wait(mouth, lambda mouth=mouth: "ear" in mouth.presence.names)
     for _ in range(3):
         for number, mouth in enumerate(mouths):
             mouth.put_bytes(f"from/{number}", b"{}")
     for ear, samples in zip(ears, heard, strict=True):
-        wait_until(ear, lambda samples=samples: len(samples) == 3)
+        wait(ear, lambda samples=samples: len(samples) == 3)
     assert heard == [["from/0"] * 3, ["from/1"] * 3]
 
 
-def test_who_closes_is_gone_for_all(open_bus, wait_until):
+def test_who_closes_is_gone_for_all(open_bus):
     near, far = open_bus(), open_bus()
     near.declare_alive("near")
     far.declare_alive("physics")
-    wait_until(near, lambda: "physics" in near.presence.names)
+    wait(near, lambda: "physics" in near.presence.names)
     asker = open_bus("client")
-    wait_until(asker, lambda: asker.alive() == {"near", "physics"})
+    wait(asker, lambda: asker.alive() == {"near", "physics"})
     far.close()
-    wait_until(near, lambda: "physics" not in near.presence.names)
-    wait_until(asker, lambda: asker.alive() == {"near"})
+    wait(near, lambda: "physics" not in near.presence.names)
+    wait(asker, lambda: asker.alive() == {"near"})
 
 
-def test_who_comes_late_sees_who_is_alive_and_oneself(open_bus, wait_until):
+def test_who_comes_late_sees_who_is_alive_and_oneself(open_bus):
     open_bus().declare_alive("physics")
     late = open_bus()
     late.declare_alive("late")
-    wait_until(late, lambda: {"physics", "late"} <= late.presence.names)
+    wait(late, lambda: {"physics", "late"} <= late.presence.names)
 
 
 def test_stop_ends_a_waiting_spin_once_from_another_thread(open_bus):
@@ -314,7 +314,7 @@ def test_when_a_subscription_is_no_key_expression_expect_one_line(open_bus):
     assert ".rs" not in text
 
 
-def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus, wait_until):
+def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus):
     name = f"test{secrets.token_hex(6)}"
     root, one = open_bus(namespace=name), open_bus(namespace=f"{name}/one")
     beside = root.namespaced("one")
@@ -326,21 +326,21 @@ def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus, wait_u
     beside.declare_alive("physics")
     one.subscribe_bytes("odom", lambda key, *_: answers.append(key))
     one.declare_alive("controller")
-    wait_until(one, lambda: "physics" in one.presence.names)
-    wait_until(root, lambda: "controller" in beside.presence.names)  # one queue for both
+    wait(one, lambda: "physics" in one.presence.names)
+    wait(root, lambda: "controller" in beside.presence.names)  # one queue for both
     assert root.presence.names == set()
     one.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
-    wait_until(root, lambda: heard == [0.2])
+    wait(root, lambda: heard == [0.2])
     beside.put_bytes("odom", b"{}")
-    wait_until(one, lambda: answers == ["odom"])
+    wait(one, lambda: answers == ["odom"])
     one.put_bytes("cmd_vel", b"{")
-    wait_until(root, lambda: root.refused == {"one/cmd_vel": 1})
+    wait(root, lambda: root.refused == {"one/cmd_vel": 1})
     asker = open_bus("client", namespace=name).namespaced("one")
     assert asker.alive() == {"physics", "controller"}
     with ThreadPoolExecutor() as pool:
         asked = pool.submit(asker.call, keys.SIM_STATE, Empty())
-        wait_until(root, asked.done)
+        wait(root, asked.done)
         assert asked.result().tick == 7
         fetched = pool.submit(asker.fetch_files, "robot_description/**")
-        wait_until(root, fetched.done)
+        wait(root, fetched.done)
         assert fetched.result() == {"robot_description/a.stl": b"mesh"}

@@ -1,7 +1,5 @@
 """Whole systems in containers, each test's under a name and at ports of its own."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import threading
@@ -129,7 +127,6 @@ class Stack(Compose):
             guard = threading.Timer(GUARD_S, followed.kill)
             guard.start()
             try:
-                assert followed.stdout is not None
                 yield from followed.stdout
             finally:
                 guard.cancel()
@@ -137,7 +134,7 @@ class Stack(Compose):
 
 
 @pytest.fixture(scope="session")
-def images() -> tuple[str, ...]:
+def images():
     """All images, as this checkout makes them."""
     try:
         command()
@@ -148,7 +145,7 @@ def images() -> tuple[str, ...]:
 
 
 @pytest.fixture(scope="module")
-def following(images: tuple[str, ...]) -> Iterator[Stack]:
+def following(images):
     """What `docker compose up` starts, with settings of our own."""
     stack = Stack(MECAZEN_SET="seed=5 follower.standoff_m=1.2")
     try:
@@ -159,11 +156,11 @@ def following(images: tuple[str, ...]) -> Iterator[Stack]:
 
 
 @pytest.fixture
-def stacks(images: tuple[str, ...]) -> Iterator[Callable[..., Stack]]:
+def stacks(images):
     """Make stacks of containers that are removed after the test."""
-    made: list[Stack] = []
+    made = []
 
-    def make(profile: str, **environment: str) -> Stack:
+    def make(profile, **environment):
         made.append(Stack(profile, **environment))
         return made[-1]
 

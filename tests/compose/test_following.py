@@ -1,7 +1,5 @@
 """`docker compose up` with nothing else, from the host: following, with the viewer."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import urllib.request
@@ -13,7 +11,7 @@ from mecazen.messages import Empty
 SERVICES = {"router", "physics", "controller", "target", "follower", "viewer"}
 
 
-def test_the_robot_follows_and_is_seen_from_the_host(following) -> None:
+def test_the_robot_follows_and_is_seen_from_the_host(following):
     with following.bus() as bus:
         following.await_following(bus, 0.5)
         assert bus.call(keys.SIM_STATE, Empty()).seed == 5
@@ -21,10 +19,10 @@ def test_the_robot_follows_and_is_seen_from_the_host(following) -> None:
     assert "standoff_m = 1.2" in scenario
 
 
-def test_every_service_becomes_healthy(following) -> None:
+def test_every_service_becomes_healthy(following):
     waited_for = set(SERVICES)
 
-    def done(name: str) -> bool:
+    def done(name):
         waited_for.discard(name)
         return not waited_for
 
@@ -32,7 +30,7 @@ def test_every_service_becomes_healthy(following) -> None:
     assert set(following.containers()) == SERVICES
 
 
-def test_containers_have_no_rights_that_they_do_not_need(following) -> None:
+def test_containers_have_no_rights_that_they_do_not_need(following):
     for name, container in following.containers().items():
         host = container["HostConfig"]
         assert host["ReadonlyRootfs"], name
@@ -51,7 +49,7 @@ def test_containers_have_no_rights_that_they_do_not_need(following) -> None:
         assert ["Read-only file system" in line for line in tried[2:]] == [True, True], name
 
 
-def test_samples_go_from_service_to_service_and_not_through_the_router(following) -> None:
+def test_samples_go_from_service_to_service_and_not_through_the_router(following):
     (network,) = following.containers()["physics"]["NetworkSettings"]["Networks"].values()
     # as the kernel writes it: the four bytes of the address as one number of this machine
     physics = f"{struct.unpack('=I', socket.inet_aton(network['IPAddress']))[0]:08X}"
@@ -60,7 +58,7 @@ def test_samples_go_from_service_to_service_and_not_through_the_router(following
         assert any(link.split()[2].startswith(physics) for link in links), name
 
 
-def test_the_printed_address_is_one_for_the_hosts_browser(following) -> None:
+def test_the_printed_address_is_one_for_the_hosts_browser(following):
     serving = "msg=serving url="
     url = following.await_line("viewer", serving).partition(serving)[2].strip()
     assert url.startswith(f"http://127.0.0.1:{following.ports['MECAZEN_WEB_PORT']}/")
@@ -70,7 +68,7 @@ def test_the_printed_address_is_one_for_the_hosts_browser(following) -> None:
 
 
 @pytest.mark.parametrize("victim", ["follower", "router", "physics"])
-def test_a_service_that_is_killed_comes_back_and_following_goes_on(following, victim: str) -> None:
+def test_a_service_that_is_killed_comes_back_and_following_goes_on(following, victim):
     following.kill(victim)
     with following.bus() as bus:
         following.await_following(bus)

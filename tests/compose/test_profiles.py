@@ -1,18 +1,15 @@
 """The other profiles of docker-compose.yml, from the host; and the images."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import msgspec
 from harness import ROOT, SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen_bench import containers
+from mecazen_bench import latency
 from mecazen_bench.compose import docker
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
@@ -23,7 +20,7 @@ LOCKSTEP_S = 6.0
 LOOP = {"router", "physics", "controller", "target", "follower"}
 
 
-def test_images_are_small(images: tuple[str, ...]) -> None:
+def test_images_are_small(images):
     base = next(
         line.split()[1]
         for line in (ROOT / "Dockerfile").read_text().splitlines()
@@ -37,7 +34,7 @@ def test_images_are_small(images: tuple[str, ...]) -> None:
         assert sizes[0] - sizes[1] < IMAGE_BYTES, name
 
 
-def test_teleop_is_driven_by_zenoh_cli_on_the_host(stacks) -> None:
+def test_teleop_is_driven_by_zenoh_cli_on_the_host(stacks):
     stack = stacks("teleop")
     stack.up()
     robot = []
@@ -54,7 +51,7 @@ def test_teleop_is_driven_by_zenoh_cli_on_the_host(stacks) -> None:
     }  # fmt: skip
 
 
-def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks) -> None:
+def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks):
     settings = (f"sim.duration_s={LOCKSTEP_S}", "seed=7", "sensor.dropout_probability=0.2")
     stack = stacks("lockstep", MECAZEN_SCENARIO="side", MECAZEN_SET=" ".join(settings))
     stack.run("up", "--abort-on-container-exit", "--exit-code-from", "score")
@@ -66,7 +63,7 @@ def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks)
     assert result == expected
 
 
-def test_a_recording_outlives_its_recorder(stacks, tmp_path: Path) -> None:
+def test_a_recording_outlives_its_recorder(stacks, tmp_path):
     user, group = os.getuid() or 1000, os.getgid() or 1000
     os.chown(tmp_path, user, group)
     stack = stacks(
@@ -90,8 +87,8 @@ def test_a_recording_outlives_its_recorder(stacks, tmp_path: Path) -> None:
         assert {"odom", "cmd_vel", "target/observation"} <= set(samples)
 
 
-def test_the_bench_compares_containers_with_processes(images: tuple[str, ...]) -> None:
-    (group,) = containers.run(puts=20)
+def test_the_bench_compares_containers_with_processes(images):
+    (group,) = latency.run_containers(puts=20)
     assert [row.subject for row in group.rows] == ["processes", "containers"]
     for row in group.rows:
         assert 0.0 < row.figures["median ms"].value <= row.figures["p99 ms"].value < 1000.0

@@ -1,22 +1,13 @@
 """Experiments of very short runs, and the command line that does them."""
 
-from __future__ import annotations
-
-import os
 import subprocess
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 import pytest
-from mecazen_experiments.config import Case
-from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.run import Record
-from mecazen_experiments.scores import Score, Scores
+from harness import ROOT, command
 
-ROOT = Path(__file__).parents[2]
 GUARD_S = 300
 """Far beyond what anything here takes: only a hang gets there."""
 
@@ -48,15 +39,8 @@ class Folder(NamedTuple):
 
     def popen(self, *arguments: object) -> subprocess.Popen[str]:
         """Start `mecazen experiment` as a shell does: in a process group of its own."""
-        return subprocess.Popen(
-            [sys.executable, "-m", "mecazen_tools", "experiment", *map(str, arguments)],
-            cwd=self.path,
-            env={**os.environ, "COLUMNS": "160", "TERM": "dumb"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            process_group=0,
-        )
+        how = command(["experiment", *arguments]) | {"cwd": self.path, "process_group": 0}
+        return subprocess.Popen(**how, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def mecazen(self, *arguments: object, code: int = 0) -> tuple[str, str]:
         """Run `mecazen experiment`; return what it prints, and its errors."""
@@ -81,10 +65,10 @@ class Folder(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def make_folder() -> Callable[[Path], Folder]:
+def make_folder():
     """Make folders with a short scenario, and an experiment of it."""
 
-    def make(path: Path) -> Folder:
+    def make(path):
         folder = Folder(path)
         folder.write("short.toml", SCENARIO)
         folder.write("short_experiment.toml", EXPERIMENT)
@@ -94,27 +78,6 @@ def make_folder() -> Callable[[Path], Folder]:
 
 
 @pytest.fixture
-def folder(make_folder: Callable[[Path], Folder], tmp_path: Path) -> Folder:
+def folder(make_folder, tmp_path):
     """A folder of the test's own."""
     return make_folder(tmp_path)
-
-
-MakeSeries = Callable[..., tuple[Series, dict[Key, Record]]]
-
-
-@pytest.fixture
-def make_series() -> MakeSeries:
-    """Make a series of made-up runs, and their records."""
-
-    def make(
-        name: str, d_err_m: dict[tuple[str | None, int], float | None], **case: Any
-    ) -> tuple[Series, dict[Key, Record]]:
-        jobs, records = [], {}
-        for (walk, seed), value in d_err_m.items():
-            key = Key(f"{name} {walk}", seed, "0")
-            score = Score(d_err_m=value, theta_err_deg=None if value is None else 10.0 * value)
-            jobs.append(Job(name, walk, Path("none.toml"), (), key))
-            records[key] = Record(key, "", Scores(score, Score()), 1.0, 100.0)
-        return Series(name, Case(name, Path("none.toml"), **case), tuple(jobs)), records
-
-    return make

@@ -1,14 +1,20 @@
-"""Runs that are made up, and their scores."""
+"""Runs that are made up, their scores, and what is shown of them."""
 
+import io
 import math
+from pathlib import Path
 
 import numpy as np
 from mecazen.geometry import Pose2D
-from mecazen_experiments.poses import Poses
-from mecazen_experiments.scores import score
-from mecazen_experiments.table import Table
+from mecazen_experiments.config import Case
+from mecazen_experiments.jobs import Job, Key, Series
+from mecazen_experiments.report import summarise
+from mecazen_experiments.run import Record
+from mecazen_experiments.scores import Score, Scores, score
+from mecazen_experiments.table import Poses, Table
 from mecazen_follower.goal import Standoff
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
+from rich.console import Console
 
 BACK = Standoff(1.0, math.pi, 0.0)
 TICK_S = 0.01
@@ -53,3 +59,32 @@ def covariances(matrix):
     matrix = np.asarray(matrix)
     triangle = zip(COVARIANCE, *np.triu_indices(3), strict=True)
     return {f"estimate_{name}": matrix[..., i, j] for name, i, j in triangle}
+
+
+def record(key, d_err_m, theta_err_deg=None):
+    """What is kept of a run with these errors."""
+    scores = Scores(Score(d_err_m=d_err_m, theta_err_deg=theta_err_deg), Score())
+    return Record(key, "", scores, 1.0, 100.0)
+
+
+def series(name, d_err_m, **case):
+    """A series of runs with these errors, by walk and seed, and their records."""
+    jobs, records = [], {}
+    for (walk, seed), value in d_err_m.items():
+        key = Key(f"{name} {walk}", seed, "0")
+        jobs.append(Job(name, walk, Path("none.toml"), (), key))
+        records[key] = record(key, value, None if value is None else 10.0 * value)
+    return Series(name, Case(name, Path("none.toml"), **case), tuple(jobs)), records
+
+
+def row(name, *d_err_m, **case):
+    """The row of runs with these errors, of the seeds 1, 2, … and no walk."""
+    by_seed = {(None, seed): value for seed, value in enumerate(d_err_m, start=1)}
+    return summarise(*series(name, by_seed, **case))
+
+
+def shown(*tables):
+    """What a terminal shows of tables."""
+    console = Console(file=io.StringIO(), width=160)
+    console.print(*tables)
+    return console.file.getvalue()

@@ -2,21 +2,20 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import SCENARIOS
 from mecazen.loading import load_scenario
 from mecazen_experiments.budget import ORACLE, sights
 from mecazen_experiments.table import Table
 from mecazen_tools.simulate import simulate
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 SHORT = ("sim.duration_s=4", "physics.dt_s=0.005")
 
 
 def run(*settings, scenario="back"):
-    loaded = load_scenario(CONFIGS / "scenarios" / f"{scenario}.toml", (*SHORT, *settings))
+    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", (*SHORT, *settings))
     return loaded, *simulate(loaded, scenario)
 
 

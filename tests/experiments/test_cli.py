@@ -1,13 +1,12 @@
 """The commands in this process, where a run is soon done, and what is said of wrong options."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
+from harness import error_of
 from mecazen.errors import MecazenError
 from mecazen_experiments import commands
 from mecazen_tools.cli.app import app
@@ -34,7 +33,7 @@ WALK = "t_s,x_m,y_m\n0,0,0\n1,0.5,0\n1.5,0.8,0\n"
 
 
 @pytest.fixture(autouse=True)
-def _in_folder(folder: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def _in_folder(folder, monkeypatch):
     monkeypatch.chdir(folder.path)
 
 
@@ -55,7 +54,7 @@ def write_table2(folder: Any) -> None:
     folder.write("configs/experiments/table2.toml", "".join(cases))
 
 
-def test_options_are_laid_over_the_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_are_laid_over_the_experiment(capsys):
     experiment(
         *("run", "short_experiment.toml", "--runs", 1, "--jobs", 1, "--json", "out.json"),
         *("--set", "sim.duration_s=0.5", "--sweep", "follower.standoff_m=1,1.5"),
@@ -69,9 +68,7 @@ def test_options_are_laid_over_the_experiment(capsys: pytest.CaptureFixture[str]
     assert "standoff" in capsys.readouterr().out
 
 
-def test_walks_of_a_folder_are_a_row_and_on_demand_one_each(
-    folder: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_walks_of_a_folder_are_a_row_and_on_demand_one_each(folder, capsys):
     for name in ("eth_1", "eth_2"):
         folder.write(f"walks/{name}.csv", WALK)
     recorded = 'target.path={kind="recorded", file="walks/eth_1.csv"}'
@@ -85,7 +82,7 @@ def test_walks_of_a_folder_are_a_row_and_on_demand_one_each(
     assert [run["walk"] for run in report("own.json")["rows"][0]["runs"]] == [None]
 
 
-def test_a_search_is_free_the_second_time(capsys: pytest.CaptureFixture[str], folder: Any) -> None:
+def test_a_search_is_free_the_second_time(capsys, folder):
     folder.write("search.toml", SEARCH)
     experiment("tune", "search.toml", "--jobs", 1, "--json", "one.json")
     experiment("tune", "search.toml", "--jobs", 1, "--json", "two.json")
@@ -96,9 +93,7 @@ def test_a_search_is_free_the_second_time(capsys: pytest.CaptureFixture[str], fo
     assert "follower.standoff_m" in capsys.readouterr().out
 
 
-def test_table2_is_the_experiment_of_that_name(
-    folder: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_table2_is_the_experiment_of_that_name(folder, capsys):
     write_table2(folder)
     experiment("table2", "--runs", 2, "--jobs", 1, "--json", "out.json")
     assert [len(row["runs"]) for row in report("out.json")["rows"]] == [2] * 6
@@ -108,13 +103,11 @@ def test_table2_is_the_experiment_of_that_name(
         assert words in out
 
 
-def test_figures_are_drawn_of_the_paper_s_four_cases(
-    folder: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys):
     write_table2(folder)
     drawn = {}
 
-    def draw(tables: Any, out: Path) -> list[Path]:
+    def draw(tables, out):
         drawn.update(tables)
         return [out / "figure.svg"]
 
@@ -144,19 +137,13 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("arguments", "words"), WRONG)
-def test_what_a_user_gets_wrong_is_one_line(
-    arguments: tuple[object, ...], words: tuple[str, ...]
-) -> None:
-    with pytest.raises(MecazenError) as error:
-        experiment(*arguments)
-    assert "\n" not in str(error.value)
+def test_what_a_user_gets_wrong_is_one_line(arguments, words):
+    text = error_of(MecazenError, lambda: experiment(*arguments))
     for word in words:
-        assert word in str(error.value)
+        assert word in text
 
 
-def test_a_run_that_fails_is_one_line_with_case_and_seed(
-    folder: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_fails_is_one_line_with_case_and_seed(folder, capsys):
     folder.write("broken.py", "A = 1")
     program = f'programs.follower="{folder.path}/broken.py:A"'
     with pytest.raises(MecazenError, match=r"^short, seed 1: .*broken\.py:A: not a subclass"):
@@ -164,7 +151,7 @@ def test_a_run_that_fails_is_one_line_with_case_and_seed(
     assert capsys.readouterr().out == ""
 
 
-def test_without_dask_the_cluster_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_the_cluster_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "mecazen_experiments.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MecazenError, match=r"--scheduler needs Dask: .*\[cluster\]"):

@@ -1,11 +1,8 @@
 """`mecazen experiment` as a user meets it: every run is a real one, though a short one."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -61,7 +58,7 @@ def write_standing(folder: Any, name: str) -> None:
 
 
 @pytest.fixture
-def held(folder: Any) -> Any:
+def held(folder):
     """An experiment whose run of seed 3 waits half-way, and a pipe in which it says so."""
     write_standing(folder, "Held")
     os.mkfifo(folder.path / "pid")
@@ -69,7 +66,7 @@ def held(folder: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(make_folder: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+def undisturbed(make_folder, tmp_path_factory):
     """The rows of that experiment when nothing happens to it."""
     folder = make_folder(tmp_path_factory.mktemp("undisturbed"))
     write_standing(folder, "Held")
@@ -83,7 +80,7 @@ def stored(file: Path) -> dict[int, str]:
         return dict(database.execute("select seed, record from runs"))
 
 
-def test_one_process_and_two_give_the_same_rows(folder: Any) -> None:
+def test_one_process_and_two_give_the_same_rows(folder):
     outputs = set()
     for jobs in (1, 2):
         out, errors = folder.mecazen(
@@ -105,9 +102,7 @@ def test_one_process_and_two_give_the_same_rows(folder: Any) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_after_ctrl_c_the_same_command_goes_on_from_there(
-    held: Any, undisturbed: Any, jobs: int
-) -> None:
+def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed, jobs):
     command = ("run", "short_experiment.toml", "--jobs", jobs, "--json", "out.json")
     process = held.popen(*command)
     (held.path / "pid").read_text()
@@ -127,7 +122,7 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(
 
 
 @pytest.fixture(params=["processes", "Dask"])
-def workers(request: pytest.FixtureRequest) -> Iterator[tuple[object, ...]]:
+def workers(request):
     """The options for two workers: processes, or Dask's on loopback; one that dies is replaced."""
     if request.param == "processes":
         yield "--jobs", 2
@@ -138,9 +133,7 @@ def workers(request: pytest.FixtureRequest) -> Iterator[tuple[object, ...]]:
         yield "--scheduler", cluster.scheduler_address
 
 
-def test_a_worker_that_is_killed_loses_nothing(
-    held: Any, undisturbed: Any, workers: tuple[object, ...]
-) -> None:
+def test_a_worker_that_is_killed_loses_nothing(held, undisturbed, workers):
     process = held.popen("run", "short_experiment.toml", *workers, "--json", "out.json")
     os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
     _, errors = held.finish(process)
@@ -148,7 +141,7 @@ def test_a_worker_that_is_killed_loses_nothing(
     assert held.runs("out.json") == undisturbed
 
 
-def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_kept(folder: Any) -> None:
+def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_kept(folder):
     write_standing(folder, "Lethal")
     _, errors = folder.mecazen("run", "short_experiment.toml", "--jobs", 2, code=1)
     assert errors == "error: short, seed 3: its worker died, each time it was tried"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from experiments.made_up import TICK_S, beside, covariances, line, run, twist, whole
 from mecazen.geometry import Pose2D
-from mecazen_experiments.poses import Poses, wrap
 from mecazen_experiments.scores import nees
+from mecazen_experiments.table import Poses, wrap
 from scipy import stats
 
 # --- estimation ----------------------------------------------------------------------------

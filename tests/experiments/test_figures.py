@@ -67,10 +67,7 @@ def titles(figure):
 
 def test_each_figure_is_written_as_png_and_as_svg(drawn):
     assert [file.name for file in drawn] == [
-        "fig5_trajectories.png",
-        "fig5_trajectories.svg",
-        "fig8_errors.png",
-        "fig8_errors.svg",
+        f"{n}.{kind}" for n in PANELS for kind in ("png", "svg")
     ]
     for file in drawn:
         begin = b"\x89PNG" if file.suffix == ".png" else b"<?xml"

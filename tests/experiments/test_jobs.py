@@ -1,7 +1,5 @@
 """From cases to runs, and the keys under which results are found again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +25,14 @@ def recorded(walk: Path) -> str:
     return f'target.path={{kind="recorded", file="{walk}"}}'
 
 
-def test_each_case_runs_with_each_seed(folder: Any) -> None:
+def test_each_case_runs_with_each_seed(folder):
     rows = expand([case(folder), case(folder, "other")], [1, 2, 3])
     assert [row.row for row in rows] == ["short", "other"]
     assert [job.key.seed for job in rows[0].jobs] == [1, 2, 3]
     assert str(rows[1].jobs[0]) == "other, seed 1"
 
 
-def test_sweeps_run_every_combination_over_all_settings(folder: Any) -> None:
+def test_sweeps_run_every_combination_over_all_settings(folder):
     swept = case(folder, settings=("seed=9",), sweep={"sim.tick_s": (0.01, 0.02)})
     rows = expand([swept], [5], ("start.x_m=-2",), {"follower.estimator": ("kf_cv", "none")})
     assert [row.row for row in rows] == [
@@ -48,13 +46,13 @@ def test_sweeps_run_every_combination_over_all_settings(folder: Any) -> None:
     assert len({row.jobs[0].key for row in rows}) == 4
 
 
-def test_every_kind_of_value_can_be_swept(folder: Any) -> None:
+def test_every_kind_of_value_can_be_swept(folder):
     sweep = {"bus.multicast_scouting": (True, False), "follower.view": ("back", "front")}
     rows = expand([case(folder, sweep=sweep)], [1])
     assert len({row.jobs[0].key for row in rows}) == 4
 
 
-def test_a_recorded_case_runs_each_walk_to_its_end(folder: Any) -> None:
+def test_a_recorded_case_runs_each_walk_to_its_end(folder):
     walks = [folder.write(f"walks/{name}.csv", WALK) for name in ("eth_1", "eth_2")]
     walker = case(folder, settings=(recorded(walks[0]), "target.path.start_after_s=1"))
     plain, walked = expand([case(folder, "plain"), walker], [1, 2], walks=walks)
@@ -65,19 +63,19 @@ def test_a_recorded_case_runs_each_walk_to_its_end(folder: Any) -> None:
     assert scenario.sim.ticks == 301  # 1 s and 2.003 s are 300.3 ticks
 
 
-def test_walks_that_nobody_walks_are_refused(folder: Any) -> None:
+def test_walks_that_nobody_walks_are_refused(folder):
     walk = folder.write("eth_1.csv", WALK)
     with pytest.raises(ConfigError, match=r"--walks: .*recorded"):
         expand([case(folder)], [1], walks=[walk])
 
 
-def test_a_walk_that_can_t_be_read_is_named(folder: Any) -> None:
+def test_a_walk_that_can_t_be_read_is_named(folder):
     good, wrong = folder.write("good.csv", WALK), folder.write("wrong.csv", "x")
     with pytest.raises(ConfigError, match=r"wrong\.csv"):
         expand([case(folder, settings=(recorded(good),))], [1], walks=[wrong])
 
 
-def test_the_fingerprint_is_of_what_is_simulated(folder: Any) -> None:
+def test_the_fingerprint_is_of_what_is_simulated(folder):
     assert key_of(folder) == key_of(folder)
     assert key_of(folder, "seed=7") == key_of(folder)
     assert key_of(folder, "sim.mode=lockstep") == key_of(folder, "sim.mode=real_time")
@@ -85,16 +83,14 @@ def test_the_fingerprint_is_of_what_is_simulated(folder: Any) -> None:
     assert key_of(folder, "robot.rollers.mass_kg=0.03") != key_of(folder)
 
 
-def test_the_fingerprint_has_what_a_walk_says_and_not_its_name(folder: Any) -> None:
+def test_the_fingerprint_has_what_a_walk_says_and_not_its_name(folder):
     walk, copy = folder.write("a.csv", WALK), folder.write("deep/b.csv", WALK)
     other = folder.write("c.csv", WALK.replace("0.5", "0.6"))
     assert key_of(folder, recorded(walk)) == key_of(folder, recorded(copy))
     assert key_of(folder, recorded(walk)) != key_of(folder, recorded(other))
 
 
-def test_the_fingerprint_has_what_a_program_says_and_not_its_name(
-    folder: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_fingerprint_has_what_a_program_says_and_not_its_name(folder, monkeypatch):
     texts = {"a.py": "A = 1", "deep/b.py": "A = 1", "c.py": "A = 2", "a_module.py": "A = 1"}
     for name, text in texts.items():
         folder.write(name, text)
@@ -109,8 +105,8 @@ def test_the_fingerprint_has_what_a_program_says_and_not_its_name(
         key_of(folder, 'programs.follower="no_module:A"')
 
 
-def test_the_version_changes_with_any_source(folder: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    def hashed() -> str:
+def test_the_version_changes_with_any_source(folder, monkeypatch):
+    def hashed():
         return version.__wrapped__()
 
     assert hashed() == version()
@@ -123,14 +119,14 @@ def test_the_version_changes_with_any_source(folder: Any, monkeypatch: pytest.Mo
     assert hashed() != before
 
 
-def test_the_version_changes_with_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_version_changes_with_a_library(monkeypatch):
     before = version()
     monkeypatch.setattr(jobs, "version_of", lambda name: "0.1" if name == "dartpy" else "1")
     assert version.__wrapped__() != before
 
 
-def test_a_worker_with_another_version_refuses(folder: Any) -> None:
-    job: Job = expand([case(folder)], [1])[0].jobs[0]
+def test_a_worker_with_another_version_refuses(folder):
+    job = expand([case(folder)], [1])[0].jobs[0]
     jobs.check_version(job)
     other = jobs.Key(job.key.scenario_sha256, 1, "0")
     with pytest.raises(jobs.MecazenError, match="other versions"):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen import geometry
 from mecazen.geometry import Pose2D
-from mecazen_experiments.poses import Poses, wrap
+from mecazen_experiments.table import Poses, wrap
 
 numbers = st.floats(-100.0, 100.0)
 angles = st.floats(-math.pi, math.pi)

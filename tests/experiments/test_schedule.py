@@ -1,19 +1,16 @@
 """All runs of a command, over made-up workers."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mecazen_experiments.jobs import Job, Key
-from mecazen_experiments.run import Record
-from mecazen_experiments.schedule import RunsFailedError, run_all
-from mecazen_experiments.scores import Score, Scores
+from mecazen_experiments.schedule import Done, Failure, Outcomes, RunsFailedError, run_all
 from mecazen_experiments.store import Store
-from mecazen_experiments.workers import Done, Failure, Outcomes
+
+from experiments import made_up
 
 
 class Obedient:
@@ -29,12 +26,11 @@ class Obedient:
                 yield Failure(job, "out of the world")
                 continue
             self.done.append(job.key.seed)
-            scores = Scores(Score(d_err_m=0.1 * job.key.seed), Score())
-            yield Done(job, Record(job.key, "", scores, 1.0, 100.0))
+            yield Done(job, made_up.record(job.key, 0.1 * job.key.seed))
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
+def store(tmp_path):
     with closing(Store(tmp_path / "store.sqlite")) as store:
         yield store
 
@@ -43,23 +39,23 @@ def jobs(*seeds: int) -> list[Job]:
     return [Job("row", None, Path("none.toml"), (), Key("sha", seed, "0")) for seed in seeds]
 
 
-def test_what_is_stored_is_not_done_again(store: Store) -> None:
+def test_what_is_stored_is_not_done_again(store):
     first, second = Obedient(), Obedient()
     run_all(jobs(1, 2), store, first)
-    reported: list[tuple[int, int]] = []
+    reported = []
     records = run_all(jobs(1, 2, 3), store, second, lambda *done: reported.append(done))
     assert second.done == [3]
     assert {key.seed for key in records} == {1, 2, 3}
     assert reported == [(2, 3), (3, 3)]
 
 
-def test_what_two_rows_have_in_common_is_done_once(store: Store) -> None:
+def test_what_two_rows_have_in_common_is_done_once(store):
     workers = Obedient()
     run_all([*jobs(1), *jobs(1)], store, workers)
     assert workers.done == [1]
 
 
-def test_a_run_that_fails_is_named_and_the_rest_is_kept(store: Store) -> None:
+def test_a_run_that_fails_is_named_and_the_rest_is_kept(store):
     with pytest.raises(RunsFailedError, match=r"^row, seed 2: out of the world$"):
         run_all(jobs(1, 2, 3), store, Obedient(fails=2))
     assert {key.seed for key in store.find([job.key for job in jobs(1, 2, 3)])} == {1, 3}

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from mecazen.config import wanted_view
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
-from mecazen_experiments.poses import Poses
 from mecazen_experiments.scores import Score, Scores, score
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Poses, Table
 from mecazen_follower.goal import Standoff
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE

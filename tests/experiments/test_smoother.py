@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_experiments.poses import Poses
 from mecazen_experiments.smoother import LEVELS, Sight, least_errors, smooth
+from mecazen_experiments.table import Poses
 from mecazen_follower.estimators import ESTIMATORS, make_params
 
 RATE = 25.0

@@ -1,15 +1,13 @@
 """Results in a file: found again, and safe from what may happen meanwhile."""
 
-from __future__ import annotations
-
 import signal
 import sqlite3
 import subprocess
 import sys
 from contextlib import closing
-from pathlib import Path
 
 import pytest
+from harness import error_of
 from mecazen.errors import MecazenError
 from mecazen_experiments.jobs import Key
 from mecazen_experiments.run import Record
@@ -23,7 +21,7 @@ def record(seed: int, d_err_m: float | None = 0.1, wall_s: float = 1.0) -> Recor
     return Record(Key("scenario", seed, "version"), "sha", scores, wall_s, 123.4)
 
 
-def test_a_record_comes_back_equal_in_the_next_command(tmp_path: Path) -> None:
+def test_a_record_comes_back_equal_in_the_next_command(tmp_path):
     file = tmp_path / "store.sqlite"
     with closing(Store(file)) as store:
         store.add(record(1))
@@ -33,14 +31,14 @@ def test_a_record_comes_back_equal_in_the_next_command(tmp_path: Path) -> None:
     assert found == {record(1).key: record(1), record(2).key: record(2, None)}
 
 
-def test_every_part_of_the_key_counts(tmp_path: Path) -> None:
+def test_every_part_of_the_key_counts(tmp_path):
     with closing(Store(tmp_path / "store.sqlite")) as store:
         store.add(record(1))
         others = [Key("other", 1, "version"), Key("scenario", 1, "other")]
         assert store.find(others) == {}
 
 
-def test_two_commands_share_a_file_and_the_first_record_stays(tmp_path: Path) -> None:
+def test_two_commands_share_a_file_and_the_first_record_stays(tmp_path):
     file = tmp_path / "store.sqlite"
     with closing(Store(file)) as one, closing(Store(file)) as other:
         one.add(record(1, wall_s=1.0))
@@ -64,9 +62,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_a_command_that_is_killed_while_it_writes_leaves_what_it_had_written(
-    tmp_path: Path,
-) -> None:
+def test_a_command_that_is_killed_while_it_writes_leaves_what_it_had_written(tmp_path):
     file = tmp_path / "store.sqlite"
     killed = subprocess.run([sys.executable, "-c", KILLED, file], check=False)
     assert killed.returncode == -signal.SIGKILL
@@ -77,14 +73,12 @@ def test_a_command_that_is_killed_while_it_writes_leaves_what_it_had_written(
 
 
 @pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite"])
-def test_what_can_t_be_a_store_is_one_line(tmp_path: Path, name: str) -> None:
+def test_what_can_t_be_a_store_is_one_line(tmp_path, name):
     (tmp_path / "text.sqlite").write_text("no database, but long enough to look like one" * 10)
-    with pytest.raises(MecazenError, match=name) as error:
-        Store(tmp_path / name)
-    assert "\n" not in str(error.value)
+    assert name in error_of(MecazenError, lambda: Store(tmp_path / name))
 
 
-def test_a_store_of_something_else_is_one_line(tmp_path: Path) -> None:
+def test_a_store_of_something_else_is_one_line(tmp_path):
     file = tmp_path / "other.sqlite"
     with closing(sqlite3.connect(file)) as database:
         database.execute("create table runs (name)")

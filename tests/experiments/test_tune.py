@@ -1,10 +1,7 @@
 """The search, over a made-up robot whose best distance is known."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,13 +9,12 @@ from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen_experiments.config import Range, TunedCase, Tuning
 from mecazen_experiments.jobs import Job, Key
-from mecazen_experiments.report import summarise
 from mecazen_experiments.run import Record
-from mecazen_experiments.schedule import RunsFailedError
-from mecazen_experiments.scores import Score, Scores
+from mecazen_experiments.schedule import Failure, RunsFailedError
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
-from mecazen_experiments.workers import Failure
 from mecazen_follower.config import FollowerConfig
+
+from experiments import made_up
 
 STANDOFF = "follower.standoff_m"
 BEST_M = 3.0
@@ -40,8 +36,8 @@ class Robot:
         standoff_m = scenario.section(FollowerConfig, "follower").standoff_m
         if standoff_m > self._fails_above:
             raise RunsFailedError([Failure(job, "out of the world")])
-        score = Score(d_err_m=0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed)
-        return Record(job.key, "", Scores(score, Score()), 1.0, 100.0)
+        d_err_m = 0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed
+        return made_up.record(job.key, d_err_m)
 
 
 def search(folder: Any, objective: Any = "limits", low: float = 1.0, **case: Any) -> Tuning:
@@ -55,36 +51,36 @@ def search(folder: Any, objective: Any = "limits", low: float = 1.0, **case: Any
     )
 
 
-def test_the_cost_of_a_match_is_the_squared_relative_error(make_series: Any) -> None:
+def test_the_cost_of_a_match_is_the_squared_relative_error():
     published = {"d_err_m": 0.2, "theta_err_deg": 5.0}
-    row = summarise(*make_series("short", {(None, 1): 0.3}, published=published))
+    row = made_up.row("short", 0.3, published=published)
     # a half above 0.2 m; 3° are two fifths below 5°; but for roundings
     assert match_cost(row) == pytest.approx(0.5**2 + 0.4**2, abs=1e-12)
 
 
-def test_the_cost_of_limits_is_their_used_part_and_steep_above_one(make_series: Any) -> None:
-    def of(limit: float) -> float:
+def test_the_cost_of_limits_is_their_used_part_and_steep_above_one():
+    def of(limit):
         limits = {"d_err_m": limit, "theta_err_deg": 6.0}
-        return limits_cost(summarise(*make_series("short", {(None, 1): 0.3}, limits=limits)))
+        return limits_cost(made_up.row("short", 0.3, limits=limits))
 
     assert of(0.6) == pytest.approx(0.5 + 0.5, abs=1e-12)  # but for roundings
     assert of(0.2) > 10.0 * of(0.6)
 
 
-def test_what_is_preferred_costs_nothing_and_the_rest_little() -> None:
+def test_what_is_preferred_costs_nothing_and_the_rest_little():
     assert preference(2.0, 2.0) == 0.0
     assert preference(1.0, 2.0) == preference(4.0, 2.0) == 0.001 * math.log(2.0) ** 2
 
 
-def test_a_score_that_no_run_has_is_an_error(make_series: Any) -> None:
-    row = summarise(*make_series("short", {(None, 1): 0.3}, limits={"nees": 3.0}))
+def test_a_score_that_no_run_has_is_an_error():
+    row = made_up.row("short", 0.3, limits={"nees": 3.0})
     with pytest.raises(MecazenError, match="short: there is no nees"):
         limits_cost(row)
 
 
-def test_the_search_finds_the_best_and_reports_it_on_held_out_seeds(folder: Any) -> None:
+def test_the_search_finds_the_best_and_reports_it_on_held_out_seeds(folder):
     robot = Robot()
-    reported: list[tuple[int, int]] = []
+    reported = []
     tuning = search(folder, limits={"d_err_m": 0.2})
     best = tune(tuning, robot.do, lambda *done: reported.append(done))
     # 40 trials over a range of 9; a random search would come within 0.1 about every second time
@@ -97,24 +93,24 @@ def test_the_search_finds_the_best_and_reports_it_on_held_out_seeds(folder: Any)
     assert reported[-1] == (40, 40)
 
 
-def test_the_search_is_the_same_each_time(folder: Any) -> None:
+def test_the_search_is_the_same_each_time(folder):
     tuning = search(folder, "match", published={"d_err_m": 0.1})
     assert tune(tuning, Robot().do) == tune(tuning, Robot().do)
 
 
-def test_trials_whose_runs_fail_are_counted_and_passed_over(folder: Any) -> None:
+def test_trials_whose_runs_fail_are_counted_and_passed_over(folder):
     best = tune(search(folder, limits={"d_err_m": 0.2}), Robot(fails_above=5.0).do)
     assert 0 < best.failed_trials < best.trials
     assert best.settings["short"][STANDOFF] <= 5.0
 
 
-def test_a_search_in_which_every_run_fails_says_why(folder: Any) -> None:
+def test_a_search_in_which_every_run_fails_says_why(folder):
     tuning = search(folder, low=6.0, limits={"d_err_m": 0.2})
     with pytest.raises(MecazenError, match=r"every trial failed; .* seed 1: out of the world"):
         tune(tuning, Robot(fails_above=5.0).do)
 
 
-def test_cases_share_parameters_and_have_their_own(folder: Any, tmp_path: Path) -> None:
+def test_cases_share_parameters_and_have_their_own(folder, tmp_path):
     scenario = tmp_path / "short.toml"
     own = {"sensor.position_std_m": Range(1.0, 2.0)}
     tuning = Tuning(

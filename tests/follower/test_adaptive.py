@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from follower.walks import FRAME_S as DT
+from follower.walks import NOISE as REPORTED
 from follower.walks import make
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.estimators.adaptive import MAX_FACTOR, MIN_FACTOR, NoiseScale
+from mecazen_follower.estimators.ctrv import MAX_FACTOR, MIN_FACTOR, NoiseScale
 from mecazen_follower.estimators.turn_rate import SEEN, move
 
-DT = 0.04
-REPORTED = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
 PREDICTION = REPORTED / 5.0
 
 

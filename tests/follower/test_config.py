@@ -5,8 +5,8 @@ import math
 import msgspec
 import pytest
 from mecazen_follower.config import FollowerConfig, LinearGains, PidControl, PolarControl
-from mecazen_follower.control import PoseController
 from mecazen_follower.estimators import ESTIMATORS
+from mecazen_follower.pid import PoseController
 from mecazen_follower.polar import PolarController
 
 

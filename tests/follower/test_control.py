@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
-from mecazen_follower.control import PoseController
-from mecazen_follower.pid import Gains
+from mecazen_follower.pid import Gains, PoseController
 
 DT = 0.01
 NORTH = math.pi / 2

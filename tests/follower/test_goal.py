@@ -3,17 +3,12 @@
 import math
 
 import pytest
+from follower.walks import poses, standoffs, twists
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.config import FollowerConfig
-from mecazen_follower.goal import VIEWS, Standoff
-
-numbers = st.floats(-100.0, 100.0)
-angles = st.floats(-math.pi, math.pi)
-poses = st.builds(Pose2D, numbers, numbers, angles)
-twists = st.builds(Twist2D, *[st.floats(-5.0, 5.0)] * 3)
-standoffs = st.builds(Standoff, st.floats(0.1, 10.0), angles, angles)
+from mecazen_follower.goal import VIEWS
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
+from follower.walks import FRAME_S as DT
+from follower.walks import NOISE
 from mecazen_follower.estimators.modes import Mode, ModeBank, correct
 from mecazen_follower.estimators.turn_rate import (
     SEEN,
@@ -18,8 +20,6 @@ from mecazen_follower.estimators.turn_rate import (
     triangle,
 )
 
-DT = 0.04
-NOISE = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
 START = np.array([1.0, -2.0, 0.4, 0.0, 0.0])
 COVARIANCE = np.diag([*np.diag(NOISE), 1.0, 0.25])
 STANDING = Mode((0.03, 0.001, 0.2, 0.02, 0.02), moves=False, turns=False, mean_sojourn=2.0)

@@ -3,24 +3,18 @@
 import math
 
 import pytest
+from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
 from harness import Steps, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario, SensorConfig
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_follower.config import AngularGains, FollowerConfig, LinearGains, PidControl
+from mecazen_follower.config import FollowerConfig, LinearGains, PidControl
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.node import FollowerNode
 
 NEXUS = load_robot()
-ORIGIN = Pose2D()
-AHEAD = Pose2D(1.5)
-PROPORTIONAL = PidControl(
-    x=LinearGains(kp=1.0, ki=0.0, limit=2.0),
-    y=LinearGains(kp=1.0, ki=0.0, limit=2.0),
-    yaw=AngularGains(kp=1.0, ki=0.0, limit=2.0),
-)
 ZEROS = (0.0,) * 36
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from follower.walks import angles, poses, standoffs, twists
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, rotate
@@ -15,12 +16,6 @@ DT = 0.01
 BACK = Standoff(1.0, math.pi, 0.0)
 PERSON = Pose2D()
 STILL = Twist2D()
-
-coordinates = st.floats(-100.0, 100.0)
-angles = st.floats(-math.pi, math.pi)
-poses = st.builds(Pose2D, coordinates, coordinates, angles)
-twists = st.builds(Twist2D, *[st.floats(-5.0, 5.0)] * 3)
-standoffs = st.builds(Standoff, st.floats(0.1, 10.0), angles, angles)
 
 
 def make(standoff=BACK, max_speed=2.0, max_yaw_rate=3.0):

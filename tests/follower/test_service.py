@@ -1,6 +1,7 @@
 """The follower on the bus: which samples make up its ticks, and what no payload can do to it."""
 
 import pytest
+from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
 from harness import Rig, load_robot
 from hostile import forged, malformed
 from mecazen import keys
@@ -8,16 +9,12 @@ from mecazen import messages as m
 from mecazen.config import Scenario, SimConfig
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_follower.config import AngularGains, FollowerConfig, LinearGains, PidControl
+from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import ESTIMATORS
 
 NEXT_RUN = 2**32 - 1
 ALL = ("physics", "controller", "target", "follower")
 NO_TARGET = ("physics", "controller", "follower")
-LINEAR = LinearGains(kp=1.0, ki=0.0, limit=2.0)
-PROPORTIONAL = PidControl(LINEAR, LINEAR, AngularGains(kp=1.0, ki=0.0, limit=2.0))
-ORIGIN = Pose2D()
-AHEAD = Pose2D(1.5)
 
 
 class Follower(Rig):

@@ -1,8 +1,8 @@
-"""The tracking states over a story of seeing and not seeing."""
+"""The tracking states; tests/follower/test_node.py tells a whole story of them."""
 
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen_follower.tracking import Tracker, TrackingState
+from mecazen_follower.following import Tracker, TrackingState
 
 
 def states(tracker, frames):
@@ -11,27 +11,6 @@ def states(tracker, frames):
 
 def test_nobody_seen_yet_is_waiting_however_long():
     assert states(Tracker(0.1, 2.0), [(0.0, False), (100.0, False)]) == ["waiting", "waiting"]
-
-
-def test_seen_then_coasting_then_lost_then_seen_again():
-    frames = [
-        (1.0, True),
-        (1.0625, False),  # between two frames
-        (1.25, False),
-        (3.0, False),
-        (3.25, False),
-        (60.0, False),
-        (60.5, True),
-    ]
-    assert states(Tracker(0.125, 2.0), frames) == [
-        "following",
-        "following",
-        "coasting",
-        "coasting",
-        "lost",
-        "lost",
-        "following",
-    ]
 
 
 def test_the_limits_themselves_are_still_within():

@@ -1,27 +1,23 @@
 """Recordings made in the test itself, and the commands as processes."""
 
-from __future__ import annotations
-
 import secrets
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
 from harness import Command, mecazen, wait
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
+from mecazen.keys import topic_of
 from mecazen_recorder.writer import RecordingWriter
-from recorder.ticks import stamp_of, tick, topic_named
+from recorder.ticks import stamp_of, tick
 
 
 @pytest.fixture
-def make_recording(tmp_path: Path) -> Callable[..., Path]:
+def make_recording(tmp_path):
     """Write a recording of some ticks; return its path."""
 
-    def make(
-        ticks: Sequence[int] = range(20), encoding: Any = "cdr", name: str = "made.mcap"
-    ) -> Path:
+    def make(ticks=range(20), encoding="cdr", name="made.mcap"):
         path = tmp_path / name
         writer = RecordingWriter(path, encoding)
         for number in ticks:
@@ -53,7 +49,7 @@ class Net:
 
     def publish(self, ticks: Sequence[int], **run: int) -> None:
         """Publish some ticks, with a stamp each."""
-        publishers = {key: self.bus.publisher(topic_named(key)) for key in tick(0)}
+        publishers = {key: self.bus.publisher(topic_of(key)) for key in tick(0)}
         for number in ticks:
             for key, message in tick(number).items():
                 publishers[key].put(message, stamp_of(number, **run))
@@ -70,7 +66,7 @@ class Net:
 
 
 @pytest.fixture
-def net(router: str) -> Iterator[Net]:
+def net(router):
     net = Net(router)
     yield net
     net.close()

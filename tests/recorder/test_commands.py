@@ -1,12 +1,8 @@
 """`mecazen record`, `replay` and `info` as processes, over a router."""
 
-from __future__ import annotations
-
 import resource
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -17,8 +13,7 @@ from mecazen.description import RobotDescription, ask_description, serve_descrip
 from mecazen.messages import Odometry, String, Twist
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError
-from mecazen_recorder.writer import RecordingWriter
+from mecazen_recorder.writer import RecordingError, RecordingWriter
 from recorder.conftest import Net
 from recorder.ticks import odometry, stamp_of, tick
 
@@ -43,8 +38,9 @@ def record(net: Net, path: Path, *options: object) -> Command:
     return recorder
 
 
-def finish(net: Net, recorder: Command) -> str:
-    """End a recorder as Ctrl-C does, and return what it says."""
+def finish(net: Net, recorder: Command, path: Path, count: int) -> str:
+    """End a recorder as Ctrl-C does when it has so many samples, and return what it says."""
+    net.wait(lambda: len(samples(path)) == count)
     code, out, err = recorder.end()
     assert code == 0, err
     net.wait(lambda: "record" not in net.bus.presence.names)
@@ -52,17 +48,14 @@ def finish(net: Net, recorder: Command) -> str:
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
-def test_what_is_recorded_replayed_and_recorded_again_is_the_same(
-    net: Net, tmp_path: Path, encoding: str
-) -> None:
+def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path, encoding):
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     recorder = record(net, first, "--encoding", encoding)
     net.publish(range(50))
     net.bus.put_bytes("my/key", b"\x00\xff", "image/png", stamp_of(50).pack())
     net.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.5}}')
     count = 50 * PER_TICK + 2
-    net.wait(lambda: len(samples(first)) == count)
-    assert f"{count} samples" in finish(net, recorder)
+    assert f"{count} samples" in finish(net, recorder, first, count)
     expected = samples(first)
     assert [s.key for s in expected[:PER_TICK]] == list(tick(0))
     assert (expected[-1].stamp, expected[-1].time_ns) == (None, stamp_of(50).time_ns)
@@ -74,24 +67,20 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(
 
     recorder = record(net, second, "--encoding", encoding)
     assert f"{count} samples" in net.run("replay", first, "--speed", 100).stdout
-    net.wait(lambda: len(samples(second)) == count)
-    finish(net, recorder)
+    finish(net, recorder, second, count)
     assert samples(second) == expected
 
 
-def test_some_keys_are_recorded_once_each(net: Net, tmp_path: Path) -> None:
+def test_some_keys_are_recorded_once_each(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
     net.publish(range(5))
-    net.wait(lambda: len(samples(path)) == 10)
-    finish(net, recorder)
+    finish(net, recorder, path, 10)
     assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 5
 
 
 @pytest.mark.parametrize("batches", [0, 1, 3])
-def test_after_sigkill_all_that_had_reached_the_disk_is_read(
-    net: Net, tmp_path: Path, batches: int
-) -> None:
+def test_after_sigkill_all_that_had_reached_the_disk_is_read(net, tmp_path, batches):
     path = tmp_path / "killed.mcap"
     recorder = record(net, path)
     for batch in range(batches):
@@ -112,9 +101,7 @@ def test_after_sigkill_all_that_had_reached_the_disk_is_read(
     assert "the end of the file is missing" in line
 
 
-def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(
-    net: Net, tmp_path: Path
-) -> None:
+def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(net, tmp_path):
     path = tmp_path / "full.mcap"
     recorder = record(net, path)
     net.publish(range(20))
@@ -132,39 +119,33 @@ def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(
     assert len(samples(path)) == 20 * PER_TICK
 
 
-def test_what_is_malformed_is_refused_and_the_rest_recorded(net: Net, tmp_path: Path) -> None:
+def test_what_is_malformed_is_refused_and_the_rest_recorded(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path)
     for payload in (b"", b"{", b'{"linear":1}', b"\xff"):
         net.bus.put_bytes("cmd_vel", payload, JSON_ENCODING)
     net.bus.put_bytes("cmd_vel", b"{}", JSON_ENCODING, b"no stamp")
     net.bus.put_bytes("cmd_vel", b"{}", JSON_ENCODING)
-    net.wait(lambda: len(samples(path)) == 1)
-    assert "1 samples, 5 refused or dropped" in finish(net, recorder)
+    assert "1 samples, 5 refused or dropped" in finish(net, recorder, path, 1)
 
 
 ROBOT = RobotDescription("<robot/>", {"meshes/r.stl": b"solid"})
 
 
-def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_like(
-    net: Net, tmp_path: Path
-) -> None:
+def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_like(net, tmp_path):
     path = tmp_path / "asked.mcap"
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data="seed = 3")))
     serve_description(net.bus, ROBOT)
     recorder = record(net, path)
     net.publish(range(2))
-    net.wait(lambda: len(samples(path)) == 2 * PER_TICK)
-    finish(net, recorder)
+    finish(net, recorder, path, 2 * PER_TICK)
     recording = Recording(path)
     assert len(list(recording.samples())) == 2 * PER_TICK
     assert recording.scenarios == {7: "seed = 3"}
     assert recording.descriptions() == {"": ROBOT}
 
 
-def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
-    net: Net, tmp_path: Path
-) -> None:
+def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, tmp_path):
     names = ("one", "two")
     toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
@@ -178,8 +159,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
             bus.publisher(keys.ODOM).put(odometry(number), stamp_of(number, seed=seed))
     buses[1].put_bytes("odom", b"{", JSON_ENCODING)
     net.bus.put_bytes("two/camera", b"\xff", "image/png")
-    net.wait(lambda: len(samples(first)) == 21)
-    assert "21 samples, 1 refused or dropped" in finish(net, recorder)
+    assert "21 samples, 1 refused or dropped" in finish(net, recorder, first, 21)
     expected = samples(first)
     assert [(s.key, s.kind) for s in expected[-3:]] == [
         ("one/odom", Odometry),
@@ -193,8 +173,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
 
     recorder = record(net, second)
     net.run("replay", first, "--speed", 100)
-    net.wait(lambda: len(samples(second)) == 21)
-    finish(net, recorder)
+    finish(net, recorder, second, 21)
     assert samples(second) == expected
     shown = mecazen("info", first).stdout
     assert "two/odom" in shown
@@ -204,9 +183,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(
 
 
 @pytest.mark.parametrize("names", [("",), ("one", "two")], ids=["one robot", "several robots"])
-def test_a_replay_tells_what_robots_look_like(
-    net: Net, tmp_path: Path, names: tuple[str, ...]
-) -> None:
+def test_a_replay_tells_what_robots_look_like(net, tmp_path, names):
     path = tmp_path / "described.mcap"
     writer = RecordingWriter(path, "cdr")
     for name in names:
@@ -223,11 +200,9 @@ def test_a_replay_tells_what_robots_look_like(
         assert described == RobotDescription(f"<{name}/>", ROBOT.meshes)
 
 
-def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(
-    net: Net, make_recording: Callable[..., Path]
-) -> None:
+def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(net, make_recording):
     path = make_recording(range(4))
-    heard: list[tuple[str, Any]] = []
+    heard = []
     net.bus.subscribe(keys.CMD_VEL, lambda *sample: heard.append(sample), every=True)
     net.bus.subscribe(keys.ODOM, lambda *_: pytest.fail("not asked for"), every=True)
     options = ("--keys", "cmd_vel", "--from", 0.01, "--to", 0.02)
@@ -241,9 +216,7 @@ def test_a_replay_has_the_original_stamps_and_in_a_loop_new_runs(
     ]
 
 
-def test_without_a_router_expect_one_line(
-    make_recording: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_without_a_router_expect_one_line(make_recording, tmp_path):
     nowhere = ("--connect", "tcp/127.0.0.1:1")
     path = tmp_path / "none.mcap"
     for done in (
@@ -254,9 +227,7 @@ def test_without_a_router_expect_one_line(
     assert not path.exists()
 
 
-def test_what_a_user_gets_wrong_is_one_line(
-    net: Net, make_recording: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
     path = make_recording()
     text = tmp_path / "text.mcap"
     text.write_text("hello")
@@ -271,16 +242,15 @@ def test_what_a_user_gets_wrong_is_one_line(
     assert_one_line(through, 1, "the configuration of a run")
 
 
-def test_rerun_and_json_do_not_go_together(tmp_path: Path) -> None:
+def test_rerun_and_json_do_not_go_together(tmp_path):
     done = mecazen("record", "-o", tmp_path / "a.mcap", "--rrd", "--encoding", "json")
     assert done.returncode == 2
     assert "--encoding cdr" in done.stderr
 
 
-def test_an_empty_twist_is_a_whole_message(net: Net, tmp_path: Path) -> None:
+def test_an_empty_twist_is_a_whole_message(net, tmp_path):
     path = tmp_path / "whole.mcap"
     recorder = record(net, path, "--encoding", "json")
     net.bus.put_bytes("cmd_vel", b"{}")
-    net.wait(lambda: len(samples(path)) == 1)
-    finish(net, recorder)
+    finish(net, recorder, path, 1)
     assert msgspec.json.decode(samples(path)[0].payload) == msgspec.to_builtins(Twist())

@@ -1,7 +1,5 @@
 """A service that is fed with what it was given answers as it did, or the difference is named."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -14,16 +12,16 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, StartConfig
 from mecazen.errors import MecazenError
+from mecazen.keys import topic_of
 from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
 from mecazen.runtime.host import make_service
-from mecazen.wire import Stamp
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.recorder import Recorder
 from mecazen_recorder.writer import RecordingWriter
-from recorder.ticks import TICK_NS, odometry, stamp_of, topic_named
+from recorder.ticks import TICK_NS, odometry, stamp_of
 
 TICKS = 40
 FRAME_TICKS = 4
@@ -54,10 +52,10 @@ class Advances(World):
 
 
 @pytest.fixture
-def program(tmp_path: Path) -> Callable[..., str]:
+def program(tmp_path):
     """Write a follower; return how it is named."""
 
-    def write(answer: str = "Twist2D(x=self.sum)", kind: str = "Mine") -> str:
+    def write(answer="Twist2D(x=self.sum)", kind="Mine"):
         path = tmp_path / f"follower{len(list(tmp_path.iterdir()))}.py"
         path.write_text(PROGRAM.format(answer=answer))
         return f"{path}:{kind}"
@@ -66,20 +64,18 @@ def program(tmp_path: Path) -> Callable[..., str]:
 
 
 @pytest.fixture
-def recorded(tmp_path: Path) -> Callable[..., Path]:
+def mine(program):
+    """The follower that is recorded."""
+    return program()
+
+
+@pytest.fixture
+def recorded(tmp_path, mine):
     """Record followers that answer made-up odometry and frames; return the file."""
 
-    def make(
-        program: str,
-        encoding: str = "cdr",
-        first: int = 0,
-        runs: int = 1,
-        robots: tuple[RobotConfig, ...] = (),
-    ) -> Path:
+    def make(encoding="cdr", first=0, runs=1, robots=()):
         path = tmp_path / "run.mcap"
-        scenario = Scenario(
-            robot=load_robot(), seed=3, robots=robots, programs={"follower": program}
-        )
+        scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = LocalBus()
         for robot in scenario.names:
             make_service("follower", bus, scenario, robot)
@@ -93,7 +89,7 @@ def recorded(tmp_path: Path) -> Callable[..., Path]:
         recorder.close()
         return path
 
-    def publish(bus: LocalBus, number: int, other: int, stamp: Stamp) -> None:
+    def publish(bus, number, other, stamp):
         if number % FRAME_TICKS == 0:
             seen = Observation(poses=(odometry(1).pose,) * (number % 3))
             bus.publisher(keys.OBSERVATION).put(seen, stamp)
@@ -114,7 +110,7 @@ def rewritten(
         writer.write_run(stamp_of(0, run), scenario)
     for sample in sorted(samples[:: -1 if turned else 1], key=lambda s: s.time_ns):
         if keep(sample.time_ns // TICK_NS, sample.key):
-            message = sample.message(topic_named(sample.key).type)
+            message = sample.message(topic_of(sample.key).type)
             writer.write(sample.key, message, sample.stamp, sample.time_ns)
     writer.close()
     return copy
@@ -122,11 +118,8 @@ def rewritten(
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
 @pytest.mark.parametrize("runs", [1, 2])
-def test_the_same_code_answers_as_recorded(
-    program: Callable[..., str], recorded: Callable[..., Path], encoding: str, runs: int
-) -> None:
-    mine = program()
-    compared = recompute(Recording(recorded(mine, encoding, runs=runs)), mine)
+def test_the_same_code_answers_as_recorded(mine, recorded, encoding, runs):
+    compared = recompute(Recording(recorded(encoding, runs=runs)), mine)
     assert compared.difference is None
     assert compared.counts == {"cmd_vel": TICKS * runs}
 
@@ -134,11 +127,8 @@ def test_the_same_code_answers_as_recorded(
 TWO = RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=1.5))
 
 
-def test_each_of_several_robots_is_computed_anew_by_itself(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
-    mine = program()
-    recording = Recording(recorded(mine, robots=TWO))
+def test_each_of_several_robots_is_computed_anew_by_itself(mine, recorded):
+    recording = Recording(recorded(robots=TWO))
     commands = {s.key: s.payload for s in recording.samples() if s.key.endswith("cmd_vel")}
     assert commands["one/cmd_vel"] != commands["two/cmd_vel"]
     for robot in ("one", "two"):
@@ -155,19 +145,12 @@ def test_each_of_several_robots_is_computed_anew_by_itself(
         ((), "one", "'one': no such robot"),
     ],
 )
-def test_a_robot_that_is_not_named_or_not_there_is_one_line(
-    program: Callable[..., str],
-    recorded: Callable[..., Path],
-    robots: tuple[RobotConfig, ...],
-    robot: str,
-    words: str,
-) -> None:
-    mine = program()
+def test_a_robot_that_is_not_named_or_not_there_is_one_line(mine, recorded, robots, robot, words):
     with pytest.raises(MecazenError, match=words):
-        recompute(Recording(recorded(mine, robots=robots)), mine, robot)
+        recompute(Recording(recorded(robots=robots)), mine, robot)
 
 
-def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path: Path) -> None:
+def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path):
     writer = RecordingWriter(tmp_path / "run.mcap", "cdr")
     tables = effective(Scenario(robot=load_robot(), robots=TWO))
     # a file that was there when it was recorded
@@ -187,32 +170,23 @@ def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_pat
         ("Twist2D(x=self.sum, yaw=-0.0 if tick.time_ns == 12 * 10**7 else 0.0)", "angular.z"),
     ],
 )
-def test_the_first_difference_is_named_to_the_last_bit(
-    program: Callable[..., str], recorded: Callable[..., Path], answer: str, field: str
-) -> None:
-    difference = recompute(Recording(recorded(program())), program(answer)).difference
-    assert difference is not None
+def test_the_first_difference_is_named_to_the_last_bit(program, recorded, answer, field):
+    difference = recompute(Recording(recorded()), program(answer)).difference
     assert (difference.key, difference.time_ns, difference.field) == ("cmd_vel", 12 * 10**7, field)
     assert difference.recorded != difference.recomputed
     line = f"cmd_vel {field} at 0.12 s: recorded {difference.recorded}, recomputed"
     assert str(difference).startswith(line)
 
 
-def test_an_answer_that_is_missing_is_a_difference(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
-    mine = program()
-    path = recorded(mine)
+def test_an_answer_that_is_missing_is_a_difference(mine, recorded):
+    path = recorded()
     gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")))
     difference = recompute(gap, mine).difference
     assert str(difference) == "cmd_vel at 0.2 s: recorded nothing, recomputed a message"
 
 
-def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
-    mine = program()
-    path = recorded(mine)
+def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(mine, recorded):
+    path = recorded()
     for key in ("cmd_vel", "odom", "target/observation"):
         # the link of one process was behind the others' when the recorder was stopped
         copy = rewritten(path, lambda n, k, key=key: k != key or n < TICKS - 3)
@@ -222,11 +196,8 @@ def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(
         copy.unlink()
 
 
-def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
-    mine = program()
-    copy = rewritten(recorded(mine), turned=True)
+def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(mine, recorded):
+    copy = rewritten(recorded(), turned=True)
     assert recompute(Recording(copy), mine).difference is None
 
 
@@ -234,19 +205,14 @@ def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(
     ("first", "kind", "words"),
     [(1, "Mine", "without the beginning of a run"), (0, "Advances", "mecazen simulate")],
 )
-def test_what_cant_be_computed_anew_is_one_line(
-    program: Callable[..., str], recorded: Callable[..., Path], first: int, kind: str, words: str
-) -> None:
-    path = recorded(program(), first=first)
+def test_what_cant_be_computed_anew_is_one_line(program, recorded, first, kind, words):
+    path = recorded(first=first)
     with pytest.raises(MecazenError, match=words):
         recompute(Recording(path), program(kind=kind))
 
 
-def test_a_service_of_which_nothing_was_recorded_is_one_line(
-    program: Callable[..., str], recorded: Callable[..., Path]
-) -> None:
-    mine = program()
-    copy = rewritten(recorded(mine), lambda _, key: key != "cmd_vel")
+def test_a_service_of_which_nothing_was_recorded_is_one_line(program, mine, recorded):
+    copy = rewritten(recorded(), lambda _, key: key != "cmd_vel")
     with pytest.raises(MecazenError, match=r"holds nothing that .*Mine publishes"):
         recompute(Recording(copy), mine)
     with pytest.raises(MecazenError, match=r"holds nothing that .*Other publishes"):
@@ -255,9 +221,7 @@ def test_a_service_of_which_nothing_was_recorded_is_one_line(
         recompute(Recording(copy), "recorder")
 
 
-def test_the_recorder_beside_a_follower_writes_what_both_say(
-    program: Callable[..., str], tmp_path: Path
-) -> None:
+def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
     config = RecorderConfig(file=str(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
     scenario = Scenario(
         robot=load_robot(),

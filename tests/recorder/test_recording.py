@@ -1,13 +1,11 @@
 """What is written is read again, whatever is missing or damaged; and others read it too."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 import pytest
+from harness import error_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -17,8 +15,7 @@ from mecazen.messages import Twist, Vector3
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError, Sink
-from mecazen_recorder.writer import RecordingWriter
+from mecazen_recorder.writer import RecordingError, RecordingWriter, Sink
 from recorder.ticks import TICK_NS, stamp_of, tick
 
 TICKS = range(20)
@@ -29,16 +26,11 @@ def read(path: Path, *times: float) -> list[Sample]:
 
 
 def problem(path: Path) -> str:
-    with pytest.raises(RecordingError) as caught:
-        read(path)
-    assert len(str(caught.value).splitlines()) == 1
-    return str(caught.value)
+    return error_of(RecordingError, lambda: read(path))
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
-def test_every_message_comes_back_with_its_stamp_in_the_order_of_writing(
-    make_recording: Callable[..., Path], encoding: str
-) -> None:
+def test_every_message_comes_back_with_its_stamp_in_the_order_of_writing(make_recording, encoding):
     samples = read(make_recording(TICKS, encoding))
     expected = [(n, key, message) for n in TICKS for key, message in tick(n).items()]
     assert [(s.stamp, s.key, s.time_ns) for s in samples] == [
@@ -48,9 +40,7 @@ def test_every_message_comes_back_with_its_stamp_in_the_order_of_writing(
         assert sample.message(type(message)) == message
 
 
-def test_messages_in_cdr_are_what_readers_of_ros_bags_expect(
-    make_recording: Callable[..., Path],
-) -> None:
+def test_messages_in_cdr_are_what_readers_of_ros_bags_expect(make_recording):
     with make_recording(TICKS, "cdr").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert reader.get_header().profile == "ros2"
@@ -63,16 +53,15 @@ def test_messages_in_cdr_are_what_readers_of_ros_bags_expect(
     assert [time for key, time, _ in read if key == "clock"] == [n * TICK_NS for n in TICKS]
 
 
-def test_messages_in_json_are_whole_and_have_a_schema(make_recording: Callable[..., Path]) -> None:
+def test_messages_in_json_are_whole_and_have_a_schema(make_recording):
     with make_recording(TICKS, "json").open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
-            assert schema is not None
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             fields = msgspec.json.decode(schema.data)["properties"]
             assert list(msgspec.json.decode(message.data)) == list(fields)
 
 
-def test_runs_in_one_file_are_told_apart_and_each_has_its_configuration(tmp_path: Path) -> None:
+def test_runs_in_one_file_are_told_apart_and_each_has_its_configuration(tmp_path):
     writer = RecordingWriter(tmp_path / "runs.mcap", "cdr")
     stamps = [stamp_of(n, run, run + 1) for run in (1, 2) for n in (0, 1)]
     for stamp in stamps:
@@ -90,7 +79,7 @@ def test_runs_in_one_file_are_told_apart_and_each_has_its_configuration(tmp_path
 
 
 @pytest.mark.parametrize("encoding", ["", "image/png", JSON_ENCODING, "zenoh/bytes;x"])
-def test_a_key_of_ones_own_is_kept_as_it_came(tmp_path: Path, encoding: str) -> None:
+def test_a_key_of_ones_own_is_kept_as_it_came(tmp_path, encoding):
     writer = RecordingWriter(tmp_path / "raw.mcap", "cdr")
     writer.write_bytes("my/camera", b"\x00\xff", encoding, stamp_of(1), TICK_NS)
     writer.write_bytes("my/camera", b"", encoding, None, TICK_NS)
@@ -100,14 +89,14 @@ def test_a_key_of_ones_own_is_kept_as_it_came(tmp_path: Path, encoding: str) -> 
     assert second.as_published() == (b"", encoding, None)
 
 
-def test_a_message_is_published_again_in_json(make_recording: Callable[..., Path]) -> None:
+def test_a_message_is_published_again_in_json(make_recording):
     sample = next(s for s in read(make_recording([3])) if s.key == "cmd_vel")
     payload, encoding, attachment = sample.as_published()
     assert msgspec.json.decode(payload, type=Twist) == Twist(linear=Vector3(x=0.3))
     assert (encoding, attachment) == (JSON_ENCODING, stamp_of(3).pack())
 
 
-def test_a_span_of_time_is_read_with_both_its_ends(make_recording: Callable[..., Path]) -> None:
+def test_a_span_of_time_is_read_with_both_its_ends(make_recording):
     samples = read(make_recording(), 3 * TICK_NS, 5 * TICK_NS)
     assert sorted({sample.time_ns for sample in samples}) == [3 * TICK_NS, 4 * TICK_NS, 5 * TICK_NS]
 
@@ -121,7 +110,7 @@ class Chunked:
 
 
 @pytest.fixture(scope="module")
-def chunked(tmp_path_factory: pytest.TempPathFactory) -> Chunked:
+def chunked(tmp_path_factory):
     path = tmp_path_factory.mktemp("chunked") / "a.mcap"
     writer = RecordingWriter(path, "cdr")
     synced = []
@@ -137,9 +126,7 @@ def chunked(tmp_path_factory: pytest.TempPathFactory) -> Chunked:
     return Chunked(path.read_bytes(), synced)
 
 
-def test_wherever_the_file_ends_all_that_was_synced_is_read(
-    chunked: Chunked, tmp_path: Path
-) -> None:
+def test_wherever_the_file_ends_all_that_was_synced_is_read(chunked, tmp_path):
     data, synced = chunked.data, chunked.synced
     whole = tmp_path / "whole.mcap"
     whole.write_bytes(data)
@@ -159,11 +146,8 @@ def test_wherever_the_file_ends_all_that_was_synced_is_read(
 @given(place=st.integers(0, 10**6), value=st.integers(1, 255))
 @settings(max_examples=300)
 def test_a_damaged_byte_costs_samples_but_never_changes_one(
-    chunked: Chunked,
-    tmp_path_factory: pytest.TempPathFactory,
-    place: int,
-    value: int,
-) -> None:
+    chunked, tmp_path_factory, place, value
+):
     data = chunked.data
     path = tmp_path_factory.getbasetemp() / "damaged.mcap"
     path.write_bytes(data)
@@ -178,7 +162,7 @@ def test_a_damaged_byte_costs_samples_but_never_changes_one(
     assert {(s.key, s.time_ns, s.payload) for s in found} <= good
 
 
-def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_what_is_no_recording_is_refused_in_one_line(tmp_path):
     path = tmp_path / "x.mcap"
     assert "no such file" in problem(path).lower()
     assert "directory" in problem(tmp_path).lower()
@@ -188,13 +172,13 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start("ros2", "rosbag2 0.26")
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     assert "rosbag2 0.26" in problem(path)
 
 
 def test_a_file_that_exists_is_not_overwritten_and_a_missing_folder_is_one_line(
-    make_recording: Callable[..., Path], tmp_path: Path
-) -> None:
+    make_recording, tmp_path
+):
     path = make_recording()
     before = path.read_bytes()
     with pytest.raises(RecordingError, match="exists already"):
@@ -204,9 +188,7 @@ def test_a_file_that_exists_is_not_overwritten_and_a_missing_folder_is_one_line(
         RecordingWriter(tmp_path / "none" / "a.mcap", "cdr")
 
 
-def test_a_sync_that_fails_leaves_what_was_synced_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sync_that_fails_leaves_what_was_synced_before(tmp_path, monkeypatch):
     sink = Sink(tmp_path / "a")
     sink.write(b"good")
     sink.sync()
@@ -218,9 +200,7 @@ def test_a_sync_that_fails_leaves_what_was_synced_before(
     assert (tmp_path / "a").read_bytes() == b"good"
 
 
-def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(tmp_path, monkeypatch):
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
     writer.write("cmd_vel", Twist(), stamp_of(0), 0)
     writer._sync()
@@ -231,7 +211,7 @@ def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(
     assert [sample.key for sample in read(tmp_path / "a.mcap")] == ["cmd_vel"]
 
 
-def test_info_counts_rates_and_gaps(tmp_path: Path) -> None:
+def test_info_counts_rates_and_gaps(tmp_path):
     path = tmp_path / "gaps.mcap"
     writer = RecordingWriter(path, "json")
     for number in [*range(10), *range(15, 20), *range(22, 30)]:
@@ -248,7 +228,7 @@ def test_info_counts_rates_and_gaps(tmp_path: Path) -> None:
     assert (info.count, info.is_cut_off, info.duration_s) == (24, False, pytest.approx(0.29))
 
 
-def test_info_tells_the_robots_of_a_run_and_its_own_seed(tmp_path: Path) -> None:
+def test_info_tells_the_robots_of_a_run_and_its_own_seed(tmp_path):
     path = tmp_path / "robots.mcap"
     writer = RecordingWriter(path, "cdr")
     for run in (1, 2):
@@ -270,7 +250,7 @@ def test_info_tells_the_robots_of_a_run_and_its_own_seed(tmp_path: Path) -> None
     }
 
 
-def test_a_damaged_configuration_is_one_line(tmp_path: Path) -> None:
+def test_a_damaged_configuration_is_one_line(tmp_path):
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
     writer.write_run(stamp_of(0), "seed = \n")
     writer.write("cmd_vel", Twist(), stamp_of(0), 0)
@@ -281,7 +261,7 @@ def test_a_damaged_configuration_is_one_line(tmp_path: Path) -> None:
         recording.scenario(7)
 
 
-def test_there_is_a_limit_to_keys_and_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_there_is_a_limit_to_keys_and_runs(tmp_path, monkeypatch):
     monkeypatch.setattr("mecazen_recorder.writer.MAX_CHANNELS", 2)
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
     for run in (1, 2):

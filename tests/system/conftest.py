@@ -1,8 +1,6 @@
 """Whole systems as processes, each test's at a port and a namespace of its own."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -29,7 +27,6 @@ class Stack:
     @property
     def endpoint(self) -> str:
         """Where tools connect."""
-        assert self.scenario.bus.connect is not None
         return self.scenario.bus.connect[0]
 
     def start(self) -> None:
@@ -60,11 +57,11 @@ class Stack:
 
 
 @pytest.fixture
-def stack() -> Iterator[Callable[..., Stack]]:
+def stack():
     """Make stacks of processes that end with the test."""
-    stacks: list[Stack] = []
+    stacks = []
 
-    def make(path: Path, *settings: str) -> Stack:
+    def make(path, *settings):
         stacks.append(Stack(path, settings))
         return stacks[-1]
 

@@ -1,7 +1,5 @@
 """The nodes of the loop, each of which writes down at its end how much it has published."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Mapping

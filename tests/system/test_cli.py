@@ -1,14 +1,11 @@
 """The command line as a user meets it: what it prints, and one line where something is wrong."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import select
 import signal
 import time
 import tomllib
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -19,6 +16,7 @@ from harness import (
     Command,
     assert_one_line,
     endpoint_of,
+    is_running,
     mecazen,
     options,
 )
@@ -49,9 +47,7 @@ from mecazen_tools.processes import private_router
         (("echo", "odom", "--connect", "tcp/127.0.0.1:1", "--namespace", "a b"), ("--namespace",)),
     ],
 )
-def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(
-    arguments: tuple[str, ...], words: tuple[str, ...]
-) -> None:
+def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(arguments, words):
     assert_one_line(mecazen(*arguments), 2, *words)
 
 
@@ -65,12 +61,12 @@ def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(
         ("pub", "cmd_vel", "{}"),
     ],
 )
-def test_without_a_router_tools_say_so_in_one_line(arguments: tuple[str, ...]) -> None:
+def test_without_a_router_tools_say_so_in_one_line(arguments):
     endpoint = endpoint_of(private_router())
     assert_one_line(mecazen(*arguments, "--connect", endpoint), 1, endpoint, "mecazen up")
 
 
-def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path: Path) -> None:
+def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path):
     file = tmp_path / "run.csv"
     done = mecazen("simulate", "side", "--duration", 2, "--seed", 7, "--json", "--trajectory", file)
     result = msgspec.json.decode(done.stdout)
@@ -81,7 +77,7 @@ def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("scenario", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
-def test_the_printed_configuration_is_whole_and_loads_again(scenario: str, tmp_path: Path) -> None:
+def test_the_printed_configuration_is_whole_and_loads_again(scenario, tmp_path):
     printed = mecazen("config", scenario).stdout
     copy = tmp_path / "copy.toml"
     copy.write_text(printed)
@@ -92,7 +88,7 @@ def test_the_printed_configuration_is_whole_and_loads_again(scenario: str, tmp_p
     )
 
 
-def test_scenario_and_settings_may_come_from_the_environment() -> None:
+def test_scenario_and_settings_may_come_from_the_environment():
     variables = {
         "MECAZEN_SCENARIO": "side",
         "MECAZEN_SET": 'sim.speed=2  follower.standoff_m=1.5 services=["physics","controller"]',
@@ -107,7 +103,7 @@ def test_scenario_and_settings_may_come_from_the_environment() -> None:
     assert_one_line(mecazen("config", **wrong), 2, "sim.speed", "0.01")
 
 
-def test_every_command_has_help_that_says_what_it_does() -> None:
+def test_every_command_has_help_that_says_what_it_does():
     names = ["up", "run", "simulate", "collect", "topics", "status", "echo", "pub", "config"]
     names += ["sim", "view", "graph", "record", "replay", "info"]
     for name in names:
@@ -137,20 +133,12 @@ class Up(Command):
         return {row[1].strip(): int(row[2]) for row in rows}
 
 
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
-def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
+def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     up = Up("back", "sim.speed=4")
     up.read_until("following")
     pids = up.pids()
     assert set(pids) == {"router", "physics", "controller", "target", "follower", "viewer"}
-    services: dict[str, dict[str, str]] = {}
+    services = {}
     end = time.monotonic() + COMMAND_GUARD_S
     # nobody waits for the viewer, which takes longest to start
     while not services or any(service["state"] != "ready" for service in services.values()):
@@ -164,10 +152,10 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it() -> None:
     code, out, err = up.end()
     assert (code, err) == (0, "")
     assert "all processes have ended" in out
-    assert all(gone(pid) for pid in pids.values())
+    assert not any(is_running(pid) for pid in pids.values())
 
 
-def test_when_a_process_dies_up_ends_all_and_names_it() -> None:
+def test_when_a_process_dies_up_ends_all_and_names_it():
     up = Up("back", "sim.speed=4")
     up.read_until("following")
     pids = up.pids()
@@ -175,17 +163,17 @@ def test_when_a_process_dies_up_ends_all_and_names_it() -> None:
     code, _, err = up.end(None)
     assert code == 1
     assert err.splitlines()[-1].startswith("error: target:")
-    assert all(gone(pid) for pid in pids.values())
+    assert not any(is_running(pid) for pid in pids.values())
 
 
-def test_when_a_service_fails_up_shows_its_own_error() -> None:
+def test_when_a_service_fails_up_shows_its_own_error():
     up = Up("back", "controller.wheel_joints=['a','b','c','d']")
     code, _, err = up.end(None)
     assert code == 1
     assert "controller.wheel_joints" in err.splitlines()[-1]
 
 
-def test_when_the_port_is_taken_up_says_so_in_one_line() -> None:
+def test_when_the_port_is_taken_up_says_so_in_one_line():
     up = Up("back")
     up.read_until("t = ")
     flags = options(up.router)
@@ -195,27 +183,27 @@ def test_when_the_port_is_taken_up_says_so_in_one_line() -> None:
     assert_one_line(name_taken, 1, "another target is already running")
 
 
-def test_when_up_itself_is_killed_its_processes_end_too() -> None:
+def test_when_up_itself_is_killed_its_processes_end_too():
     up = Up("back")
     up.read_until("t = ")
     pids = up.pids()
     up.end(signal.SIGKILL)
     # they end by themselves, a moment after their standard input closes
     for pid in pids.values():
-        if not gone(pid):
+        if is_running(pid):
             process = os.pidfd_open(pid)
             assert select.select([process], [], [], COMMAND_GUARD_S)[0]
             os.close(process)
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "configs" / "zenoh").glob("*.json5")))
-def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file: Path) -> None:
+def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file):
     up = Up("teleop", f"bus.zenoh_config={file}", 'bus.listen=["tcp/127.0.0.1:0"]')
     up.read_until("t = ")
     assert up.end()[0] == 0
 
 
-def test_status_says_in_one_line_that_nobody_is_there() -> None:
+def test_status_says_in_one_line_that_nobody_is_there():
     settings = private_router()
     router = Command("run", "router", "back", *options(settings))
     router.await_start()

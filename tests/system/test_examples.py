@@ -1,45 +1,57 @@
 """The examples: nodes of one's own, by one file and one line of a scenario."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path
 
 import pytest
-from harness import assert_one_line, mecazen
+from harness import ROBOTS, ROOT, assert_one_line, error_of, mecazen
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.simulate import InProcess, simulate, simulate_distributed
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = ROOT / "examples"
 RANGE = EXAMPLES / "range_sensor.toml"
 SHORT = ("sim.duration_s=2.0",)
+NODE = """
+from mecazen.geometry import Twist2D
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_CMD_VEL
+from mecazen.messages import Odometry, Twist
+from mecazen.node import Node, Row, every
+class Mine(Node):
+    ROW = Row({row})
+    def reset(self, seed): pass
+    def step(self, tick, inputs): return {answer}
+"""
+
+
+def write_node(folder: Path, row: str, answer: str) -> None:
+    """Write a node of one's own; it is named `mine.py:Mine`."""
+    (folder / "mine.py").write_text(NODE.format(row=row, answer=answer))
 
 
 @pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
-def test_an_example_gives_the_same_in_one_process_and_in_many(name: str) -> None:
+def test_an_example_gives_the_same_in_one_process_and_in_many(name):
     path = EXAMPLES / f"{name}.toml"
     alone = simulate(load_scenario(path, SHORT), name)[0]
     apart = simulate_distributed(path, SHORT, name)[0]
     assert alone.trajectory_sha256 == apart.trajectory_sha256
 
 
-def test_the_follower_keeps_its_distance() -> None:
+def test_the_follower_keeps_its_distance():
     scenario = load_scenario(EXAMPLES / "my_follower.toml", ("sim.duration_s=6.0",))
     d_err_m = simulate(scenario, "mine")[0].d_err_m
-    assert d_err_m is not None
     # a proportional law lags by speed over gain, 0.2/1.5 m
     assert d_err_m < 0.15
 
 
-def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance() -> None:
+def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance():
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
     run = InProcess(load_scenario(RANGE, settings))
-    measured: list[tuple[float, float]] = []
-    (topic,) = (t for t in run.members[-1].nodes[0].row.outputs)  # type: ignore[attr-defined]
+    measured = []
+    (topic,) = run.members[-1].nodes[0].row.outputs
     run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
     run.begin()
     for _ in range(199):
@@ -51,10 +63,10 @@ def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_d
     time_s, distance = measured[-1]
     row = rows[time_s]
     # both go along x: y differs by less than the rounding of a centimetre
-    assert distance == pytest.approx(float(row[tx]) - float(row[x]), abs=0.01)  # type: ignore[arg-type]
+    assert distance == pytest.approx(float(row[tx]) - float(row[x]), abs=0.01)
 
 
-def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path: Path) -> None:
+def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path):
     file = tmp_path / "run.mcap"
     done = mecazen("simulate", RANGE, "--record", file, "--set", SHORT[0])
     assert done.returncode == 0, done.stderr
@@ -66,7 +78,7 @@ def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path: Path) -
     assert "range_sensor.py" not in mecazen("graph", RANGE).stderr
 
 
-def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path: Path) -> None:
+def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path):
     # it is slower than the others, so samples wait for it; all that it gives is recorded
     (tmp_path / "slow.py").write_text(
         "import time\n"
@@ -91,9 +103,7 @@ def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path
 
 
 @pytest.mark.parametrize("distributed", [False, True])
-def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(
-    tmp_path: Path, distributed: bool
-) -> None:
+def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(tmp_path, distributed):
     (tmp_path / "wrong.py").write_text(
         "from range_sensor import RangeSensor\n"
         "class Wrong(RangeSensor):\n"
@@ -107,18 +117,10 @@ def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(
     assert_one_line(done, 1, "error: range: TypeError: unsupported", "(wrong.py:4 step)")
 
 
-def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:
-    (tmp_path / "blind.py").write_text(
-        "from mecazen.node import Node\n"
-        "from mecazen.graph import Row, every\n"
-        "from mecazen.keys import GROUND_TRUTH\n"
-        "class Blind(Node):\n"
-        "    ROW = Row('range', inputs=(every(GROUND_TRUTH),))\n"
-        "    def reset(self, seed): pass\n"
-        "    def step(self, tick, inputs): return {}\n"
-    )
-    text = RANGE.read_text().replace("range_sensor.py:RangeSensor", "blind.py:Blind")
-    text = text.partition("[range]")[0].replace("../configs", str(EXAMPLES.parent / "configs"))
+def test_another_class_takes_the_sensors_place(tmp_path):
+    write_node(tmp_path, "'range', inputs=(every(GROUND_TRUTH),)", "{}")
+    text = RANGE.read_text().replace("range_sensor.py:RangeSensor", "mine.py:Mine")
+    text = text.partition("[range]")[0].replace("../configs", str(ROOT / "configs"))
     (tmp_path / "blind.toml").write_text(text)
     assert simulate(load_scenario(tmp_path / "blind.toml", SHORT), "blind")[0].ticks == 200
 
@@ -131,30 +133,18 @@ def test_another_class_takes_the_sensors_place(tmp_path: Path) -> None:
         ("range.std_m=-1.0", "range.std_m"),
     ],
 )
-def test_the_sensors_section_is_checked_as_strictly_as_ours(setting: str, said: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        InProcess(load_scenario(RANGE, (*SHORT, setting)))
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_the_sensors_section_is_checked_as_strictly_as_ours(setting, said):
+    assert said in error_of(ConfigError, lambda: InProcess(load_scenario(RANGE, (*SHORT, setting))))
 
 
-def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path: Path) -> None:
-    (tmp_path / "walk.py").write_text(
-        "from mecazen.geometry import Twist2D\n"
-        "from mecazen.keys import GROUND_TRUTH, TARGET_CMD_VEL\n"
-        "from mecazen.messages import Twist\n"
-        "from mecazen.node import Node, Row, every\n"
-        "class Walk(Node):\n"
-        "    ROW = Row('walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,))\n"
-        "    def reset(self, seed): pass\n"
-        "    def step(self, tick, inputs):\n"
-        "        return {TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}\n"
-    )
+def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path):
+    row = "'walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,)"
+    answer = "{TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}"
+    write_node(tmp_path, row, answer)
     path = tmp_path / "walk.toml"
-    robot = EXAMPLES.parent / "configs" / "robots" / "nexus.toml"
     path.write_text(
-        f"robot = '{robot}'\nprograms.walk = 'walk.py:Walk'\n[start]\nx_m = -1.0\n"
-        "[target.path]\nkind = 'driven'\n"
+        f"robot = '{ROBOTS / 'nexus.toml'}'\nprograms.walk = 'mine.py:Mine'\n"
+        "[start]\nx_m = -1.0\n[target.path]\nkind = 'driven'\n"
     )
     alone = simulate(load_scenario(path, SHORT), "walk")[0].trajectory_sha256
     for groups in ("[]", '[["walk", "target"]]', '[["physics", "walk"]]'):
@@ -170,21 +160,8 @@ def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path
         ("{CMD_VEL: Twist.planar(Twist2D(x=float('nan')))}", "linear velocity nan is out of range"),
     ],
 )
-def test_a_node_that_returns_nonsense_is_told_in_one_line(
-    tmp_path: Path, returned: str, said: str
-) -> None:
-    (tmp_path / "bad.py").write_text(
-        "from mecazen.geometry import Twist2D\n"
-        "from mecazen.keys import CMD_VEL, ODOM\n"
-        "from mecazen.messages import Odometry, Twist\n"
-        "from mecazen.node import Node, Row, every\n"
-        "class Bad(Node):\n"
-        "    ROW = Row('follower', inputs=(every(ODOM),), outputs=(CMD_VEL,))\n"
-        "    def reset(self, seed): pass\n"
-        f"    def step(self, tick, inputs): return {returned}\n"
-    )
-    done = mecazen("simulate", "back", "--set", f"programs.follower={tmp_path}/bad.py:Bad")
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("error: follower")
-    assert said in line
+def test_a_node_that_returns_nonsense_is_told_in_one_line(tmp_path, returned, said):
+    write_node(tmp_path, "'follower', inputs=(every(ODOM),), outputs=(CMD_VEL,)", returned)
+    done = mecazen("simulate", "back", "--set", f"programs.follower={tmp_path}/mine.py:Mine")
+    assert_one_line(done, 1, said)
+    assert done.stderr.startswith("error: follower")

@@ -1,18 +1,14 @@
 """What docs/extend.md shows is what runs: its files are written and its commands tried."""
 
-from __future__ import annotations
-
 import re
 import shlex
-from pathlib import Path
 
 import pytest
-from harness import mecazen
+from harness import ROBOTS, ROOT, mecazen
 from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import InProcess
 
-ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "extend.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
 SHORT = ("--set", "sim.duration_s=1.0")
@@ -20,11 +16,10 @@ COMMANDS = [line for kind, block in BLOCKS if kind == "sh" for line in block.spl
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """All files of the page, and the robot file that they name."""
     made = tmp_path_factory.mktemp("extend")
-    robot = (ROOT / "configs" / "robots" / "nexus.toml").read_text()
-    (made / "nexus.toml").write_text(robot)
+    (made / "nexus.toml").write_text((ROBOTS / "nexus.toml").read_text())
     for kind, block in BLOCKS:
         if kind != "sh":
             (made / block.partition("\n")[0].removeprefix("# ")).write_text(block)
@@ -37,7 +32,7 @@ def test_each_section_is_one_screen():
 
 
 @pytest.mark.parametrize("line", [line for line in COMMANDS if "mecazen up" not in line])
-def test_a_command_of_the_page_works(folder: Path, line: str):
+def test_a_command_of_the_page_works(folder, line):
     words = [
         str(folder / word.removeprefix("robot=")) if (folder / word).exists() else word
         for word in shlex.split(line)[1:]
@@ -50,10 +45,10 @@ def test_a_command_of_the_page_works(folder: Path, line: str):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(folder: Path):
+def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(folder):
     assert any("mecazen up my_hardware.toml" in line for line in COMMANDS)
     run = InProcess(load_scenario(folder / "my_hardware.toml"))
-    moved: list[float] = []
+    moved = []
     run.bus.subscribe(ODOM, lambda odom, _: moved.append(odom.pose.pose.position.x))
     run.begin()
     for tick in range(300):

@@ -1,14 +1,11 @@
 """Parts that are killed, frozen, slow or out of space: the rest goes on, and following resumes."""
 
-from __future__ import annotations
-
 import ast
 import os
 import resource
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -49,7 +46,6 @@ class Running:
         os.kill(self.stack.supervisor.pids[name], number)
 
     def now(self) -> Stamp:
-        assert self.watch.stamp is not None
         return self.watch.stamp
 
     def wait_for_rest(self) -> None:
@@ -68,14 +64,12 @@ class Running:
 
 
 @pytest.fixture
-def running(stack: Callable[..., object]) -> Running:
+def running(stack):
     return Running(stack)
 
 
 @pytest.mark.parametrize("name", ["controller", "target", "follower"])
-def test_without_a_service_the_robot_comes_to_rest_and_with_it_it_follows_again(
-    running: Running, name: str
-) -> None:
+def test_without_a_service_the_robot_comes_to_rest_and_with_it_it_follows_again(running, name):
     running.signal(name, signal.SIGKILL)
     running.wait_for_rest()
     running.stack.launch(name)
@@ -85,7 +79,7 @@ def test_without_a_service_the_robot_comes_to_rest_and_with_it_it_follows_again(
     assert running.stack.bus.presence.returns == {name: 1, ready: 1}
 
 
-def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running: Running) -> None:
+def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running):
     before = running.now()
     running.stack.bus.call(keys.SIM_PAUSE, Empty())
     running.signal("physics", signal.SIGKILL)
@@ -98,10 +92,10 @@ def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running:
     assert not running.stack.bus.call(keys.SIM_STATE, Empty()).paused
 
 
-def test_a_target_that_is_back_goes_on_where_the_person_would_be(running: Running) -> None:
+def test_a_target_that_is_back_goes_on_where_the_person_would_be(running):
     person = TargetNode(running.stack.scenario)
     person.reset(0)
-    seen: list[tuple[int, object]] = []
+    seen = []
     running.signal("target", signal.SIGKILL)
     running.wait(lambda: "target" not in running.stack.bus.presence.names)
     running.stack.bus.subscribe(
@@ -115,9 +109,7 @@ def test_a_target_that_is_back_goes_on_where_the_person_would_be(running: Runnin
         assert pose == pytest.approx(person.motion_at(time_ns // 10_000_000).pose, abs=1e-12)
 
 
-def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_come_back(
-    running: Running,
-) -> None:
+def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_come_back(running):
     running.watch.begin_anew()
     begin = running.now()
     running.signal("router", signal.SIGKILL)
@@ -138,7 +130,7 @@ def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_
     running.wait_until_it_follows_again()
 
 
-def test_up_restarts_what_is_killed_alone_or_two_at_once() -> None:
+def test_up_restarts_what_is_killed_alone_or_two_at_once():
     with Up("circle", *WALK) as up:
         up.wait_until_it_follows()
         for struck in (
@@ -169,15 +161,13 @@ def frozen(running: Running, name: str) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", ["controller", "target", "follower"])
-def test_while_a_service_is_frozen_the_robot_comes_to_rest_and_then_it_follows_again(
-    running: Running, name: str
-) -> None:
+def test_while_a_service_is_frozen_the_robot_comes_to_rest_and_then_it_follows_again(running, name):
     with frozen(running, name):
         running.wait_for_rest()
     running.wait_until_it_follows_again()
 
 
-def test_while_physics_is_frozen_time_stands_still_and_then_it_goes_on(running: Running) -> None:
+def test_while_physics_is_frozen_time_stands_still_and_then_it_goes_on(running):
     with frozen(running, "physics"):
         while running.stack.bus.spin_once(1.0):
             pass
@@ -186,9 +176,7 @@ def test_while_physics_is_frozen_time_stands_still_and_then_it_goes_on(running: 
     assert running.now().run == held.run
 
 
-def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(
-    stack: Callable[..., object],
-) -> None:
+def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(stack):
     running = Running(stack, f"bus.zenoh_config={WATCHFUL}")
     tokens = {"controller", "controller/ready"}
     with frozen(running, "controller"):
@@ -211,12 +199,10 @@ class Slow(FollowerNode):
 """
 
 
-def test_a_slow_follower_costs_ticks_and_the_robot_follows(
-    stack: Callable[..., object], tmp_path: Path
-) -> None:
+def test_a_slow_follower_costs_ticks_and_the_robot_follows(stack, tmp_path):
     (tmp_path / "slow.py").write_text(SLOW)
     running = Running(stack, f"programs.follower={tmp_path / 'slow.py'}:Slow")
-    said: dict[str, str] = {}
+    said = {}
     running.stack.bus.subscribe(
         keys.diagnostics("follower"),
         lambda report, _: said.update({v.key: v.value for v in report.status[0].values}),
@@ -230,36 +216,30 @@ FULL = 700_000
 """Bytes: what the robot looks like, and a second or two of a recording."""
 
 
-def test_a_recorder_without_space_ends_with_what_it_has_and_the_rest_goes_on(
-    tmp_path: Path,
-) -> None:
+def test_a_recorder_without_space_ends_with_what_it_has_and_the_rest_goes_on(tmp_path):
     file = tmp_path / "run.mcap"
     services = f"services={[*SERVICES, 'recorder']}"
     with Up("circle", *WALK, services, f"recorder.file={file}", restart=False) as up:
         up.wait_until_it_follows()
         recorder = up.pid("recorder")
-        assert recorder is not None
         resource.prlimit(recorder, resource.RLIMIT_FSIZE, (FULL, FULL))
         up.wait(lambda: "recorder" not in up.bus.presence.names)
         begin = up.watch.stamp
-        assert begin is not None
         up.wait(lambda: seconds(begin, up.watch.stamp or begin) > 1.0)
         assert up.watch.follows
     assert 0 < file.stat().st_size <= FULL
     assert sum(1 for _ in Recording(file).samples()) > 0
 
 
-def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path: Path) -> None:
+def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path):
     files = [tmp_path / name for name in ("run.mcap", "run-2.mcap")]
     services = f"services={[*SERVICES, 'recorder']}"
     with Up("circle", *WALK, services, f"recorder.file={files[0]}") as up:
         up.wait(lambda: up.watch.stamp is not None and up.watch.stamp.time_ns > 3e9)
         recorder = up.pid("recorder")
-        assert recorder is not None
         os.kill(recorder, signal.SIGKILL)
         up.wait(lambda: up.bus.presence.returns["recorder/ready"] == 1)
         back = up.watch.stamp
-        assert back is not None
         up.wait(lambda: seconds(back, up.watch.stamp or back) > 1.0)
     before, after = (
         [sample.time_ns for sample in Recording(file).samples() if sample.key == "clock"]
@@ -268,8 +248,8 @@ def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path: Path)
     assert 0 < max(before) < min(after)
 
 
-def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path: Path) -> None:
-    def limit() -> None:
+def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path):
+    def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (FULL, FULL))
 
     for how in ((), ("--distributed",)):
@@ -296,7 +276,7 @@ def forge(running: Running, shift_s: float, count: int = 20) -> None:
     running.wait(lambda: len(sent) == count)
 
 
-def test_a_forged_later_tick_stops_the_robot_until_a_reset(running: Running) -> None:
+def test_a_forged_later_tick_stops_the_robot_until_a_reset(running):
     """Time in a run never goes back: true ticks are then old."""
     before = running.now()
     forge(running, 1000.0)
@@ -306,7 +286,7 @@ def test_a_forged_later_tick_stops_the_robot_until_a_reset(running: Running) -> 
     running.wait_until_it_follows_again()
 
 
-def test_a_forged_earlier_tick_changes_nothing(running: Running) -> None:
+def test_a_forged_earlier_tick_changes_nothing(running):
     running.watch.begin_anew()
     forge(running, -1000.0)
     begin = running.now()
@@ -320,7 +300,7 @@ WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime",
 """What jumps when somebody sets the clock."""
 
 
-def test_nobody_looks_at_the_clock_that_may_be_set() -> None:
+def test_nobody_looks_at_the_clock_that_may_be_set():
     files = [*ROOT.glob("common/mecazen/**/*.py"), *ROOT.glob("services/*/mecazen_*/**/*.py")]
     assert files
     found = [

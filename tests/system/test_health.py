@@ -1,7 +1,5 @@
 """The health check of a container: is a service alive, by its liveliness token."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -25,7 +23,7 @@ def health(name: str, scenario: str, *settings: str) -> tuple[int, str]:
     return done.returncode, done.stdout.strip()
 
 
-def test_a_service_is_healthy_as_long_as_it_lives(stack) -> None:
+def test_a_service_is_healthy_as_long_as_it_lives(stack):
     running = stack(SCENARIOS / "teleop.toml")
     asked = (str(SCENARIOS / "teleop.toml"), *running.settings)
     running.launch("target")
@@ -50,9 +48,7 @@ def test_a_service_is_healthy_as_long_as_it_lives(stack) -> None:
         ("/nowhere.toml", (), "/nowhere.toml"),
     ],
 )
-def test_what_can_not_be_asked_is_one_line(
-    scenario: str, settings: tuple[str, ...], words: str
-) -> None:
+def test_what_can_not_be_asked_is_one_line(scenario, settings, words):
     code, said = health("physics", scenario, *settings)
     assert code == 1
     assert words in said

@@ -1,7 +1,5 @@
 """One client against a running scenario: payloads that are no messages, and floods."""
 
-from __future__ import annotations
-
 import psutil
 import zenoh
 from harness import SCENARIOS
@@ -26,7 +24,7 @@ def intruder(running) -> zenoh.Session:
     return open_session(running.scenario.bus, "client")
 
 
-def test_malformed_payloads_crash_nothing_and_change_no_trajectory(stack) -> None:
+def test_malformed_payloads_crash_nothing_and_change_no_trajectory(stack):
     settings = ("sim.duration_s=10.0", "seed=11")
     malformed = Malformed(sample_messages(load_scenario(BACK, ("sim.duration_s=1.0",))))
     running = stack(BACK, *settings, "sim.mode=lockstep")
@@ -58,9 +56,9 @@ def test_malformed_payloads_crash_nothing_and_change_no_trajectory(stack) -> Non
     assert running.bus.call(keys.SIM_STATE, Empty()).tick == sim.ticks - 1
 
 
-def test_under_a_flood_time_goes_on_and_memory_does_not_grow(stack) -> None:
+def test_under_a_flood_time_goes_on_and_memory_does_not_grow(stack):
     running = stack(BACK)
-    ticks: list[int] = []
+    ticks = []
     running.bus.subscribe(keys.FOLLOWER_STATE, lambda _, stamp: ticks.append(stamp.time_ns))
     running.start()
     running.wait(lambda: bool(ticks))
@@ -68,8 +66,8 @@ def test_under_a_flood_time_goes_on_and_memory_does_not_grow(stack) -> None:
     floods |= {topic.key: bytes(MAX_PAYLOAD_BYTES) for topic in keys.TOPICS[:10:3]}
     with intruder(running) as session:
 
-        def flood_until(time_ns: int) -> None:
-            def going() -> bool:
+        def flood_until(time_ns):
+            def going():
                 for key, payload in floods.items():
                     for _ in range(1 if len(payload) > 1000 else 100):
                         session.put(key, payload, encoding=JSON_ENCODING)

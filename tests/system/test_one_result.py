@@ -1,11 +1,8 @@
 """One scenario and seed, one trajectory: in one process or several, idle or under load."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os
-from pathlib import Path
 
 import pytest
 from harness import SCENARIOS, mecazen, options
@@ -45,9 +42,7 @@ def many_processes(scenario: str, *settings: str) -> str:
     ],
     ids=["seed 3", "seed 4711", "efforts in msgpack", "odometry at a rate of its own"],
 )
-def test_processes_over_zenoh_give_the_trajectory_of_one_process(
-    scenario: str, settings: tuple[str, ...]
-) -> None:
+def test_processes_over_zenoh_give_the_trajectory_of_one_process(scenario, settings):
     assert many_processes(scenario, *settings) == one_process(scenario, *settings)
 
 
@@ -64,9 +59,7 @@ GROUPINGS = {
 
 @pytest.mark.parametrize("grouping", GROUPINGS)
 @pytest.mark.parametrize("scenario", SCENARIO_NAMES)
-def test_every_scenario_gives_one_trajectory_however_services_share_processes(
-    scenario: str, grouping: str
-) -> None:
+def test_every_scenario_gives_one_trajectory_however_services_share_processes(scenario, grouping):
     services = load_scenario(SCENARIOS / f"{scenario}.toml").services
     groups = [[part for part in group if part in services] for group in GROUPINGS[grouping]]
     settings = (*SHORT, f"processes={json.dumps(groups)}")
@@ -77,7 +70,7 @@ COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','co
 """Of the scenario `teleop`."""
 
 
-def test_a_run_of_services_that_others_started_is_collected_with_the_same_result(stack) -> None:
+def test_a_run_of_services_that_others_started_is_collected_with_the_same_result(stack):
     settings = ("sim.duration_s=3.0",)
     running = stack(SCENARIOS / "teleop.toml", *settings, *COLLECTED)
     running.launch("physics", "controller", "target")
@@ -85,27 +78,27 @@ def test_a_run_of_services_that_others_started_is_collected_with_the_same_result
     assert result.trajectory_sha256 == one_process("teleop", *settings)
 
 
-def test_who_collects_says_who_has_gone(stack) -> None:
+def test_who_collects_says_who_has_gone(stack):
     running = stack(SCENARIOS / "teleop.toml", *COLLECTED, "sim.duration_s=1e6")
     running.launch("physics", "controller", "target")
 
-    def kill(ticks: int) -> None:
+    def kill(ticks):
         running.supervisor.stop()
 
     with pytest.raises(MecazenError, match=r"gone after \d+ ticks"):
         collect(running.scenario, "teleop", kill)
 
 
-def test_another_seed_gives_another_trajectory() -> None:
+def test_another_seed_gives_another_trajectory():
     assert one_process("back", *HARD, "seed=1") != one_process("back", *HARD, "seed=2")
 
 
-def _burn(stop: multiprocessing.synchronize.Event) -> None:
+def _burn(stop):
     while not stop.is_set():
         sum(range(10_000))
 
 
-def test_load_from_other_processes_does_not_change_the_trajectory() -> None:
+def test_load_from_other_processes_does_not_change_the_trajectory():
     settings = (*HARD, "seed=5")
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
@@ -122,7 +115,7 @@ def test_load_from_other_processes_does_not_change_the_trajectory() -> None:
 
 
 @pytest.mark.parametrize("hash_seed", ["0", "1"])
-def test_a_fresh_interpreter_gives_the_same_trajectory(hash_seed: str, tmp_path: Path) -> None:
+def test_a_fresh_interpreter_gives_the_same_trajectory(hash_seed, tmp_path):
     file = tmp_path / "run.csv"
     how = ("--json", "--trajectory", file, *options(HARD))
     done = mecazen("simulate", SCENARIOS / "back.toml", *how, PYTHONHASHSEED=hash_seed)

@@ -1,7 +1,5 @@
 """The loop in real time, as processes: following, driving by hand, and simulated time."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -13,7 +11,7 @@ from harness import SCENARIOS, Newest
 from mecazen import keys
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario
-from mecazen.messages import Empty, ResetRequest, SimState, StepRequest
+from mecazen.messages import Empty, ResetRequest, StepRequest
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
@@ -21,7 +19,7 @@ ZENOH_CLI = Path(sys.executable).parent / "zenoh"
 TWIST = '{"linear":{"x":0.3}}'
 
 
-def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack) -> None:
+def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack):
     # ticks of 0.1 s of wall time: 20 times what the loop takes, so no deadline is missed
     settings = ("sim.duration_s=1.5", "target.path.start_after_s=0.2", "sim.speed=0.1")
     running = stack(SCENARIOS / "back.toml", *settings)
@@ -34,7 +32,7 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
     assert trajectory.rows()[: sim.ticks] == lockstep.rows()
 
 
-def test_the_robot_follows_the_person_to_within_a_hand(stack) -> None:
+def test_the_robot_follows_the_person_to_within_a_hand(stack):
     running = stack(SCENARIOS / "back.toml", "sim.speed=2", "target.path.start_after_s=0.5")
     topics = keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.FOLLOWER_STATE
     robot, person, state = (Newest(running.bus, topic) for topic in topics)
@@ -58,7 +56,7 @@ def zenoh_cli(running, *arguments: str, **options) -> subprocess.CompletedProces
     )  # fmt: skip
 
 
-def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack) -> None:
+def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack):
     running = stack(SCENARIOS / "teleop.toml")
     odom = Newest(running.bus, keys.ODOM)
     running.start()
@@ -76,7 +74,6 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
-    assert shown.stdout is not None
     line = msgspec.json.decode(shown.stdout.readline())
     shown.kill()
     shown.wait()
@@ -87,9 +84,7 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
     running.wait(lambda: odom.pose.x == pytest.approx(-1.0, abs=1e-6))
 
 
-def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_the_same(
-    stack,
-) -> None:
+def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_the_same(stack):
     running = stack(SCENARIOS / "teleop.toml", "processes=[['physics', 'controller', 'target']]")
     odom = Newest(running.bus, keys.ODOM)
     running.start()
@@ -99,7 +94,7 @@ def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
 
 
-def test_simulated_time_is_held_stepped_and_let_go(stack) -> None:
+def test_simulated_time_is_held_stepped_and_let_go(stack):
     running = stack(SCENARIOS / "back.toml")
     clock = Newest(running.bus, keys.CLOCK)
     running.start()
@@ -114,10 +109,10 @@ def test_simulated_time_is_held_stepped_and_let_go(stack) -> None:
         running.bus.call(keys.SIM_STEP, StepRequest())
 
 
-def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack) -> None:
+def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack):
     settings = ("sim.duration_s=2.0", "target.path.start_after_s=0.0", "sim.speed=0.5")
     running = stack(SCENARIOS / "back.toml", *settings)
-    observed: list[tuple[int, int, object]] = []
+    observed = []
     running.bus.subscribe(
         keys.OBSERVATION,
         lambda frame, stamp: observed.append((stamp.seed, stamp.time_ns, frame)),
@@ -126,7 +121,7 @@ def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack) -> 
     state = Newest(running.bus, keys.FOLLOWER_STATE)
     running.start()
     running.wait(lambda: len(observed) > 10)
-    first: SimState = running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
+    first = running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
     assert (first.tick, first.seed) == (0, 99)
     running.wait(lambda: [seed for seed, *_ in observed].count(99) > 5)
     running.wait(lambda: state.stamp is not None and state.stamp.seed == 99)

@@ -1,13 +1,9 @@
 """Whole runs, recorded in one process and as processes, and computed anew."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -41,9 +37,7 @@ def counts(recording: Recording) -> Counter[str]:
 
 
 @pytest.mark.parametrize("distributed", [(), ("--distributed",)], ids=["one process", "processes"])
-def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(
-    tmp_path: Path, distributed: tuple[str, ...]
-) -> None:
+def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(tmp_path, distributed):
     path = tmp_path / "run.mcap"
     result = simulate("side", 4, "--record", path, *distributed)
     assert result["trajectory_sha256"] == simulate("side", 4)["trajectory_sha256"]
@@ -61,9 +55,7 @@ def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(
 
 
 @pytest.mark.parametrize("distributed", [(), ("--distributed",)], ids=["one process", "processes"])
-def test_several_robots_are_recorded_whole_and_each_is_computed_anew(
-    tmp_path: Path, distributed: tuple[str, ...]
-) -> None:
+def test_several_robots_are_recorded_whole_and_each_is_computed_anew(tmp_path, distributed):
     path = tmp_path / "run.mcap"
     simulate("convoy", 2, "--record", path, *distributed)
     recording = Recording(path)
@@ -81,9 +73,7 @@ def test_several_robots_are_recorded_whole_and_each_is_computed_anew(
     assert_one_line(mecazen(*anew), 2, "--robot takes one or two")
 
 
-def test_at_ten_times_real_time_all_that_is_published_is_recorded(
-    stack: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_path, monkeypatch):
     monkeypatch.setenv("MECAZEN_TEST_COUNTS", str(tmp_path))
     services = ("physics", "controller", "target", "follower", "recorder")
     parts = ("physics", *NODES)
@@ -100,7 +90,7 @@ def test_at_ten_times_real_time_all_that_is_published_is_recorded(
     # what is on its way at the very end is not meant
     running.bus.call(keys.SIM_PAUSE, Empty())
     running.supervisor.stop()
-    published: Counter[str] = Counter()
+    published = Counter()
     for part in parts:
         published.update(msgspec.json.decode((tmp_path / part).read_bytes()))
     recorded = counts(Recording(path))
@@ -108,7 +98,7 @@ def test_at_ten_times_real_time_all_that_is_published_is_recorded(
     assert published["clock"] > 3000
 
 
-def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path: Path) -> None:
+def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path):
     path = tmp_path / "run.mcap"
     simulate("back", 2, "--record", path)
     same = mecazen("replay", path, "--through", "follower")

@@ -1,7 +1,5 @@
 """Several robots in one world: one result in any number of processes, and each for itself."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -28,7 +26,7 @@ CLOSE = (
 """A scenario in which robots come near each other, and frames drop out."""
 
 
-def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process() -> None:
+def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process():
     alone = simulate(load_scenario(CONVOY, CLOSE), "convoy")
     apart = simulate_distributed(CONVOY, CLOSE, "convoy")
     assert alone[0].trajectory_sha256 == apart[0].trajectory_sha256
@@ -44,7 +42,7 @@ def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process()
     assert min(gaps) < 0.2 + 0.283 + 0.2
 
 
-def test_a_robot_far_from_others_moves_as_it_would_alone() -> None:
+def test_a_robot_far_from_others_moves_as_it_would_alone():
     settings = ("sim.duration_s=4.0", "robots.two.start={y_m=-5.0}")
     scenario = load_scenario(CONVOY, settings)
     together = simulate(scenario, "convoy")[1]
@@ -53,7 +51,7 @@ def test_a_robot_far_from_others_moves_as_it_would_alone() -> None:
     assert [row[:wide] for row in together.rows()] == alone.rows()
 
 
-def test_another_seed_is_another_for_each_robot() -> None:
+def test_another_seed_is_another_for_each_robot():
     settings = ("sim.duration_s=1.0", "target.path.start_after_s=0.2")
     results = [
         simulate(load_scenario(CONVOY, (*settings, f"seed={seed}")), "convoy")[0].robots
@@ -63,7 +61,7 @@ def test_another_seed_is_another_for_each_robot() -> None:
         assert results[0][name] != results[1][name]
 
 
-def test_the_command_line_scores_each_robot() -> None:
+def test_the_command_line_scores_each_robot():
     done = mecazen("simulate", CONVOY, "--duration", "3", "--json")
     scores = json.loads(done.stdout)["robots"]
     assert scores.keys() == {"one", "two"}
@@ -76,7 +74,7 @@ def of_each(running, topic) -> dict[str, Newest]:
     return {name: Newest(running.bus.namespaced(name), topic) for name in running.scenario.names}
 
 
-def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
+def test_in_real_time_each_robot_follows_its_own_person(stack):
     running = stack(CONVOY, "sim.speed=2", "target.path.start_after_s=0.5")
     robots, persons = of_each(running, keys.GROUND_TRUTH), of_each(running, keys.TARGET_ODOM)
     running.start()
@@ -97,7 +95,7 @@ def test_in_real_time_each_robot_follows_its_own_person(stack) -> None:
     assert "two/joint_command" in status.services["physics"].inputs
 
 
-def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack) -> None:
+def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack):
     running = stack(CONVOY, "services=['physics', 'controller']")
     odom = of_each(running, keys.ODOM)
     running.start()

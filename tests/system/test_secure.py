@@ -4,13 +4,11 @@ What is denied is denied in silence. So it is followed, on the same session, by 
 anyone may make: when it is answered, what came before it has been let through or not.
 """
 
-from __future__ import annotations
-
 import json
 import secrets
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,7 +59,7 @@ ORDERS = tuple(call.key for call in keys.CALLS if call.key not in {*QUESTIONS, "
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("authority") / "keys"
     certificates.create(made)
     return Folder(made)
@@ -75,11 +73,11 @@ class Net(NamedTuple):
 
 
 @pytest.fixture(params=[None, "robot1", "fleet/robot2"])
-def net(request: pytest.FixtureRequest, folder: Folder) -> Iterator[Net]:
+def net(request, folder):
     endpoint = endpoint_of(private_router("tls"))
     with ExitStack() as stack:
 
-        def open_one(name: str, mode: str = "client", connect: str = endpoint, **more: Any) -> Any:
+        def open_one(name, mode="client", connect=endpoint, **more):
             config = BusConfig(
                 connect=(connect,),
                 namespace=request.param,
@@ -124,7 +122,7 @@ class Host:
 
 
 @pytest.fixture
-def physics(net: Net) -> Host:
+def physics(net):
     return Host(net, "physics", *ANSWERS)
 
 
@@ -137,11 +135,11 @@ def settle(session: Any) -> None:
 
 
 @pytest.fixture(params=["through the router", "directly"])
-def intruder(request: pytest.FixtureRequest, net: Net, physics: Host) -> Callable[[str], Any]:
+def intruder(request, net, physics):
     """Open a client with somebody's certificate, at the router or at the peer itself."""
     door = net.endpoint if request.param == "through the router" else physics.endpoint
 
-    def come(name: str) -> Any:
+    def come(name):
         session = net.open(name, connect=door)
         settle(session)
         physics.asked.clear()
@@ -155,7 +153,7 @@ def ask(session: Any, key: str) -> None:
     session.get(key, handler=zenoh.handlers.FifoChannel(1))
 
 
-def test_each_certificate_may_put_its_own_keys_and_no_other(physics: Host, intruder) -> None:
+def test_each_certificate_may_put_its_own_keys_and_no_other(physics, intruder):
     for name, allowed in MAY_PUT.items():
         session = intruder(name)
         for key in PUTS:
@@ -166,9 +164,7 @@ def test_each_certificate_may_put_its_own_keys_and_no_other(physics: Host, intru
         physics.heard.clear()
 
 
-def test_nobody_deletes_or_puts_on_an_expression_that_holds_more_than_is_theirs(
-    physics: Host, intruder
-) -> None:
+def test_nobody_deletes_or_puts_on_an_expression_that_holds_more_than_is_theirs(physics, intruder):
     for name in MAY_PUT:
         session = intruder(name)
         session.put("**", b"{}")
@@ -180,7 +176,7 @@ def test_nobody_deletes_or_puts_on_an_expression_that_holds_more_than_is_theirs(
         assert not physics.heard, name
 
 
-def test_anyone_asks_what_is_and_only_an_operator_gives_orders(physics: Host, intruder) -> None:
+def test_anyone_asks_what_is_and_only_an_operator_gives_orders(physics, intruder):
     for name in MAY_PUT:
         session = intruder(name)
         for key in (*ORDERS, *QUESTIONS, "sim/*", "**", "of/ones/own"):
@@ -191,7 +187,7 @@ def test_anyone_asks_what_is_and_only_an_operator_gives_orders(physics: Host, in
         physics.asked.clear()
 
 
-def test_only_an_operator_sets_the_odometry(net: Net) -> None:
+def test_only_an_operator_sets_the_odometry(net):
     controller = Host(net, "controller", "set_odometry")
     follower = net.open("follower", connect=controller.endpoint)
     ask(follower, "set_odometry")
@@ -204,7 +200,7 @@ def test_only_an_operator_sets_the_odometry(net: Net) -> None:
     assert controller.asked == ["set_odometry"]
 
 
-def test_nobody_answers_or_is_alive_in_anothers_name(net: Net, physics: Host, intruder) -> None:
+def test_nobody_answers_or_is_alive_in_anothers_name(net, physics, intruder):
     for name in MAY_PUT:
         session = intruder(name)
         for one in certificates.NAMES:
@@ -218,7 +214,7 @@ def test_nobody_answers_or_is_alive_in_anothers_name(net: Net, physics: Host, in
         physics.alive.clear()
 
 
-def test_anyone_admitted_hears_everything(net: Net, physics: Host) -> None:
+def test_anyone_admitted_hears_everything(net, physics):
     viewer = net.open("viewer")
     heard = viewer.declare_subscriber("**")
     settle(viewer)
@@ -243,8 +239,8 @@ def _connect(endpoint: str, tls: dict[str, Any]) -> zenoh.Session:
 
 @pytest.mark.parametrize("door", ["router", "peer"])
 def test_without_a_certificate_of_this_authority_nobody_gets_in(
-    door: str, net: Net, physics: Host, folder: Folder, tmp_path: Path
-) -> None:
+    door, net, physics, folder, tmp_path
+):
     endpoint = net.endpoint if door == "router" else physics.endpoint
     other = tmp_path / "other"
     certificates.create(other)
@@ -272,7 +268,7 @@ def secure(folder: Folder) -> tuple[str, ...]:
     return (f"bus.zenoh_config={SECURE}", f"bus.keys={folder}")
 
 
-def test_the_loop_gives_the_same_trajectory_under_tls_and_access_control(folder: Folder) -> None:
+def test_the_loop_gives_the_same_trajectory_under_tls_and_access_control(folder):
     path, settings = SCENARIOS / "back.toml", ("sim.duration_s=3.0", "seed=7")
     alone = simulate(load_scenario(path, settings), "back")[0].trajectory_sha256
     guarded = simulate_distributed(path, (*settings, *secure(folder)), "back")[0]
@@ -284,11 +280,9 @@ def intrude(running: Any, name: str) -> Any:
     return open_session(running.scenario.bus, "client", name)
 
 
-def test_what_was_heard_on_cmd_vel_is_not_taken_again_from_who_may_not_say_it(
-    stack, folder: Folder
-) -> None:
+def test_what_was_heard_on_cmd_vel_is_not_taken_again_from_who_may_not_say_it(stack, folder):
     running = stack(SCENARIOS / "back.toml", *secure(folder))
-    stamps: list[bytes | None] = []
+    stamps = []
     running.bus.subscribe_bytes("cmd_vel", lambda *sample: stamps.append(sample[3]))
     running.start()
     with intrude(running, "viewer") as viewer:
@@ -305,10 +299,10 @@ def test_what_was_heard_on_cmd_vel_is_not_taken_again_from_who_may_not_say_it(
         running.wait(lambda: stamps.count(attachment) == 2)
 
 
-def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder: Folder) -> None:
+def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder):
     # where they are let in, each service waits for the future that they tell of
     running = stack(SCENARIOS / "back.toml", *secure(folder))
-    newest: dict[str, Stamp] = {}
+    newest = {}
     for topic in (keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE):
         running.bus.subscribe(topic, lambda _, stamp, key=topic.key: newest.update({key: stamp}))
     running.start()
@@ -324,7 +318,7 @@ def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder: Fold
     assert {stamp.run for stamp in newest.values()} == {run}
 
 
-def test_an_operators_tools_work_and_others_are_not_answered(stack, folder: Folder) -> None:
+def test_an_operators_tools_work_and_others_are_not_answered(stack, folder):
     running = stack(SCENARIOS / "teleop.toml", *secure(folder))
     running.start()
     assert running.bus.call(keys.SIM_PAUSE, Empty()).paused
@@ -340,7 +334,7 @@ def test_an_operators_tools_work_and_others_are_not_answered(stack, folder: Fold
     assert_one_line(done, 1, f"nothing answers at {running.endpoint}")
 
 
-def test_the_command_creates_keys_once(tmp_path: Path) -> None:
+def test_the_command_creates_keys_once(tmp_path):
     folder = tmp_path / "keys"
     done = mecazen("keys", "create", folder, "--host", "robot.local", "--host", "10.0.0.1")
     assert (done.returncode, done.stderr) == (0, "")
@@ -349,7 +343,7 @@ def test_the_command_creates_keys_once(tmp_path: Path) -> None:
     assert_one_line(again, 1, f"error: {folder}: is there already")
 
 
-def test_a_process_without_its_certificate_says_so_in_one_line(folder: Folder) -> None:
+def test_a_process_without_its_certificate_says_so_in_one_line(folder):
     with pytest.raises(BusError) as caught:
         session_config(BusConfig(keys=folder), "peer", "pilot")
     assert str(caught.value).startswith(f"{folder / 'pilot.crt'}: can't be read; ")

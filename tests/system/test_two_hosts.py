@@ -1,7 +1,5 @@
 """Services on two hosts: network namespaces, and between them a slow link that loses and breaks."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os
@@ -16,7 +14,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -121,7 +119,6 @@ class Echo:
         self._thread.start()
 
     def _read(self) -> None:
-        assert self.process.stdout is not None
         for line in self.process.stdout:
             with self._changed:
                 self.messages.append(json.loads(line))
@@ -140,7 +137,6 @@ class Echo:
     def close(self) -> None:
         end(self.process)
         self._thread.join()
-        assert self.process.stdout is not None
         self.process.stdout.close()
 
 
@@ -178,7 +174,6 @@ class Hosts:
                 )  # fmt: skip
                 stack.callback(self._end, process)
                 if name == "router":
-                    assert process.stderr is not None
                     assert "msg=started" in process.stderr.readline()
         self.truth = Echo(near, "ground_truth/odom", tools)
         stack.callback(self.truth.close)
@@ -189,12 +184,11 @@ class Hosts:
 
     def _end(self, process: subprocess.Popen[str]) -> None:
         end(process)
-        assert process.stderr is not None
         process.stderr.close()
 
 
 @pytest.fixture
-def hosts(tmp_path: Path) -> Iterator[Hosts]:
+def hosts(tmp_path):
     with ExitStack() as stack:
         yield Hosts(tmp_path / "keys", stack)
 
@@ -216,9 +210,7 @@ def hardest_braking(odoms: list[Any]) -> float:
     )
 
 
-def test_when_the_link_is_cut_the_robot_comes_to_rest_and_follows_when_it_is_back(
-    hosts: Hosts,
-) -> None:
+def test_when_the_link_is_cut_the_robot_comes_to_rest_and_follows_when_it_is_back(hosts):
     moving = hosts.truth.wait(lambda odom: speed(odom) > 0.15)
     hosts.state.wait(lambda state: state["tracking"] == "following")
     hosts.link.is_cut = True

@@ -1,7 +1,5 @@
 """The viewer beside a real simulation: pictures, resets, and its own end."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil
@@ -22,7 +20,7 @@ from mecazen_viewer.entities import of_robot
 from mecazen_viewer.plots import LINES
 from mecazen_viewer.recorded import draw
 from PIL import Image
-from rerun.experimental import ViewerClient
+from viewer_stage import paths_of
 
 FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
 FRAMES = 200
@@ -111,9 +109,7 @@ def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]
     raise AssertionError("never shown; the last picture is out/not_shown.png")
 
 
-def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(
-    stack, attach: ViewerClient
-) -> None:
+def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, attach):
     shown = Shown(stack, "side", "sim.speed=3")
     shown.until(5.0)
     attach.open(shown.uri)
@@ -123,7 +119,7 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(
     assert all(view.visible and not view.reports for view in state.views)
     views = {view.name: view.view_id for view in state.views}
 
-    def take(name: str) -> Callable[[], bytes]:
+    def take(name):
         return lambda: attach.take_screenshot(views[name])
 
     follow = until_shown(take("following"), shows_the_scene)
@@ -140,9 +136,7 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(
         assert share(blue, ground) < 0.5
 
 
-def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(
-    stack, attach: ViewerClient
-) -> None:
+def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(stack, attach):
     shown = Shown(stack, "convoy")
     attach.open(shown.uri)
     until_shown(attach.take_screenshot, shows_two_persons)
@@ -152,9 +146,7 @@ def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(
     assert [view.name for view in state.views].count("from above") == 2
 
 
-def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(
-    stack, attach: ViewerClient
-) -> None:
+def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(stack, attach):
     shown = Shown(stack, "side", "sim.speed=2")
     shown.until(1.0)
     attach.open(shown.uri)
@@ -170,7 +162,7 @@ def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(
     until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
 
 
-def test_a_browser_shows_a_live_run_at_the_printed_address(stack) -> None:
+def test_a_browser_shows_a_live_run_at_the_printed_address(stack):
     chromium = shutil.which("chromium")
     if chromium is None:
         pytest.skip("chromium is not installed (Debian's package chromium)")
@@ -192,14 +184,14 @@ def test_a_browser_shows_a_live_run_at_the_printed_address(stack) -> None:
     assert shows_the_scene(whole[height // 8 : height // 2, : width // 2])
 
 
-def test_when_the_viewer_is_killed_the_simulation_goes_on(stack) -> None:
+def test_when_the_viewer_is_killed_the_simulation_goes_on(stack):
     shown = Shown(stack, "side", "sim.speed=2")
     os.kill(shown.running.supervisor.pids["viewer"], signal.SIGKILL)
     # `until` raises where a process ends that is needed
     shown.until(shown.time_s + 2.0)
 
 
-def test_a_viewer_that_hangs_holds_nobody_up(stack) -> None:
+def test_a_viewer_that_hangs_holds_nobody_up(stack):
     shown = Shown(stack, "side", "sim.speed=2")
     viewer = shown.running.supervisor.pids["viewer"]
     os.kill(viewer, signal.SIGSTOP)
@@ -218,14 +210,14 @@ def assert_answers(url: str) -> None:
         assert page.status == 200
 
 
-def test_up_prints_where_to_watch() -> None:
+def test_up_prints_where_to_watch():
     running = up(*options(FREE_PORTS))
     assert_answers(running.read_until("Watch it at").split()[-1])
     code, _, err = running.end()
     assert (code, err) == (0, "")
 
 
-def test_up_without_a_viewer_starts_none() -> None:
+def test_up_without_a_viewer_starts_none():
     running = up("--no-viewer")
     running.read_until("t = ")
     text = running.end()[1]
@@ -233,7 +225,7 @@ def test_up_without_a_viewer_starts_none() -> None:
     assert "│ viewer" not in text
 
 
-def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on() -> None:
+def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         running = up(*options(("viewer.web_port=0", f"viewer.data_port={port}")))
@@ -244,7 +236,7 @@ def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes
         assert running.end()[2] == ""
 
 
-def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path: Path) -> None:
+def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path):
     import rerun as rr
 
     file = tmp_path / "run.rrd"
@@ -265,32 +257,27 @@ def recorded(scenario: str, seconds: float, folder: Path) -> Path:
     return drawn
 
 
-def test_a_recorded_run_is_shown_as_a_live_one(tmp_path: Path, attach: ViewerClient) -> None:
+def test_a_recorded_run_is_shown_as_a_live_one(tmp_path, attach):
     attach.open(str(recorded("side", 12, tmp_path)))
     until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
     state = attach.get_state()
     (follow,) = (view.view_id for view in state.views if view.name == "following")
     until_shown(lambda: attach.take_screenshot(follow), shows_the_scene)
     (recording,) = state.recordings
-    schema = attach.get_recording_schema(recording.store_id, paths_only=True)
-    paths = {entity.entity_path for entity in schema.entities}
-    assert {f"/{path}" for path in ("world/robot/roller", *LINES)} <= paths
+    assert {f"/{path}" for path in ("world/robot/roller", *LINES)} <= paths_of(attach, recording)
 
 
-def test_a_recorded_run_of_several_robots_is_shown_whole(
-    tmp_path: Path, attach: ViewerClient
-) -> None:
+def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
     attach.open(str(recorded("convoy", 4, tmp_path)))
     until_shown(attach.take_screenshot, shows_two_persons)
     (recording,) = attach.get_state().recordings
-    schema = attach.get_recording_schema(recording.store_id, paths_only=True)
-    paths = {entity.entity_path for entity in schema.entities}
+    paths = paths_of(attach, recording)
     for robot in ("one", "two"):
         expected = {"world/robot/roller", *LINES}
         assert {f"/{of_robot(path, robot)}" for path in expected} <= paths
 
 
-def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path: Path) -> None:
+def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path):
     from mcap.writer import Writer
 
     file = tmp_path / "other.mcap"
@@ -304,7 +291,7 @@ def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path: Path) -> Non
     assert "not of `mecazen record`; shown without the scene" in line
 
 
-def test_a_recording_that_is_not_there_is_one_line() -> None:
+def test_a_recording_that_is_not_there_is_one_line():
     view = mecazen("view", "nowhere.rrd")
     assert (view.returncode, view.stdout) == (2, "")
     assert view.stderr == "error: nowhere.rrd: no such file\n"

@@ -9,7 +9,7 @@ from mecazen_target.motion import Driven
 START = Pose2D(1.0, 2.0, math.pi / 2)
 
 
-def test_driven_person_walks_an_exact_arc() -> None:
+def test_driven_person_walks_an_exact_arc():
     person = Driven(START, timeout=10.0, tick_s=0.01)
     person.command(Twist2D(0.2, 0.0, 0.1))
     for _ in range(500):
@@ -21,7 +21,7 @@ def test_driven_person_walks_an_exact_arc() -> None:
     assert person.motion.twist == Twist2D(0.2, 0.0, 0.1)
 
 
-def test_new_command_starts_the_timeout_again() -> None:
+def test_new_command_starts_the_timeout_again():
     person = Driven(Pose2D(), timeout=0.3, tick_s=0.1)
     for _ in range(10):
         person.command(Twist2D(1.0, 0.0, 0.0))

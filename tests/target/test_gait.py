@@ -5,14 +5,13 @@ import math
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_target.config import Gait, Standing, Straight
-from mecazen_target.gait import with_gait
-from mecazen_target.motion import Motion
+from mecazen_target.motion import Motion, with_gait
 from mecazen_target.paths import make_path
 
 GAIT = Gait(sway_m=0.03, speed_ripple=0.1, step_length_m=0.5)
 
 
-def test_gait_sways_once_a_stride_and_pulses_once_a_step() -> None:
+def test_gait_sways_once_a_stride_and_pulses_once_a_step():
     path = make_path(Straight(speed_m_s=1.0))
     steps = [with_gait(path.at(t), GAIT) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
     # Left over one foot, right over the other; fastest as the feet change.
@@ -21,7 +20,7 @@ def test_gait_sways_once_a_stride_and_pulses_once_a_step() -> None:
     assert [m.pose.x for m in steps] == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
-def test_gait_keeps_heading_yaw_rate_and_distance() -> None:
+def test_gait_keeps_heading_yaw_rate_and_distance():
     motion = Motion(Pose2D(1.0, 2.0, 0.7), Twist2D(0.9, 0.1, 0.4), 12.3)
     rippled = with_gait(motion, GAIT)
     assert rippled.pose.yaw == pytest.approx(0.7)
@@ -31,12 +30,12 @@ def test_gait_keeps_heading_yaw_rate_and_distance() -> None:
     assert math.dist(rippled.pose[:2], motion.pose[:2]) <= math.hypot(0.008, 0.03)
 
 
-def test_gait_of_a_standing_person_is_nothing() -> None:
+def test_gait_of_a_standing_person_is_nothing():
     motion = make_path(Standing(x_m=3.0)).at(7.0)
     assert with_gait(motion, GAIT) == motion
 
 
-def test_person_who_stops_in_mid_step_stands_where_they_are() -> None:
+def test_person_who_stops_in_mid_step_stands_where_they_are():
     path = make_path(Straight(length_m=1.3, speed_m_s=1.0))
     before, after = (with_gait(path.at(t), GAIT) for t in (1.3 - 1e-9, 1.3))
     assert after.pose == pytest.approx(before.pose, abs=1e-8)  # 1e-9 s at 1 m/s

@@ -1,7 +1,6 @@
 """Paths at constant speed: where they lead, and that their twist is their derivative."""
 
 import math
-from collections.abc import Callable
 
 import msgspec
 import pytest
@@ -19,10 +18,8 @@ from mecazen_target.config import (
     UTrack,
     Waypoints,
 )
-from mecazen_target.motion import Motion
 from mecazen_target.paths import make_path
-
-Differences = Callable[..., tuple[Motion, Twist2D, float]]
+from target.differences import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
 PATHS = {
@@ -50,14 +47,14 @@ PATHS = {
         (100.0, Pose2D(0.0, 4.0, math.pi), Twist2D()),
     ],
 )
-def test_u_track_is_the_papers(t: float, pose: Pose2D, twist: Twist2D) -> None:
+def test_u_track_is_the_papers(t, pose, twist):
     motion = make_path(UTrack()).at(t)
     # Sums of a few rounded numbers below 100.
     assert motion.pose == pytest.approx(pose, abs=1e-12)
     assert motion.twist == pytest.approx(twist, abs=1e-12)
 
 
-def test_u_track_lasts_81_4_seconds() -> None:
+def test_u_track_lasts_81_4_seconds():
     path = make_path(UTrack())
     assert path.duration == pytest.approx(50.0 + 10.0 * math.pi)
     assert path.duration == pytest.approx(81.416, abs=1e-3)  # as the digits are given
@@ -65,7 +62,7 @@ def test_u_track_lasts_81_4_seconds() -> None:
     assert path.at(path.duration).distance == pytest.approx(10.0 + 2.0 * math.pi)
 
 
-def test_u_track_to_the_right_is_the_mirror_image() -> None:
+def test_u_track_to_the_right_is_the_mirror_image():
     left, right = make_path(UTrack()), make_path(UTrack(turn="right"))
     for t in range(80):
         pose, twist, distance = left.at(t)
@@ -75,7 +72,7 @@ def test_u_track_to_the_right_is_the_mirror_image() -> None:
         assert right.at(t).distance == distance
 
 
-def test_path_starts_at_its_pose_after_its_delay() -> None:
+def test_path_starts_at_its_pose_after_its_delay():
     path = make_path(Straight(x_m=1.0, y_m=2.0, yaw_deg=90.0, start_after_s=3.0, speed_m_s=0.5))
     assert path.at(2.99).pose == pytest.approx((1.0, 2.0, math.pi / 2))
     assert path.at(2.99).twist == Twist2D()
@@ -83,7 +80,7 @@ def test_path_starts_at_its_pose_after_its_delay() -> None:
     assert path.duration == 23.0
 
 
-def test_circle_closes() -> None:
+def test_circle_closes():
     path = make_path(Circle(radius_m=2.0, speed_m_s=0.2))
     assert math.isinf(path.duration)
     assert path.at(10.0 * math.pi).pose == pytest.approx((0.0, 4.0, math.pi), abs=1e-12)
@@ -91,7 +88,7 @@ def test_circle_closes() -> None:
     assert path.at(20_000.0 * math.pi).pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-10)
 
 
-def test_figure_of_eight_has_the_lemniscates_length_and_width() -> None:
+def test_figure_of_eight_has_the_lemniscates_length_and_width():
     path = make_path(FigureOfEight(length_m=2.0, speed_m_s=1.0))
     lemniscate_constant = 2.622057554292119  # half the length at half width 1
     # Simpson's rule with 400 pieces and cubics between: see `Lemniscate`.
@@ -103,7 +100,7 @@ def test_figure_of_eight_has_the_lemniscates_length_and_width() -> None:
     assert path.at(lemniscate_constant / 2).twist.yaw == pytest.approx(3.0, abs=1e-6)
 
 
-def test_waypoints_are_passed_in_order_and_the_last_is_held() -> None:
+def test_waypoints_are_passed_in_order_and_the_last_is_held():
     path = make_path(Waypoints(points_m=POINTS, speed_m_s=1.0))
     walked = [path.at(0.001 * k).pose for k in range(round(path.duration * 1000) + 2)]
     nearest = [
@@ -116,7 +113,7 @@ def test_waypoints_are_passed_in_order_and_the_last_is_held() -> None:
     assert path.at(path.duration + 9.0).twist == Twist2D()
 
 
-def test_two_waypoints_make_a_straight() -> None:
+def test_two_waypoints_make_a_straight():
     path = make_path(Waypoints(points_m=((1.0, 1.0), (4.0, 5.0)), speed_m_s=1.0))
     assert path.duration == pytest.approx(5.0)
     assert path.at(2.5).pose == pytest.approx((2.5, 3.0, math.atan2(4.0, 3.0)))
@@ -129,18 +126,14 @@ def test_two_waypoints_make_a_straight() -> None:
         (((0.0, 0.0), (2.0, 0.0), (0.0, 0.0)), "back too sharply at point 2"),
     ],
 )
-def test_waypoints_that_no_smooth_curve_joins_are_refused(
-    points: tuple[tuple[float, float], ...], message: str
-) -> None:
+def test_waypoints_that_no_smooth_curve_joins_are_refused(points, message):
     with pytest.raises(ValueError, match=message):
         make_path(Waypoints(points_m=points))
 
 
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
 @pytest.mark.parametrize("name", PATHS)
-def test_twist_is_the_derivative_of_the_pose(
-    name: str, gait: Gait | None, differences: Differences
-) -> None:
+def test_twist_is_the_derivative_of_the_pose(name, gait):
     path, dt = make_path(PATHS[name]), 1e-4
     jumps = {25.0, 25.0 + 10.0 * math.pi}  # of the U-track's yaw rate
     for k in range(300):
@@ -161,9 +154,7 @@ def test_twist_is_the_derivative_of_the_pose(
         unique_by=lambda p: (round(p[0], 1), round(p[1], 1)),
     )
 )
-def test_any_waypoints_are_walked_at_constant_speed_or_refused(
-    points: list[tuple[float, float]],
-) -> None:
+def test_any_waypoints_are_walked_at_constant_speed_or_refused(points):
     try:
         path = make_path(Waypoints(points_m=tuple(points), speed_m_s=1.0))
     except ValueError as error:
@@ -191,12 +182,12 @@ def test_any_waypoints_are_walked_at_constant_speed_or_refused(
         ({"radius_m": 1.0}, "kind"),
     ],
 )
-def test_path_config_is_strict(table: dict[str, object], message: str) -> None:
+def test_path_config_is_strict(table, message):
     with pytest.raises(msgspec.ValidationError, match=message):
         msgspec.convert({"path": table}, TargetConfig)
 
 
-def test_config_takes_each_kind_and_defaults_to_the_u_track() -> None:
+def test_config_takes_each_kind_and_defaults_to_the_u_track():
     assert TargetConfig().path == UTrack()
     assert TargetConfig().gait is None
     config = msgspec.convert({"path": {"kind": "driven"}, "gait": {}}, TargetConfig)

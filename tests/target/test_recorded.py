@@ -3,7 +3,6 @@
 import io
 import math
 import re
-from collections.abc import Callable
 from contextlib import redirect_stdout
 from itertools import pairwise
 from pathlib import Path
@@ -13,11 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.geometry import Twist2D, wrap
 from mecazen_target.config import Gait, Recorded
-from mecazen_target.motion import Motion
 from mecazen_target.paths import make_path
 from mecazen_target.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
-
-Differences = Callable[..., tuple[Motion, Twist2D, float]]
+from target.differences import differences
 
 REPOSITORY = Path(__file__).parents[2]
 WALKS = REPOSITORY / "configs" / "walks"
@@ -48,7 +45,7 @@ def every(track: Track, dt: float = 0.01) -> list[float]:
     return [k * dt for k in range(1, int(track.duration / dt))]
 
 
-def test_steady_walk_is_a_steady_walk() -> None:
+def test_steady_walk_is_a_steady_walk():
     track = Track([line(0.4 * k) for k in range(20)])
     for t in (0.0, 0.1, 3.3, 7.6):
         pose, twist, distance = track.at(t)
@@ -58,7 +55,7 @@ def test_steady_walk_is_a_steady_walk() -> None:
         assert distance == pytest.approx(t, abs=1e-9)
 
 
-def test_person_stands_at_the_ends_of_the_recording() -> None:
+def test_person_stands_at_the_ends_of_the_recording():
     track = Track([line(5.0 + 0.4 * k) for k in range(6)])
     assert track.duration == pytest.approx(2.0)
     for t, end in ((-1.0, 5.0), (9.0, 7.0)):
@@ -66,13 +63,13 @@ def test_person_stands_at_the_ends_of_the_recording() -> None:
         assert track.at(t).twist == Twist2D()
 
 
-def test_gap_in_time_is_walked_evenly() -> None:
+def test_gap_in_time_is_walked_evenly():
     track = Track([line(0.4 * k) for k in range(20) if not 5 <= k < 15])
     assert track.at(4.0).pose[:2] == pytest.approx(line(4.0)[1:])
     assert track.at(4.0).twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
 
 
-def test_heading_on_a_circle_is_the_tangent() -> None:
+def test_heading_on_a_circle_is_the_tangent():
     radius, rate = 2.0, 0.5
     samples = [
         Sample(t, radius * math.sin(rate * t), -radius * math.cos(rate * t))
@@ -88,7 +85,7 @@ def test_heading_on_a_circle_is_the_tangent() -> None:
         assert math.hypot(pose.x, pose.y) == pytest.approx(radius - 0.0133, abs=2e-4)
 
 
-def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off() -> None:
+def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off():
     track = walk_and_stand((6.0, 1.0, 0.0), (6.0, 0.0, 0.0), (6.0, 1.0, 2.5))
     # The means begin to move 0.4 s before the samples do.
     assert {track.at(t).pose.yaw for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {0.0}
@@ -97,14 +94,14 @@ def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off() -> 
     assert track.at(14.0).twist.x == pytest.approx(1.0)
 
 
-def test_who_walks_back_the_way_they_came_turns_around() -> None:
+def test_who_walks_back_the_way_they_came_turns_around():
     track = walk_and_stand((6.0, 1.0, 0.0), (2.0, 0.0, 0.0), (6.0, 1.0, math.pi))
     assert track.at(7.0).pose.yaw == 0.0
     assert abs(track.at(11.0).pose.yaw) == pytest.approx(math.pi, abs=0.01)
     assert track.at(11.0).twist.x == pytest.approx(1.0, abs=0.001)
 
 
-def test_jitter_of_a_standing_person_does_not_turn_them() -> None:
+def test_jitter_of_a_standing_person_does_not_turn_them():
     jitter = [(0.02, 0.0), (-0.02, 0.01), (0.0, -0.02), (0.01, 0.02), (-0.01, 0.0)]
     standing = [Sample(4.0 + 0.4 * k, 4.0 + jitter[k % 5][0], jitter[k % 5][1]) for k in range(50)]
     track = Track([*(Sample(0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing])
@@ -112,7 +109,7 @@ def test_jitter_of_a_standing_person_does_not_turn_them() -> None:
     assert len(headings) == 1
 
 
-def test_track_that_never_moves_keeps_its_heading() -> None:
+def test_track_that_never_moves_keeps_its_heading():
     track = Track([Sample(0.4 * k, 3.0, 4.0) for k in range(5)])
     assert track.at(1.0).pose == pytest.approx((3.0, 4.0, 0.0))
     assert track.at(1.0).twist == Twist2D()
@@ -127,9 +124,7 @@ def test_track_that_never_moves_keeps_its_heading() -> None:
         max_size=15,
     )
 )
-def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(
-    steps: list[tuple[float, float, float]],
-) -> None:
+def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(steps):
     samples = [Sample(0.0, 0.0, 0.0)]
     for dt, dx, dy in steps:
         samples.append(Sample(samples[-1].t + dt, samples[-1].x + dx, samples[-1].y + dy))
@@ -152,7 +147,7 @@ def pedestrians() -> list[object]:
 
 
 @pytest.mark.parametrize("file", pedestrians())
-def test_recorded_person_moves_as_people_do(file: Path) -> None:
+def test_recorded_person_moves_as_people_do(file):
     samples = read_track(file)
     track = Track(samples)
     off = [math.dist(track.at(s.t - samples[0].t).pose[:2], (s.x, s.y)) for s in samples]
@@ -176,9 +171,7 @@ def test_recorded_person_moves_as_people_do(file: Path) -> None:
 
 @pytest.mark.parametrize("file", pedestrians())
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
-def test_recorded_twist_is_the_derivative_of_the_pose(
-    file: Path, gait: Gait | None, differences: Differences
-) -> None:
+def test_recorded_twist_is_the_derivative_of_the_pose(file, gait):
     path, dt = make_path(Recorded(file=file, x_m=1.0, yaw_deg=40.0, start_after_s=2.0)), 1e-5
     for k in range(300):
         now, measured, _ = differences(
@@ -189,7 +182,7 @@ def test_recorded_twist_is_the_derivative_of_the_pose(
         assert now.twist == pytest.approx(measured, abs=1e-2)
 
 
-def test_recorded_track_begins_at_the_start_pose() -> None:
+def test_recorded_track_begins_at_the_start_pose():
     path = make_path(Recorded(file=WALKS / "synthetic.csv", x_m=3.0, y_m=1.0, yaw_deg=90.0))
     assert path.at(0.0).pose == pytest.approx((3.0, 1.0, math.pi / 2), abs=1e-9)
     # 9 s at 0.8 m/s along a line, after 1.6 s of speeding up at 0.5 m/s².
@@ -197,15 +190,14 @@ def test_recorded_track_begins_at_the_start_pose() -> None:
     assert path.duration == 60.0
 
 
-def test_synthetic_walk_is_what_its_readme_makes() -> None:
+def test_synthetic_walk_is_what_its_readme_makes():
     program = re.search(r"```python\n(.*?)```", (WALKS / "README.md").read_text(), re.DOTALL)
-    assert program is not None
     with redirect_stdout(io.StringIO()) as printed:
         exec(program[1], {})  # noqa: S102 - our own
     assert printed.getvalue() == (WALKS / "synthetic.csv").read_text()
 
 
-def test_table_is_read_with_more_columns_in_any_order(tmp_path: Path) -> None:
+def test_table_is_read_with_more_columns_in_any_order(tmp_path):
     file = tmp_path / "walk.csv"
     file.write_bytes(b"\xef\xbb\xbfid,y_m,t_s,x_m\r\n7,2,0.5,1\r\n\r\n7,3,1e0,-1\r\n")
     assert read_track(file) == [Sample(0.5, 1.0, 2.0), Sample(1.0, -1.0, 3.0)]
@@ -229,7 +221,7 @@ def test_table_is_read_with_more_columns_in_any_order(tmp_path: Path) -> None:
         ('t_s,x_m,y_m\n0,0,"' + "0" * 200_000, "field larger than field limit"),
     ],
 )
-def test_malformed_table_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+def test_malformed_table_is_refused_in_one_line(tmp_path, text, message):
     file = tmp_path / "walk.csv"
     file.write_text(text)
     with pytest.raises(ValueError, match=message) as caught:
@@ -238,7 +230,7 @@ def test_malformed_table_is_refused_in_one_line(tmp_path: Path, text: str, messa
     assert "\n" not in str(caught.value)
 
 
-def test_unreadable_file_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_unreadable_file_is_refused_in_one_line(tmp_path):
     with pytest.raises(ValueError, match=r"no\.csv: can't be read: No such file"):
         read_track(tmp_path / "no.csv")
     with pytest.raises(ValueError, match="can't be read: Is a directory"):

@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from harness import COMMAND_GUARD_S as GUARD_S
+from harness import COMMAND_GUARD_S, is_running
 from mecazen.config import Process
 from mecazen_tools import processes
 from mecazen_tools.processes import Line, ProcessError, Supervisor
@@ -99,7 +99,7 @@ def start(supervisor, name, **options):
 
 def lines(supervisor):
     """Yield what is said, and None now and then."""
-    end = time.monotonic() + GUARD_S
+    end = time.monotonic() + COMMAND_GUARD_S
     while time.monotonic() < end:
         yield supervisor.poll(0.1)
     pytest.fail("what was waited for did not come")
@@ -193,7 +193,7 @@ def test_a_process_that_keeps_ending_is_started_again_after_a_growing_pause(
     monkeypatch.setattr(processes, "FIRST_PAUSE_S", 0.25)
     monkeypatch.setattr(processes, "MAX_PAUSE_S", 0.5)
     # on a busy machine the kill may come late: still, it has not worked for a while
-    monkeypatch.setattr(processes, "STEADY_S", GUARD_S)
+    monkeypatch.setattr(processes, "STEADY_S", COMMAND_GUARD_S)
     start(restarting, "works_first")
     kill(restarting, "works_first")
     said = [await_line(restarting, "works_first", "started again").text for _ in range(4)]
@@ -244,18 +244,10 @@ def test_stop_names_who_had_to_be_killed(supervisor, monkeypatch):
         assert not is_running(pid)
 
 
-def is_running(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
 def test_start_router_waits_until_it_listens(write_scenario, free_port):
     supervisor = Supervisor(write_scenario(), [f'bus.connect=["tcp/127.0.0.1:{free_port}"]'])
     try:
-        supervisor.start_router(GUARD_S)
+        supervisor.start_router(COMMAND_GUARD_S)
         socket.create_connection(("127.0.0.1", free_port)).close()
     finally:
         assert supervisor.stop() == []
@@ -264,7 +256,7 @@ def test_start_router_waits_until_it_listens(write_scenario, free_port):
 def test_when_the_routers_port_is_taken_expect_its_own_words(write_scenario, router):
     supervisor = Supervisor(write_scenario(), [f'bus.connect=["{router}"]'])
     with pytest.raises(ProcessError, match=r"^router: can't listen on .*: the port is taken"):
-        supervisor.start_router(GUARD_S)
+        supervisor.start_router(COMMAND_GUARD_S)
     assert supervisor.stop() == []
 
 

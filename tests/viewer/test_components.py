@@ -1,12 +1,9 @@
 """What is logged straight from arrays is to the bit what Rerun's own archetypes make of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import rerun as rr
 from mecazen_viewer import components
-from mecazen_viewer.components import Components
 
 NUMBERS = np.random.default_rng(1)
 PLACE, TURN, MATRIX = NUMBERS.random(3), NUMBERS.random(4), NUMBERS.random((3, 3))
@@ -37,7 +34,7 @@ FRAME = rr.Transform3D(translation=PLACE, quaternion=rr.Quaternion(xyzw=TURN))
         (components.scalars([1.5, float("nan")]), rr.Scalars([1.5, float("nan")])),
     ],
 )
-def test_components_are_those_of_the_archetype(ours: Components, reruns: rr.AsComponents) -> None:
+def test_components_are_those_of_the_archetype(ours, reruns):
     wanted = {b.component_descriptor(): b.as_arrow_array() for b in reruns.as_component_batches()}
     made = {batch.component_descriptor(): batch.as_arrow_array() for batch in ours}
     assert made.keys() == wanted.keys()

@@ -1,7 +1,5 @@
 """What is shown of each message, and when."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -9,24 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from harness import load_robot
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import (
-    DiagnosticArray,
-    DiagnosticStatus,
-    FollowerState,
-    Header,
-    JointState,
-    KeyValue,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Time,
-    Twist,
-    planar_odometry,
-)
 from mecazen.robot import WHEEL_JOINTS
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import Components
@@ -40,14 +24,15 @@ from viewer_stage import values
 MS = 10**6
 POINTS = e.OBSERVATION, "Points3D:positions"
 COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+SEEN = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), COVARIANCE)
 
 
 def picture() -> Picture:
     return Picture(Scenario(robot=load_robot()), Health())
 
 
-def odometry(pose: Pose2D, twist: Twist2D | None = None) -> Odometry:
-    return planar_odometry(Time(), "world", "base_link", pose, twist or Twist2D())
+def odometry(pose: Pose2D) -> m.Odometry:
+    return m.planar_odometry(m.Time(), "world", "base_link", pose, Twist2D())
 
 
 def scalars(entities: Mapping[str, Components], path: str) -> np.ndarray:
@@ -63,18 +48,18 @@ def place(entities: Iterable[Entity], path: str) -> Pose2D:
     return Pose2D(x, y, 2.0 * math.atan2(z, w))
 
 
-def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> FollowerState:
-    pose = PoseWithCovariance(pose=Pose.planar(estimate), covariance=COVARIANCE)
-    return FollowerState(
+def following(estimate: Pose2D, goal: Pose2D, tracking: str = "following") -> m.FollowerState:
+    pose = m.PoseWithCovariance(pose=m.Pose.planar(estimate), covariance=COVARIANCE)
+    return m.FollowerState(
         tracking=tracking,
-        estimate=(Odometry(pose=pose),),
-        goal=(Pose.planar(goal),),
+        estimate=(m.Odometry(pose=pose),),
+        goal=(m.Pose.planar(goal),),
         distance_error=0.25,
         heading_error=0.5,
     )
 
 
-def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_the_person() -> None:
+def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_the_person():
     shown = picture()
     list(shown.on_target_odom(odometry(Pose2D(3.0, 2.0)), 0))
     entities = dict(shown.on_ground_truth(odometry(Pose2D(1.0, 2.0, 0.5)), 0))
@@ -82,7 +67,7 @@ def test_the_robot_stands_where_it_truly_is_and_the_view_follows_the_middle_to_t
     assert place(entities, e.FOLLOW) == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
 
 
-def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_true_one() -> None:
+def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_true_one():
     shown = picture()
     truth, drifted = Pose2D(1.0, 2.0, 0.5), Pose2D(0.7, 2.2, 0.4)
     list(shown.on_ground_truth(odometry(truth), 0))
@@ -90,13 +75,12 @@ def test_the_frame_of_drifted_odometry_is_laid_so_that_the_robot_in_it_is_the_tr
     assert frame.compose(drifted) == pytest.approx(truth, abs=1e-6)
 
 
-def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture() -> None:
+def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture():
     shown = picture()
     for tick in range(5):
         list(shown.on_ground_truth(odometry(Pose2D(y=0.1 * tick, yaw=math.pi / 2)), tick * 10 * MS))
-    seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
-    header = Header(stamp=Time.from_ns(20 * MS), frame_id="base_link")
-    entities = dict(shown.on_observation(Observation(header=header, poses=(seen,)), 40 * MS))
+    frame = m.Observation(m.Header(m.Time.from_ns(20 * MS), "base_link"), (SEEN,))
+    entities = dict(shown.on_observation(frame, 40 * MS))
     # 1 m ahead of a robot at y = 0.2 m that looks along y
     assert values(entities, *POINTS)[0][:2] == pytest.approx((0.0, 1.2))
     stretch = values(entities, e.OBSERVATION_ELLIPSE, "Transform3D:mat3x3")[0]
@@ -107,18 +91,17 @@ def test_an_observation_is_seen_from_where_the_robot_was_at_its_capture() -> Non
     )
 
 
-def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing() -> None:
+def test_what_the_sensor_saw_goes_one_by_one_when_it_sees_nothing():
     shown = picture()
-    seen = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0)), covariance=COVARIANCE)
-    frame = Observation(header=Header(frame_id="world"), poses=(seen,))
+    frame, nothing = m.Observation(m.Header(frame_id="world"), (SEEN,)), m.Observation()
     counts = [
         len(values(dict(shown.on_observation(message, 100 * MS * i)), *POINTS))
-        for i, message in enumerate((frame, frame, Observation(), Observation(), Observation()))
+        for i, message in enumerate((frame, frame, nothing, nothing, nothing))
     ]
     assert counts == [1, 2, 1, 0, 0]
 
 
-def test_errors_are_true_and_as_the_follower_has_them() -> None:
+def test_errors_are_true_and_as_the_follower_has_them():
     shown = picture()
     list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     list(shown.on_target_odom(odometry(Pose2D()), 0))
@@ -136,7 +119,7 @@ def test_errors_are_true_and_as_the_follower_has_them() -> None:
     assert place(entities, e.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
 
 
-def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown() -> None:
+def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown():
     shown = picture()
     list(shown.on_ground_truth(odometry(Pose2D(-1.2, 0.0, 0.1)), 0))
     entities = dict(shown.on_target_odom(odometry(Pose2D()), 0))
@@ -149,12 +132,12 @@ def test_of_a_follower_that_tells_nothing_the_true_errors_are_shown() -> None:
     assert e.DISTANCE not in dict(shown.on_target_odom(odometry(Pose2D()), 200 * MS))
 
 
-def test_a_command_of_efforts_plots_no_speeds() -> None:
-    efforts = JointState(name=WHEEL_JOINTS, effort=(1.0,) * 4)
+def test_a_command_of_efforts_plots_no_speeds():
+    efforts = m.JointState(name=WHEEL_JOINTS, effort=(1.0,) * 4)
     assert list(picture().on_joint_command(efforts, 0)) == []
 
 
-def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() -> None:
+def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry():
     shown = picture()
     robot, person, drifted = Pose2D(2.0, 1.0, 0.3), Pose2D(3.0, 1.0, 0.2), Pose2D(9.0, 9.0, 2.0)
     list(shown.on_ground_truth(odometry(robot), 0))
@@ -166,21 +149,23 @@ def test_the_nees_of_a_good_estimate_does_not_know_of_the_drift_of_odometry() ->
     assert scalars(entities, e.NEES)[-1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_lines_have_ten_points_a_second() -> None:
+def test_lines_have_ten_points_a_second():
     shown = picture()
-    twists = [entity for tick in range(101) for entity in shown.on_cmd_vel(Twist(), tick * 10 * MS)]
+    twists = [
+        entity for tick in range(101) for entity in shown.on_cmd_vel(m.Twist(), tick * 10 * MS)
+    ]
     assert len(twists) == 2 * 11  # velocity and yaw rate
 
 
-def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
+def test_every_line_that_is_drawn_has_a_name_and_a_colour():
     shown = picture()
     list(shown.on_ground_truth(odometry(Pose2D()), 0))
     list(shown.on_target_odom(odometry(Pose2D(1.0)), 0))
     drawn = [
         *shown.on_odom(odometry(Pose2D()), 0),
-        *shown.on_cmd_vel(Twist(), 0),
-        *shown.on_joint_states(JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
-        *shown.on_joint_command(JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 4), 0),
+        *shown.on_cmd_vel(m.Twist(), 0),
+        *shown.on_joint_states(m.JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
+        *shown.on_joint_command(m.JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 4), 0),
         *shown.on_follower_state(following(Pose2D(1.0), Pose2D()), 0),
         *shown.on_diagnostics(physics_says("0.5"), 0),
     ]
@@ -191,19 +176,19 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour() -> None:
         assert len(scalars(plotted, path)) == len(lines[path])
 
 
-def physics_says(rtf: str, level: int = 0, message: str = "ok") -> DiagnosticArray:
-    status = DiagnosticStatus(
-        level=level, name="physics", message=message, values=(KeyValue(key="rtf", value=rtf),)
+def physics_says(rtf: str, level: int = 0, message: str = "ok") -> m.DiagnosticArray:
+    status = m.DiagnosticStatus(
+        level=level, name="physics", message=message, values=(m.KeyValue(key="rtf", value=rtf),)
     )
-    return DiagnosticArray(status=(status,))
+    return m.DiagnosticArray(status=(status,))
 
 
-def test_tracking_and_health_are_logged_when_they_change() -> None:
+def test_tracking_and_health_are_logged_when_they_change():
     shown = picture()
-    lines: list[str] = []
+    lines = []
     for entities in (
-        shown.on_follower_state(FollowerState(tracking="waiting"), 0),
-        shown.on_follower_state(FollowerState(tracking="waiting"), 0),
+        shown.on_follower_state(m.FollowerState(tracking="waiting"), 0),
+        shown.on_follower_state(m.FollowerState(tracking="waiting"), 0),
         shown.on_follower_state(following(Pose2D(), Pose2D(), "coasting"), 0),
         shown.on_diagnostics(physics_says("1.0"), 0),
         shown.on_diagnostics(physics_says("1.1"), 0),
@@ -222,13 +207,13 @@ def test_tracking_and_health_are_logged_when_they_change() -> None:
     ]
 
 
-def test_of_several_robots_health_and_tracking_are_told_with_their_names() -> None:
+def test_of_several_robots_health_and_tracking_are_told_with_their_names():
     health, scenario = Health(), Scenario(robot=load_robot())
     pictures = [Picture(scenario, health, robot) for robot in ("", "one", "two")]
-    report = DiagnosticArray(status=(DiagnosticStatus(name="follower", message="ok"),))
-    lines: list[str] = []
+    report = m.DiagnosticArray(status=(m.DiagnosticStatus(name="follower", message="ok"),))
+    lines = []
     for shown in pictures[1:]:
-        tracking = shown.on_follower_state(FollowerState(tracking="lost"), 0)
+        tracking = shown.on_follower_state(m.FollowerState(tracking="lost"), 0)
         said = [*tracking, *shown.on_diagnostics(report, 0)]
         lines += [text.text.as_arrow_array()[0].as_py() for path, text in said if path != e.HEALTH]
     assert lines == [
@@ -240,7 +225,7 @@ def test_of_several_robots_health_and_tracking_are_told_with_their_names() -> No
     assert rows == ["| one/follower", "| physics", "| two/follower"]
 
 
-def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
+def test_the_table_holds_the_newest_of_every_service_in_four_digits():
     shown = picture()
     list(shown.on_diagnostics(physics_says("0.123456"), 0))
     table = dict(shown.on_diagnostics(physics_says("0.987654"), 0))[e.HEALTH]
@@ -249,7 +234,7 @@ def test_the_table_holds_the_newest_of_every_service_in_four_digits() -> None:
     assert "0.1235" not in text
 
 
-def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far() -> None:
+def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far():
     shown = picture()
     assert list(shown.ground()) == []
     laid = []
@@ -266,14 +251,14 @@ def origins(part: Any) -> set[str]:
     return set().union(*(origins(child) for child in part.contents))
 
 
-def test_the_layout_shows_every_plot_and_text_there_is() -> None:
+def test_the_layout_shows_every_plot_and_text_there_is():
     shown = origins(blueprint(("",)).root_container)
     assert {e.FOLLOW, e.HEALTH, e.LOG} <= shown
     for path in LINES | TIME_LINES:
         assert any(path == origin or path.startswith(f"{origin}/") for origin in shown)
 
 
-def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has() -> None:
+def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has():
     single = origins(blueprint(("",)).root_container)
     tabs = blueprint(("one", "two")).root_container.contents
     assert [tab.name for tab in tabs] == ["one", "two"]
@@ -285,7 +270,7 @@ def test_each_of_several_robots_has_a_tab_with_what_a_single_one_has() -> None:
     assert len({application(robots) for robots in (("",), ("one",), ("one", "two"))}) == 3
 
 
-def test_what_several_robots_have_is_below_their_names_and_what_they_share_is_not() -> None:
+def test_what_several_robots_have_is_below_their_names_and_what_they_share_is_not():
     assert e.of_robot(e.GOAL, "two") == "world/two/odom/goal"
     assert e.of_robot(e.DISTANCE, "two") == "plots/two/distance"
     assert e.of_robot(e.HEALTH, "two") == e.HEALTH

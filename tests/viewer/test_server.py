@@ -1,7 +1,5 @@
 """The server: attaching at any time, ports, memory, and its end."""
 
-from __future__ import annotations
-
 import os
 import select
 import socket
@@ -12,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -21,7 +18,7 @@ from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import RerunError
 from mecazen_viewer.server import Server, serving
 from rerun.experimental import ViewerClient, ViewerState
-from viewer_stage import Stage
+from viewer_stage import Stage, paths_of
 
 ANYWHERE = ViewerConfig(web_port=0, data_port=0)
 LAYOUT = blueprint(("",))
@@ -55,12 +52,7 @@ def playing(*robots: str, ticks: int = 50) -> Iterator[tuple[Server, Callable[[i
         stage.viewer.end()
 
 
-def paths_of(viewer: ViewerClient, recording: Any) -> set[str]:
-    schema = viewer.get_recording_schema(recording.store_id, paths_only=True)
-    return {entity.entity_path for entity in schema.entities}
-
-
-def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClient) -> None:
+def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach):
     with playing() as (server, _):
         attach.open(server.uri)
         (recording,) = wait(attach, 1).recordings
@@ -81,7 +73,7 @@ def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach: ViewerClien
         } <= paths_of(attach, recording)
 
 
-def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach: ViewerClient) -> None:
+def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach):
     with playing() as (server, play):
         attach.open(server.uri)
         assert wait(attach, 1).active_recording == "Recording:mecazen:00000001"
@@ -89,7 +81,7 @@ def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach: Vie
         assert wait(attach, 2).active_recording == "Recording:mecazen:00000002"
 
 
-def test_every_view_of_the_layout_is_there_and_none_complains(attach: ViewerClient) -> None:
+def test_every_view_of_the_layout_is_there_and_none_complains(attach):
     with playing(ticks=150) as (server, _):
         attach.open(server.uri)
         state = wait(attach, 1)
@@ -98,9 +90,7 @@ def test_every_view_of_the_layout_is_there_and_none_complains(attach: ViewerClie
         assert all(view.visible and not view.reports for view in state.views)
 
 
-def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(
-    attach: ViewerClient,
-) -> None:
+def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(attach):
     with playing("one", "two", ticks=150) as (server, _):
         attach.open(server.uri)
         state = wait(attach, 1)
@@ -112,7 +102,7 @@ def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(
             assert {f"/{what.format(robot)}" for robot in ("one", "two")} <= paths
 
 
-def test_the_page_is_served_on_loopback_and_only_there() -> None:
+def test_the_page_is_served_on_loopback_and_only_there():
     with serving(ANYWHERE, LAYOUT) as server:
         with urllib.request.urlopen(server.url, timeout=10.0) as answer:  # noqa: S310
             assert b"Rerun" in answer.read()
@@ -123,7 +113,7 @@ def test_the_page_is_served_on_loopback_and_only_there() -> None:
 
 
 @pytest.mark.parametrize("key", ["web_port", "data_port"])
-def test_a_taken_port_is_one_line_that_names_its_key(key: str) -> None:
+def test_a_taken_port_is_one_line_that_names_its_key(key):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port})
@@ -133,7 +123,7 @@ def test_a_taken_port_is_one_line_that_names_its_key(key: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_server_that_ends_is_an_error() -> None:
+def test_a_server_that_ends_is_an_error():
     with serving(ANYWHERE, LAYOUT) as server:
         server.check()
         (rerun,) = psutil.Process().children()
@@ -143,7 +133,7 @@ def test_a_server_that_ends_is_an_error() -> None:
             server.check()
 
 
-def test_when_the_viewer_is_killed_the_server_ends_too() -> None:
+def test_when_the_viewer_is_killed_the_server_ends_too():
     code = (
         "from mecazen_viewer.server import serving\n"
         "from mecazen_viewer.config import ViewerConfig\n"
@@ -156,7 +146,6 @@ def test_when_the_viewer_is_killed_the_server_ends_too() -> None:
     with subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as viewer:
-        assert viewer.stdout is not None
         server = os.pidfd_open(int(viewer.stdout.readline()))
         viewer.kill()
         assert select.select([server], [], [], 60.0)[0]
@@ -195,7 +184,7 @@ with serving(ViewerConfig(web_port=0, data_port=0), blueprint([""])) as server:
 """
 
 
-def test_memory_is_bounded_however_long_a_run_and_however_many_there_are() -> None:
+def test_memory_is_bounded_however_long_a_run_and_however_many_there_are():
     told = subprocess.run(
         [sys.executable, "-c", MEMORY],
         capture_output=True,

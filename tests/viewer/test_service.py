@@ -1,89 +1,53 @@
 """Runs become recordings; what is wrong is refused; whoever describes no robot shows none."""
 
-from __future__ import annotations
-
 import logging
 
 import pytest
-from hostile import FORGED, FUZZ, Put, put_all, puts
+from hostile import FORGED, FUZZ, put_all, puts
 from hypothesis import given
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import (
-    DiagnosticArray,
-    DiagnosticStatus,
-    FollowerState,
-    JointState,
-    KeyValue,
-    Observation,
-    Odometry,
-    Pose,
-    PoseWithCovariance,
-    Time,
-    Twist,
-    planar_odometry,
-)
 from mecazen.wire import Stamp
 from viewer_stage import COVARIANCE, URDF, Stage
 
 
-class Recordings:
-    """Takes each recording of a viewer into memory."""
-
-    def __init__(self, stage: Stage) -> None:
-        self.names: list[str] = []
-        self.memories = []
-        stage.viewer.send = self._take
-
-    def _take(self, recording) -> None:
-        self.names.append(recording.get_recording_id())
-        self.memories.append(recording.memory_recording())
-
-    def messages(self) -> int:
-        """How much was logged in the newest."""
-        return self.memories[-1].num_msgs()
-
-
-def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample() -> None:
+def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample():
     stage = Stage()
-    taken = Recordings(stage)
-    assert taken.names == []
+    assert stage.shown == []
     stage.play(run=0xABC, ticks=3)
     stage.play(run=0xDEF, ticks=3)
-    assert taken.names == ["00000abc", "00000def"]
+    assert stage.shown == ["00000abc", "00000def"]
 
 
-def test_what_is_late_of_an_ended_run_begins_no_recording() -> None:
+def test_what_is_late_of_an_ended_run_begins_no_recording():
     stage = Stage()
-    taken = Recordings(stage)
     stage.play(run=1, ticks=2)
     stage.play(run=2, ticks=2)
     stage.play(run=1, ticks=2, begin=2)
-    assert len(taken.names) == 2
+    assert len(stage.shown) == 2
 
 
-def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none() -> None:
+def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none():
     stage = Stage()
-    taken = Recordings(stage)
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
     stage.bus.spin()
-    assert taken.names == []
+    assert stage.shown == []
     stage.play(run=5, ticks=1)
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
     stage.bus.spin()
-    assert len(taken.names) == 1
+    assert len(stage.shown) == 1
 
 
 @pytest.mark.parametrize(
     ("robots", "whose"), [((), "the robot"), (("one", "two"), "two")], ids=["one", "several"]
 )
 def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robot(
-    caplog: pytest.LogCaptureFixture, robots: tuple[str, ...], whose: str
-) -> None:
+    caplog, robots, whose
+):
     stage = Stage(described=False, robots=robots)
-    taken = Recordings(stage)
     for robot in robots[:-1]:
         serve_description(stage.bus.namespaced(robot), RobotDescription(URDF, {}))
     with caplog.at_level(logging.WARNING):
@@ -91,7 +55,7 @@ def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robo
     assert [record.getMessage() for record in caplog.records] == [
         f"msg='no picture of {whose}: robot_description: nobody answers'"
     ]
-    assert taken.messages() > 0
+    assert stage.memories[-1].num_msgs() > 0
 
 
 @pytest.mark.parametrize(
@@ -100,35 +64,34 @@ def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robo
     ids=["one robot", "several robots"],
 )
 def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_same_recording(
-    robots: tuple[str, ...], key: str
-) -> None:
+    robots, key
+):
     stage = Stage(robots=robots)
-    taken = Recordings(stage)
     stage.play(run=1, ticks=1)
-    far = planar_odometry(Time(), "world", "base_link", Pose2D(1e9), Twist2D())
+    far = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(1e9), Twist2D())
     publisher = stage.bus.namespaced(stage.names[-1]).publisher(keys.GROUND_TRUTH)
     publisher.put(far, Stamp(10**9, 1, 7))
     stage.bus.spin()
     assert stage.bus.refused == {key: 1}
     stage.play(run=1, ticks=1, begin=101)
     assert stage.bus.refused.total() == 1
-    assert taken.names == ["00000001"]
+    assert stage.shown == ["00000001"]
 
 
-POSE = PoseWithCovariance(pose=Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)
+POSE = m.PoseWithCovariance(pose=m.Pose.planar(Pose2D(1.0, 2.0, 3.0)), covariance=COVARIANCE)
 GOOD = {
-    "ground_truth/odom": (Odometry(pose=POSE),),
-    "odom": (Odometry(pose=POSE),),
-    "target/odom": (Odometry(pose=POSE),),
+    "ground_truth/odom": (m.Odometry(pose=POSE),),
+    "odom": (m.Odometry(pose=POSE),),
+    "target/odom": (m.Odometry(pose=POSE),),
     "joint_states": (
-        JointState(name=("front_left_wheel_joint",), position=(1.0,), velocity=(1.0,) * 4),
+        m.JointState(name=("front_left_wheel_joint",), position=(1.0,), velocity=(1.0,) * 4),
     ),
-    "target/observation": (Observation(poses=(POSE,)),),
-    "follower/state": (FollowerState(estimate=(Odometry(pose=POSE),), goal=(POSE.pose,)),),
-    "cmd_vel": (Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
+    "target/observation": (m.Observation(poses=(POSE,)),),
+    "follower/state": (m.FollowerState(estimate=(m.Odometry(pose=POSE),), goal=(POSE.pose,)),),
+    "cmd_vel": (m.Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
     "diagnostics/physics": (
-        DiagnosticArray(
-            status=(DiagnosticStatus(name="physics", values=(KeyValue(key="rtf", value="1"),)),)
+        m.DiagnosticArray(
+            status=(m.DiagnosticStatus(name="physics", values=(m.KeyValue(key="rtf", value="1"),)),)
         ),
     ),
 }
@@ -136,9 +99,8 @@ GOOD = {
 
 @FUZZ
 @given(wrong=puts(GOOD, FORGED))
-def test_whatever_comes_the_viewer_goes_on(wrong: list[Put]) -> None:
+def test_whatever_comes_the_viewer_goes_on(wrong):
     stage = Stage()
-    Recordings(stage)
     assert "physics" in Scenario(robot=stage.viewer.scenario.robot).services
     put_all(stage.bus, wrong)
     stage.play(run=4711, ticks=1)

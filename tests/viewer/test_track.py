@@ -1,7 +1,5 @@
 """Poses in between, and trails."""
 
-from __future__ import annotations
-
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen_viewer.track import Track
@@ -9,7 +7,7 @@ from mecazen_viewer.track import Track
 S = 10**9
 
 
-def test_outside_of_what_is_known_it_is_at_the_nearest_pose_and_between_interpolated() -> None:
+def test_outside_of_what_is_known_it_is_at_the_nearest_pose_and_between_interpolated():
     track = Track()
     assert track.at(0) is None
     track.add(5 * S, Pose2D(1.0))
@@ -19,7 +17,7 @@ def test_outside_of_what_is_known_it_is_at_the_nearest_pose_and_between_interpol
     assert track.at(9 * S) == track.newest == Pose2D(2.0)
 
 
-def test_a_trail_is_as_long_as_a_minute_and_has_five_points_a_second() -> None:
+def test_a_trail_is_as_long_as_a_minute_and_has_five_points_a_second():
     track = Track()
     longer = [track.add(tick * S // 100, Pose2D(tick / 1000)) for tick in range(10_001)]
     assert sum(longer) == 501
@@ -27,7 +25,7 @@ def test_a_trail_is_as_long_as_a_minute_and_has_five_points_a_second() -> None:
     assert track.trail[0] == pytest.approx((4.0, 0.0))
 
 
-def test_what_is_put_elsewhere_leaves_no_trail_between() -> None:
+def test_what_is_put_elsewhere_leaves_no_trail_between():
     track = Track()
     track.add(0, Pose2D(0.0))
     track.add(S, Pose2D(0.5))

@@ -1,7 +1,5 @@
 """What is read of a URDF, and the robot that is drawn of it."""
 
-from __future__ import annotations
-
 import math
 import struct
 
@@ -10,7 +8,7 @@ import pytest
 from mecazen.messages import JointState
 from mecazen_viewer import rotation, urdf
 from mecazen_viewer.robot import RobotModel
-from mecazen_viewer.stl import read_stl
+from mecazen_viewer.urdf import read_stl
 from viewer_stage import values
 
 URDF = """<robot name="toy">
@@ -60,14 +58,14 @@ def states(**angles: float) -> JointState:
     return JointState(name=tuple(angles), position=tuple(angles.values()))
 
 
-def test_what_is_alike_is_one_entity_by_what_the_names_have_in_common() -> None:
+def test_what_is_alike_is_one_entity_by_what_the_names_have_in_common():
     paths = [path for path, _ in toy().shapes]
     assert list(dict.fromkeys(paths)) == [BASE, WHEEL, MAST, ROLLERS]
     named = URDF.replace("roller_0", "front_roller").replace("roller_1", "rear_roller")
     assert [path for path, _ in RobotModel(urdf.read(named), FILES).shapes][-1] == ROLLERS
 
 
-def test_groups_whose_names_have_the_same_in_common_are_told_apart() -> None:
+def test_groups_whose_names_have_the_same_in_common_are_told_apart():
     links = {"front_left": "r", "front_right": "other", "rear_left": "other", "rear_right": "r"}
     text = "".join(
         f'<link name="{link}_roller"><visual><geometry><mesh filename="{mesh}.stl"/></geometry>'
@@ -79,14 +77,14 @@ def test_groups_whose_names_have_the_same_in_common_are_told_apart() -> None:
     assert [path for path, _ in shapes] == [ROLLERS, f"{ROLLERS}_2"]
 
 
-def test_what_turns_with_nothing_stands_where_its_fixed_joints_place_it() -> None:
+def test_what_turns_with_nothing_stands_where_its_fixed_joints_place_it():
     placed = [(path, components) for path, components in toy().shapes if path in (BASE, MAST)]
     (base, mast) = dict(placed).values()  # the later of shape and place
     assert values({BASE: base}, BASE, "Boxes3D:centers")[0] == pytest.approx([0, 0, 0.1])
     assert values({MAST: mast}, MAST, "Cylinders3D:centers")[0] == pytest.approx([0.3, 0, 1])
 
 
-def test_what_turns_is_where_all_joints_below_it_put_it() -> None:
+def test_what_turns_is_where_all_joints_below_it_put_it():
     posed = dict(toy().pose(states(wheel_joint=math.pi / 2, r0=math.pi / 2, r1=0.0, other=9.0)))
     assert set(posed) == {WHEEL, ROLLERS}
     # single precision
@@ -107,7 +105,7 @@ def test_what_turns_is_where_all_joints_below_it_put_it() -> None:
     assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
 
 
-def test_a_million_turns_leave_no_less_precision_than_none() -> None:
+def test_a_million_turns_leave_no_less_precision_than_none():
     one = dict(toy().pose(states(wheel_joint=0.0, r0=1.0, r1=0.0)))
     many = dict(toy().pose(states(wheel_joint=0.0, r0=1.0 + 1e6 * math.tau, r1=0.0)))
     a, b = (values(posed, ROLLERS, "InstancePoses3D:quaternions") for posed in (one, many))
@@ -115,7 +113,7 @@ def test_a_million_turns_leave_no_less_precision_than_none() -> None:
     assert np.abs(a - b).max() < 1e-6
 
 
-def test_states_without_a_joint_of_this_robot_turn_nothing() -> None:
+def test_states_without_a_joint_of_this_robot_turn_nothing():
     model = toy()
     assert list(model.pose(states(wheel_joint=0.0))) == []
     assert list(model.pose(JointState(name=("wheel_joint", "r0", "r1"), position=(0.0,)))) == []
@@ -133,23 +131,23 @@ def test_states_without_a_joint_of_this_robot_turn_nothing() -> None:
         (URDF.replace('<child link="mast"/>', ""), "mast_joint without child"),
     ],
 )
-def test_what_is_no_urdf_is_refused_with_what_is_wrong(text: str, words: str) -> None:
+def test_what_is_no_urdf_is_refused_with_what_is_wrong(text, words):
     with pytest.raises(ValueError, match=words) as caught:
         urdf.read(text)
     assert "not a URDF" in str(caught.value)
 
 
-def test_links_that_are_no_tree_are_refused() -> None:
+def test_links_that_are_no_tree_are_refused():
     with pytest.raises(ValueError, match="no tree"):
         RobotModel(urdf.read("<robot/>"), {})
 
 
-def test_a_mesh_without_a_file_is_refused() -> None:
+def test_a_mesh_without_a_file_is_refused():
     with pytest.raises(ValueError, match=r"r\.stl"):
         RobotModel(urdf.read(URDF), {})
 
 
-def test_corners_in_one_place_become_one_vertex_with_the_mean_normal() -> None:
+def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
     vertices, triangles, normals = read_stl(SQUARE)
     assert len(vertices) == 4
     assert np.asarray(vertices)[triangles].tolist() == [
@@ -160,12 +158,12 @@ def test_corners_in_one_place_become_one_vertex_with_the_mean_normal() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"solid", SQUARE[:-1], bytes(90)])
-def test_what_is_no_binary_stl_is_refused(data: bytes) -> None:
+def test_what_is_no_binary_stl_is_refused(data):
     with pytest.raises(ValueError, match="STL"):
         read_stl(data)
 
 
-def test_roll_pitch_yaw_are_about_the_fixed_axes_in_that_order() -> None:
+def test_roll_pitch_yaw_are_about_the_fixed_axes_in_that_order():
     roll, pitch, yaw = 0.3, -0.4, 1.2
     axes = np.eye(3)
     one = rotation.multiply(

@@ -65,12 +65,9 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     reads = [call for row in GRAPH for call in row.calls if not call.changes]
     rules = [call for row in GRAPH for call in row.calls if call.changes]
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
-    sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token"]
+    sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
     yield ANYONE, _rule("anyone subscribes to everything", hears, EVERYTHING)
-    yield (
-        ANYONE,
-        _rule("anyone is sent everything", [*sent, *hears], EVERYTHING, flow="egress"),
-    )
+    yield ANYONE, _rule("anyone is sent everything", sent, EVERYTHING, flow="egress")
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], _call_keys(reads))
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ROUTER, _rule("the router relays what it has let in", relays, EVERYTHING)
@@ -93,7 +90,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         if topic.key not in given and any(topic.key.endswith(f"/{key}") for key in given)
     ]
     if others:
-        yield service, _rule(f"{service} does not publish", ["put"], others, permission="deny")
+        yield service, _rule(f"{service} does not publish", ["put"], others, deny=True)
     calls = [call for row in rows for call in row.calls]
     if calls:
         answers = ["declare_queryable", "reply"]
@@ -110,17 +107,7 @@ def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
 
 
 def _rule(
-    name: str,
-    messages: list[str],
-    key_exprs: list[str],
-    *,
-    flow: str = "ingress",
-    permission: str = "allow",
+    name: str, messages: list[str], exprs: list[str], *, flow: str = "ingress", deny: bool = False
 ) -> dict[str, Any]:
-    return {
-        "id": name,
-        "permission": permission,
-        "flows": [flow],
-        "messages": messages,
-        "key_exprs": key_exprs,
-    }
+    rule = {"id": name, "permission": "deny" if deny else "allow", "flows": [flow]}
+    return {**rule, "messages": messages, "key_exprs": exprs}

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 NAMES = ("router", *SERVICES, OPERATOR)
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 VALID_DAYS = 3650
+NO_USE = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment"),
+    *("key_agreement", "encipher_only", "decipher_only"),
+)
+"""Of the authority's key: it only signs certificates."""
 
 
 def create(folder: Path, hosts: Sequence[str] = ()) -> None:
@@ -68,17 +73,7 @@ def create(folder: Path, hosts: Sequence[str] = ()) -> None:
         begin(authority_name, authority_key)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(
-            x509.KeyUsage(
-                digital_signature=False,
-                content_commitment=False,
-                key_encipherment=False,
-                data_encipherment=False,
-                key_agreement=False,
-                key_cert_sign=True,
-                crl_sign=True,
-                encipher_only=False,
-                decipher_only=False,
-            ),
+            x509.KeyUsage(**dict.fromkeys(NO_USE, False), key_cert_sign=True, crl_sign=True),
             critical=True,
         )
         .sign(authority_key, SHA256())

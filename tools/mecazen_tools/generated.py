@@ -14,8 +14,7 @@ from mecazen.config import Process
 from mecazen.graph import COLLECTOR, GRAPH, Graph, services
 
 from mecazen_tools.access import secure_json5
-from mecazen_tools.graph_svg import svg
-from mecazen_tools.graph_tables import keys_table, nodes_table
+from mecazen_tools.graph_views import keys_table, nodes_table, svg
 
 DOCUMENTS = ("README.md", "docs/architecture.md")
 _REGION = re.compile(r"(<!-- graph: (\w+) -->\n).*?(<!-- /graph -->)", re.DOTALL)

@@ -92,11 +92,8 @@ class Supervisor:
     Each runs `python -m mecazen.runtime` in a session of its own, so that Ctrl-C reaches
     only this process, which then ends them; and ends by itself if this process dies.
 
-    Args:
-        scenario: The scenario's file.
-        settings: Overrides, as of `load_scenario`.
-        restart: Start a process again that has ended, at once, or after a pause that grows
-            while it keeps ending. What fails before it has ever run is an error still.
+    With `restart` a process that has ended is started again, at once, or after a pause that grows
+    while it keeps ending. What fails before it has ever run is an error still.
     """
 
     def __init__(self, scenario: Path, settings: Sequence[str], *, restart: bool = False) -> None:
@@ -288,9 +285,7 @@ def on_one_core() -> Iterator[None]:
 
     The parts of a tick in lockstep come one after the other: on one core none has to be
     woken on another, which is the larger part of a hop's time. As batch processes they let
-    a sender finish what it sends before a receiver takes over: a third of the switches. Without
-    the one core a distributed run of `back` makes 6 % fewer ticks a second, without the batch
-    class 12 % fewer.
+    a sender finish what it sends before a receiver takes over. docs/performance.md has the gains.
     """
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))

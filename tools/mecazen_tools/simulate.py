@@ -25,12 +25,7 @@ from mecazen.runtime.host import make_service
 from mecazen.runtime.readiness import announce_readiness, declare_alive
 from mecazen.wire import NS_PER_S
 
-from mecazen_tools.processes import (
-    Supervisor,
-    beside_that_core,
-    on_one_core,
-    private_router,
-)
+from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
 from mecazen_tools.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
@@ -70,18 +65,14 @@ def in_lockstep(scenario: Scenario) -> Scenario:
 class InProcess:
     """All services of a scenario in this process, in lockstep: `step` is a tick.
 
-    Args:
-        scenario: What to simulate.
-        seen_by: Returns the bus as a service sees it, and last as the trajectory does.
+    `seen_by` returns the bus as a service of some name sees it, or the trajectory as `trajectory`.
 
     Raises:
         ConfigError: The scenario does not suit a service, or nothing in it owns time.
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        seen_by: Callable[[LocalBus, str], Bus] = lambda bus, _: bus,
+        self, scenario: Scenario, seen_by: Callable[[LocalBus, str], Bus] = lambda bus, _: bus
     ) -> None:
         self.scenario = in_lockstep(scenario)
         self.bus = LocalBus()
@@ -133,17 +124,14 @@ def simulate(
     Raises:
         MecazenError: A service failed.
     """
-    run = InProcess(scenario)
-    begin = time.perf_counter()
-    try:
+    with closing(InProcess(scenario)) as run:
+        begin = time.perf_counter()
         run.begin()
         for tick in range(1, scenario.sim.ticks):
             run.step()
             if tick % PROGRESS_TICKS == 0:
                 progress(tick)
         run.end()
-    finally:
-        run.close()
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
     return result(run.scenario, name, run.trajectory, wall_s), run.trajectory
@@ -192,13 +180,7 @@ def _mean(values: Iterable[float | None]) -> float | None:
 def simulate_distributed(
     path: Path, settings: tuple[str, ...], name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
-    """Run the services of a scenario as processes over Zenoh, in lockstep.
-
-    Args:
-        path: The scenario's file.
-        settings: Overrides, as of `load_scenario`.
-        name: The scenario's name, for the result.
-        progress: See `Progress`.
+    """Run the services of a scenario's file, with overrides, as processes over Zenoh in lockstep.
 
     Raises:
         MecazenError: A service failed.
@@ -236,12 +218,7 @@ def simulate_distributed(
 def collect(
     scenario: Scenario, name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
-    """Write down a lockstep run of services that somebody else has started.
-
-    Args:
-        scenario: What they were started with; in lockstep, with the collector among `services`.
-        name: The scenario's name, for the result.
-        progress: See `Progress`.
+    """Write down a lockstep run of services that somebody else has started with this scenario.
 
     Raises:
         MecazenError: The scenario is another, or a service has gone before the end.
@@ -280,13 +257,10 @@ def _pass_on(supervisor: Supervisor) -> None:
         sys.stderr.write(f"{line.text}\n")
 
 
-def _collected(scenario: Scenario) -> list[str]:
-    return [part for part in scenario.services if part != COLLECTOR]
-
-
 def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
     """Take part in a run as its collector; return the trajectory to be."""
-    trajectory = _trajectory(bus, scenario, _collected(scenario))
+    parts = [part for part in scenario.services if part != COLLECTOR]
+    trajectory = _trajectory(bus, scenario, parts)
     declare_alive(bus, COLLECTOR, scenario)
     announce_readiness(bus, COLLECTOR, scenario)
     return trajectory

@@ -23,18 +23,15 @@ from mecazen.wire import Stamp
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 COVARIANCE = ("xx_m2", "xy_m2", "xyaw_m_rad", "yy_m2", "yyaw_m_rad", "yawyaw_rad2")
-_PARTS = {
-    "robot": (*POSE, *TWIST),
-    "odom": POSE,
-    "target": (*POSE, *TWIST),
-    "estimate": (*POSE, *TWIST, *COVARIANCE),
+_ESTIMATE = (*POSE, *TWIST, *COVARIANCE)
+_COLUMNS = {
+    keys.GROUND_TRUTH.key: [f"robot_{what}" for what in (*POSE, *TWIST)],
+    keys.ODOM.key: [f"odom_{what}" for what in POSE],
+    keys.TARGET_ODOM.key: [f"target_{what}" for what in (*POSE, *TWIST)],
+    keys.FOLLOWER_STATE.key: [*(f"estimate_{what}" for what in _ESTIMATE), "tracking"],
+    keys.CMD_VEL.key: [f"cmd_{what}" for what in TWIST],
 }
-COLUMNS = (
-    "t_s",
-    *(f"{who}_{what}" for who, columns in _PARTS.items() for what in columns),
-    "tracking",
-    *(f"cmd_{what}" for what in TWIST),
-)
+COLUMNS = ("t_s", *chain.from_iterable(_COLUMNS.values()))
 """Poses of robot and target are true, in world; odom and estimate are in odom.
 
 Twists are in the frame of what moves. The covariance is of the estimated pose.
@@ -91,7 +88,7 @@ class Trajectory:
             if "follower" in services:
                 # a follower of one's own need not tell its state; ours does so before it commands
                 follow(keys.FOLLOWER_STATE, _estimate, None)
-                follow(keys.CMD_VEL, _twist, every)
+                follow(keys.CMD_VEL, Twist.to_planar, every)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -112,17 +109,10 @@ class Trajectory:
 
     def rows(self) -> list[Row]:
         """Return the rows in the order of `columns`; None where there is nothing."""
-        width = {
-            keys.GROUND_TRUTH.key: len(POSE) + len(TWIST),
-            keys.ODOM.key: len(POSE),
-            keys.TARGET_ODOM.key: len(POSE) + len(TWIST),
-            keys.FOLLOWER_STATE.key: len(_NO_ESTIMATE) + 1,
-            keys.CMD_VEL.key: len(TWIST),
-        }
         columns = [
-            (self._columns.get((robot, key), {}), (None,) * count)
+            (self._columns.get((robot, key), {}), (None,) * len(names))
             for robot in self._robots
-            for key, count in width.items()
+            for key, names in _COLUMNS.items()
         ]
         return [
             (
@@ -199,16 +189,9 @@ def _motion(odometry: Odometry) -> Row:
     return odometry.pose.pose.to_planar() + odometry.twist.twist.to_planar()
 
 
-_NO_ESTIMATE = (None,) * len(_PARTS["estimate"])
-
-
 def _estimate(state: FollowerState) -> Row:
     if not state.estimate:
-        return *_NO_ESTIMATE, state.tracking
+        return *(None,) * len(_ESTIMATE), state.tracking
     person = state.estimate[0]
     (xx, xy, xw), (_, yy, yw), (_, _, ww) = planar_covariance(person.pose.covariance)
     return *_motion(person), xx, xy, xw, yy, yw, ww, state.tracking
-
-
-def _twist(twist: Twist) -> Row:
-    return twist.to_planar()

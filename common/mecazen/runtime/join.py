@@ -26,25 +26,15 @@ class Join:
     """Collects the samples of a node's inputs until they make up a step.
 
     A tick is open from the arrival of its samples of rule "every" until what is due in it has
-    come. Where the next tick comes first, the open one is closed with what there is; or, where
-    the join is `whole`, the next is held back, so the steps don't depend on whose samples come
-    first.
+    come. Where the next tick comes first, the open one is closed with what there is.
 
     Args:
         inputs: The node's inputs, as `Graph.resolved` has them.
         periods_ns: Of inputs of rule "due": from one sample to the next [ns].
-        whole: Whether every sample comes, and each sender's in their order, as in lockstep.
     """
 
-    def __init__(
-        self,
-        inputs: Iterable[Input],
-        periods_ns: Mapping[Topic[Any], int],
-        *,
-        whole: bool = False,
-    ) -> None:
+    def __init__(self, inputs: Iterable[Input], periods_ns: Mapping[Topic[Any], int]) -> None:
         inputs = tuple(inputs)
-        self._whole = whole
         self._triggers = tuple(i.topic for i in inputs if i.rule == "every")
         self._only_trigger = self._triggers[0] if len(self._triggers) == 1 else None
         self._due = {i.topic: periods_ns[i.topic] for i in inputs if i.rule == "due"}
@@ -62,14 +52,6 @@ class Join:
         self._open: Stamp | None = None
         self._last: Stamp | None = None
         self._period_ns = 0
-        awaited = (*self._due, *self._triggers)
-        # one topic alone is never ahead of another
-        holds = self._whole and self._triggers and len(awaited) > 1
-        self._holding = False
-        """Whether any sample is held back."""
-        self._held: dict[Topic[Any], deque[tuple[Message, Stamp]]] = {
-            topic: deque(maxlen=AHEAD_AT_MOST) for topic in (awaited if holds else ())
-        }
 
     def awaits(self, topic: Topic[Any]) -> bool:
         """Return whether steps wait for a topic's samples."""
@@ -77,9 +59,94 @@ class Join:
 
     def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Sequence[Joined]:
         """Take a sample of this run; return the steps that can be made now."""
+        if topic not in self._triggers:
+            self._new[topic] = message
+            if stamp is not None:
+                self._newest_ns[topic] = max(stamp.time_ns, self._newest_ns.get(topic, -1))
+            return self._go_on(topic, stamp)
+        if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
+            return ()
+        closed = () if self._open is None else (self._close(self._missing(self._open)),)
+        self._newest_ns[topic] = stamp.time_ns
+        self._new[topic] = message
+        if topic is not self._only_trigger and any(
+            self._newest_ns.get(other) != stamp.time_ns for other in self._triggers
+        ):
+            return closed
+        self._open = stamp
+        if self._due and self._missing(stamp):
+            return closed
+        return (*closed, self._close())
+
+    def _go_on(self, topic: Topic[Any], stamp: Stamp | None) -> Sequence[Joined]:
+        last = self._last
+        if self._open is not None:
+            if topic in self._due and not self._missing(self._open):
+                return (self._close(),)
+        elif (
+            last is not None
+            and topic in self._revising
+            # one that is ahead of its tick waits for it
+            and (stamp is None or stamp.time_ns <= last.time_ns)
+        ):
+            return (self._take(last),)
+        return ()
+
+    def _missing(self, stamp: Stamp) -> list[Topic[Any]]:
+        """Return the topics of samples that are due since the last step and have not come."""
+        last_ns = stamp.time_ns - 1 if self._last is None else self._last.time_ns
+        missing = []
+        for topic, period_ns in self._due.items():
+            due_ns = stamp.time_ns - stamp.time_ns % period_ns
+            if last_ns < due_ns and self._newest_of(topic) < due_ns:
+                missing.append(topic)
+        return missing
+
+    def _newest_of(self, topic: Topic[Any]) -> int:
+        """Return the time of a topic's newest sample [ns]; -1: none has come."""
+        return self._newest_ns.get(topic, -1)
+
+    def _close(self, missing: Sequence[Topic[Any]] = ()) -> Joined:
+        """Return the step of the open tick, without the samples that are `missing`."""
+        stamp = self._open
+        assert stamp is not None
+        for topic in missing:
+            self.late[topic.key] += 1
+        self._open = None
+        if self._last is not None:
+            passed_ns = stamp.time_ns - self._last.time_ns
+            if passed_ns != self._period_ns:
+                self._period_ns = min(self._period_ns or passed_ns, passed_ns)
+                self.missed_ticks += passed_ns // self._period_ns - 1
+        self._last = stamp
+        return self._take(stamp)
+
+    def _take(self, stamp: Stamp) -> Joined:
+        samples, self._new = self._new, {}
+        return Joined(stamp, samples)
+
+
+class WholeJoin(Join):
+    """A join of which every sample comes, and each sender's in their order, as in lockstep.
+
+    Where the next tick comes before the open one is whole, it is held back, so the steps don't
+    depend on whose samples come first.
+    """
+
+    def reset(self) -> None:
+        """Begin a run."""
+        super().reset()
+        self._holding = False
+        """Whether any sample is held back."""
+        self._held: dict[Topic[Any], deque[tuple[Message, Stamp]]] = {
+            topic: deque(maxlen=AHEAD_AT_MOST) for topic in (*self._due, *self._triggers)
+        }
+
+    def put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Sequence[Joined]:
+        """Take a sample of this run; return the steps that can be made now."""
         held = self._held.get(topic)
         if held is None or stamp is None or (not held and self._is_next(topic, stamp)):
-            joined = self._put(topic, message, stamp)
+            joined = super().put(topic, message, stamp)
             return joined if not self._holding else (*joined, *self._release())
         held.append((message, stamp))
         self._holding = True
@@ -100,7 +167,7 @@ class Join:
             # what is due comes before what makes the step
             for given, held in self._held.items():
                 while held and held[0][1].time_ns <= tick_ns:
-                    steps += self._put(given, *held.popleft())
+                    steps += super().put(given, *held.popleft())
         self._holding = any(self._held.values())
         return steps
 
@@ -119,66 +186,18 @@ class Join:
                 held.popleft()
         return None
 
-    def _put(self, topic: Topic[Any], message: Message, stamp: Stamp | None) -> Sequence[Joined]:
-        if topic not in self._triggers:
-            self._new[topic] = message
-            if stamp is not None:
-                self._newest_ns[topic] = max(stamp.time_ns, self._newest_ns.get(topic, -1))
-            return self._go_on(topic, stamp)
-        if stamp is None or stamp.time_ns <= self._newest_ns.get(topic, -1):
-            return ()
-        closed = () if self._open is None else (self._close(self._missing(self._open)),)
-        self._newest_ns[topic] = stamp.time_ns
-        self._new[topic] = message
-        if topic is not self._only_trigger and any(
-            self._newest_ns.get(other) != stamp.time_ns for other in self._triggers
-        ):
-            return closed
-        self._open = stamp
-        return closed if self._missing(stamp) else (*closed, self._close())
+    def _newest_of(self, topic: Topic[Any]) -> int:
+        held = self._held.get(topic)
+        return held[-1][1].time_ns if held else super()._newest_of(topic)
 
-    def _go_on(self, topic: Topic[Any], stamp: Stamp | None) -> Sequence[Joined]:
-        last = self._last
-        if self._open is not None:
-            if topic in self._due and not self._missing(self._open):
-                return (self._close(),)
-        elif (
-            last is not None
-            and topic in self._revising
-            # one that is ahead of its tick waits for it
-            and (stamp is None or stamp.time_ns <= last.time_ns)
-        ):
-            return (self._take(last),)
-        return ()
 
-    def _missing(self, stamp: Stamp) -> list[Topic[Any]]:
-        """Return the topics of samples that are due since the last step and have not come."""
-        if not self._due:
-            return []
-        last_ns = stamp.time_ns - 1 if self._last is None else self._last.time_ns
-        missing = []
-        for topic, period_ns in self._due.items():
-            due_ns = stamp.time_ns - stamp.time_ns % period_ns
-            held = self._held.get(topic)
-            newest_ns = held[-1][1].time_ns if held else self._newest_ns.get(topic, -1)
-            if last_ns < due_ns and newest_ns < due_ns:
-                missing.append(topic)
-        return missing
-
-    def _close(self, missing: Sequence[Topic[Any]] = ()) -> Joined:
-        """Return the step of the open tick, without the samples that are `missing`."""
-        stamp = self._open
-        assert stamp is not None
-        for topic in missing:
-            self.late[topic.key] += 1
-        self._open = None
-        if self._last is not None:
-            passed_ns = stamp.time_ns - self._last.time_ns
-            self._period_ns = min(self._period_ns or passed_ns, passed_ns)
-            self.missed_ticks += passed_ns // self._period_ns - 1
-        self._last = stamp
-        return self._take(stamp)
-
-    def _take(self, stamp: Stamp) -> Joined:
-        samples, self._new = self._new, {}
-        return Joined(stamp, samples)
+def make_join(
+    inputs: Iterable[Input], periods_ns: Mapping[Topic[Any], int], *, whole: bool
+) -> Join:
+    """Return the join of a node; see `WholeJoin` for what is `whole`."""
+    inputs = tuple(inputs)
+    awaited = [i for i in inputs if i.rule != "latest"]
+    triggered = any(i.rule == "every" for i in inputs)
+    # one topic alone is never ahead of another
+    kind = WholeJoin if whole and triggered and len(awaited) > 1 else Join
+    return kind(inputs, periods_ns)

@@ -12,7 +12,7 @@ from mecazen.graph import Graph
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
-from mecazen.runtime.join import Join, Joined
+from mecazen.runtime.join import Joined, make_join
 from mecazen.runtime.own import check_outputs, guarded
 from mecazen.runtime.participant import Participant
 from mecazen.wire import NS_PER_S, RefusedError, Stamp
@@ -111,7 +111,7 @@ class _Stepped:
             for i in inputs
             if i.rule == "due"
         }
-        self.join = Join(inputs, periods_ns, whole=scenario.sim.mode == "lockstep")
+        self.join = make_join(inputs, periods_ns, whole=scenario.sim.mode == "lockstep")
         self._publishers: dict[Topic[Any], Publisher[Any]] = {
             topic: service.bus.publisher(row.on_bus(topic)) for topic in row.outputs
         }

@@ -22,7 +22,15 @@ Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative
 """Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; of a twist, per s²."""
 
 
-class LinearLimits(Section):
+class _Limits(Section):
+    @property
+    def limits(self) -> Limits:
+        """The same for the limiter."""
+        velocity, acceleration, deceleration, jerk = msgspec.structs.astuple(self)
+        return Limits(velocity, acceleration, deceleration or acceleration, jerk)
+
+
+class LinearLimits(_Limits):
     """Limits along x or y of base_link."""
 
     max_velocity_m_s: Limit = 2.0
@@ -31,18 +39,8 @@ class LinearLimits(Section):
     """Left out: as max_acceleration_m_s2."""
     max_jerk_m_s3: Limit = math.inf
 
-    @property
-    def limits(self) -> Limits:
-        """The same for the limiter."""
-        return Limits(
-            self.max_velocity_m_s,
-            self.max_acceleration_m_s2,
-            self.max_deceleration_m_s2 or self.max_acceleration_m_s2,
-            self.max_jerk_m_s3,
-        )
 
-
-class AngularLimits(Section):
+class AngularLimits(_Limits):
     """Limits of the yaw rate."""
 
     max_velocity_rad_s: Limit = 3.0
@@ -50,16 +48,6 @@ class AngularLimits(Section):
     max_deceleration_rad_s2: Limit | None = None
     """Left out: as max_acceleration_rad_s2."""
     max_jerk_rad_s3: Limit = math.inf
-
-    @property
-    def limits(self) -> Limits:
-        """The same for the limiter."""
-        return Limits(
-            self.max_velocity_rad_s,
-            self.max_acceleration_rad_s2,
-            self.max_deceleration_rad_s2 or self.max_acceleration_rad_s2,
-            self.max_jerk_rad_s3,
-        )
 
 
 class AxisLimits(Section):

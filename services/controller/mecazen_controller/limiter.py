@@ -81,11 +81,8 @@ def limit_twist(
     dt: float,
 ) -> tuple[LimiterState, LimiterState, LimiterState]:
     """Return `limit` of each axis: x, y, yaw."""
-    return (
-        limit(state[0], reference.x, limits[0], dt),
-        limit(state[1], reference.y, limits[1], dt),
-        limit(state[2], reference.yaw, limits[2], dt),
-    )
+    x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
+    return x, y, yaw
 
 
 def _let_off(missing: float, step: float, dt: float) -> float:

@@ -7,28 +7,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE, Row, every
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, JOINT_COMMAND, JOINT_STATES, ODOM, Call
-from mecazen.messages import (
-    Header,
-    JointState,
-    Message,
-    Odometry,
-    OdometryRequest,
-    Time,
-    planar_odometry,
-)
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_controller.config import ControllerConfig
-from mecazen_controller.kinematics import WheelSpeeds
+from mecazen_controller.kinematics import DeadReckoning, WheelSpeeds
 from mecazen_controller.limiter import LimiterState, limit_twist
-from mecazen_controller.odometry import Odometry as DeadReckoning
 
 ROUNDING_S = 1e-9
 """Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
@@ -61,7 +52,7 @@ class OdometryNode(Node):
         del seed
         self.dead_reckoning = DeadReckoning(self.config.odometry_scale.factors)
         self.dead_reckoning.set(self.scenario.start.pose)
-        self.time = Time()
+        self.time = m.Time()
         self.measured_ns: int | None = None
         """When the wheels were last measured: the pose is as of then."""
 
@@ -86,27 +77,22 @@ class OdometryNode(Node):
             odometry = self._odometry(self.pose_covariance, self.twist_covariance)
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
 
-    def answer(self, call: Call[Any, Any], request: Message) -> Odometry:
+    def answer(self, call: Call[Any, Any], request: m.Message) -> m.Odometry:
         """Let the odometry go on from the pose of a request."""
-        assert isinstance(request, OdometryRequest)
+        assert isinstance(request, m.OdometryRequest)
         if self.config.odometry != "wheel":
             raise RefusedError("controller.odometry is ground_truth: there is nothing to set")
         self.dead_reckoning.set(request.pose.to_planar())
         return self._odometry()
 
-    def _odometry(self, *covariances: tuple[float, ...]) -> Odometry:
-        return planar_odometry(
-            self.time,
-            self.config.odom_frame_id,
-            self.config.base_frame_id,
-            self.dead_reckoning.pose,
-            self.dead_reckoning.twist,
-            *covariances,
-        )
+    def _odometry(self, *covariances: tuple[float, ...]) -> m.Odometry:
+        frames = self.config.odom_frame_id, self.config.base_frame_id
+        moved = self.dead_reckoning
+        return m.planar_odometry(self.time, *frames, moved.pose, moved.twist, *covariances)
 
-    def _truth(self, truth: Odometry) -> Odometry:
-        return Odometry(
-            header=Header(stamp=self.time, frame_id=self.config.odom_frame_id),
+    def _truth(self, truth: m.Odometry) -> m.Odometry:
+        return m.Odometry(
+            header=m.Header(stamp=self.time, frame_id=self.config.odom_frame_id),
             child_frame_id=self.config.base_frame_id,
             pose=truth.pose,
             twist=truth.twist,
@@ -156,13 +142,8 @@ class ControllerNode(Node):
         self.next_velocity = limit_twist(self.velocity, wanted, self.limits, self.period_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
         speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
-        return {
-            JOINT_COMMAND: JointState(
-                header=Header(stamp=tick.time),
-                name=self.config.wheel_joints,
-                velocity=tuple(speeds),
-            )
-        }
+        header, names = m.Header(stamp=tick.time), self.config.wheel_joints
+        return {JOINT_COMMAND: m.JointState(header=header, name=names, velocity=tuple(speeds))}
 
     def _begin(self, tick: Tick, inputs: Inputs) -> None:
         """Go on from what was last commanded, or from how the robot moves after a long gap."""
@@ -186,7 +167,7 @@ class ControllerNode(Node):
         return {"reference_age_s": round(self.reference_age_s, 6)}
 
 
-def wheel_speeds(joints: JointState, names: Sequence[str]) -> WheelSpeeds:
+def wheel_speeds(joints: m.JointState, names: Sequence[str]) -> WheelSpeeds:
     """Return the velocities of the wheels' joints [rad/s].
 
     Raises:

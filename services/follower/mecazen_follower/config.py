@@ -8,10 +8,9 @@ from typing import Literal
 import msgspec
 from mecazen.schema import AngleDeg, NonNegative, Positive, Section
 
-from mecazen_follower.control import PoseController
 from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
-from mecazen_follower.pid import Gains
+from mecazen_follower.pid import Gains, PoseController
 from mecazen_follower.polar import Approach, PolarController
 
 
@@ -44,11 +43,6 @@ class PidControl(Section, tag_field="kind", tag="pid"):
     feed_forward: bool = True
     """Add the estimated velocity of the goal to the command."""
 
-    def make(self, standoff: Standoff) -> PoseController:
-        """Return a new controller."""
-        del standoff
-        return PoseController(self.x, self.y, self.yaw, self.feed_forward)
-
 
 class PolarControl(Section, tag_field="kind", tag="polar"):
     """Decoupled control of distance, bearing and heading, with feed-forward of the person."""
@@ -62,16 +56,6 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
     max_speed_m_s: Positive = 2.0
     """Magnitude of the planar velocity of base_link."""
     max_yaw_rate_rad_s: Positive = 3.0
-
-    def make(self, standoff: Standoff) -> PolarController:
-        """Return a new controller."""
-        return PolarController(
-            standoff,
-            Approach(self.linear_gain_1_s, self.linear_braking_m_s2),
-            Approach(self.heading_gain_1_s, self.heading_braking_rad_s2),
-            self.max_speed_m_s,
-            self.max_yaw_rate_rad_s,
-        )
 
 
 class FollowerConfig(Section):
@@ -93,10 +77,7 @@ class FollowerConfig(Section):
     control: PolarControl | PidControl = PolarControl()
     """The control law; `kind` selects it."""
     response_s: NonNegative = 0.0
-    """Dead time from a command to the robot's motion; commands are computed that far ahead.
-
-    Needed where the dead time is not short compared with 1/gain: the loop then oscillates.
-    """
+    """Dead time from a command to the robot's motion; commands are computed that far ahead."""
     coast_after_s: Positive = 0.1
     """Time without an observation after which the tracking state is `coasting`."""
     lost_after_s: Positive = 2.0
@@ -129,4 +110,10 @@ class FollowerConfig(Section):
 
     def make_controller(self) -> PoseController | PolarController:
         """Return a new controller."""
-        return self.control.make(self.standoff)
+        law = self.control
+        if isinstance(law, PidControl):
+            return PoseController(law.x, law.y, law.yaw, law.feed_forward)
+        linear = Approach(law.linear_gain_1_s, law.linear_braking_m_s2)
+        heading = Approach(law.heading_gain_1_s, law.heading_braking_rad_s2)
+        limits = law.max_speed_m_s, law.max_yaw_rate_rad_s
+        return PolarController(self.standoff, linear, heading, *limits)

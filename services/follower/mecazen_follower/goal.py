@@ -19,10 +19,8 @@ class Errors(NamedTuple):
 class Standoff(NamedTuple):
     """A place beside a person, in the person's own frame (x ahead, y to the left).
 
-    Attributes:
-        distance: Distance from the person to the robot [m].
-        bearing: Direction from the person to the robot [rad]; 0 is ahead, pi/2 to the left.
-        heading: The robot's heading minus the person's [rad].
+    Distance [m] and direction from the person to the robot [rad], where 0 is ahead and pi/2 to the
+    left, and the robot's heading minus the person's [rad].
     """
 
     distance: float

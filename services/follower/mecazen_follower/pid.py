@@ -1,7 +1,8 @@
-"""A PID controller of one axis."""
+"""Drives the robot to a moving goal pose: one PID per axis of base_link."""
 
 from __future__ import annotations
 
+from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.schema import NonNegative, Positive, Section
 
 
@@ -45,3 +46,53 @@ class PID:
     def reset(self) -> None:
         """Set the integral to zero."""
         self._integral = 0.0
+
+
+class PoseController:
+    """PIDs for linear x, linear y and angular z in base_link, on the error of the goal pose.
+
+    The derivative acts on the robot's body twist, taken from two consecutive poses. It never
+    sees the goal's pose, which jumps with every observation, nor the goal's apparent motion in
+    base_link when the robot turns.
+
+    With feed-forward, the goal's velocity is added to the output and subtracted from the
+    measured rate, so the derivative damps only deviations from it. Without feed-forward the
+    derivative opposes steady following, and the integral has to compensate.
+
+    Integrals are in base_link, where slip and the lag in a steady turn are constant.
+    """
+
+    def __init__(self, x: Gains, y: Gains, yaw: Gains, feed_forward: bool) -> None:
+        self._x, self._y, self._yaw = PID(x), PID(y), PID(yaw)
+        self._feed_forward = feed_forward
+        self._last: Pose2D | None = None
+
+    def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
+        """Return the twist in base_link that drives the robot to the goal.
+
+        `goal`, `goal_velocity` and `robot` are in odom; `dt` [s] is the time since the last
+        call.
+        """
+        error = robot.between(goal)
+        expected = Twist2D()
+        if self._feed_forward:
+            x, y = rotate(goal_velocity.x, goal_velocity.y, -robot.yaw)
+            expected = Twist2D(x, y, goal_velocity.yaw)
+        # at the first call the twist is not known yet: nothing to damp
+        measured = expected
+        if self._last is not None:
+            moved = self._last.between(robot)
+            measured = Twist2D(moved.x / dt, moved.y / dt, moved.yaw / dt)
+        self._last = robot
+        return Twist2D(
+            self._x.update(error.x, measured.x - expected.x, dt, expected.x),
+            self._y.update(error.y, measured.y - expected.y, dt, expected.y),
+            self._yaw.update(error.yaw, measured.yaw - expected.yaw, dt, expected.yaw),
+        )
+
+    def stop(self) -> Twist2D:
+        """Reset the controller and return the zero twist."""
+        for pid in (self._x, self._y, self._yaw):
+            pid.reset()
+        self._last = None
+        return Twist2D()

@@ -33,12 +33,7 @@ class PolarController:
     """A control law in polar coordinates around the person.
 
     Feed-forward moves the robot like a body fixed to the person. Feedback corrects the distance
-    along the line to the person, the bearing across it, and the heading. So the path to a goal
-    on the other side of the person leads around them; three PIDs in x, y and yaw would drive
-    through them.
-
-    Where the speed limit does not allow all of it, the distance has priority over the bearing:
-    a person who turns on the spot moves the goal at 1 m/s for each rad/s and metre of distance.
+    along the line to the person, the bearing across it, and the heading: docs/following.md.
 
     `linear` is the approach of distance and bearing, the latter as an arc length [m];
     `heading` is that of the heading. `max_speed` [m/s] limits base_link in any direction.

@@ -9,18 +9,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import msgspec.inspect as mi
 import numpy as np
+from mecazen.keys import MessageT
 from mecazen.messages import Message
 from mecazen.wire import RefusedError
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-MessageT = TypeVar("MessageT", bound=Message)
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 

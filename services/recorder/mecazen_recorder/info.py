@@ -78,10 +78,8 @@ def inspect(recording: Recording) -> Info:
         span_s = first / NS_PER_S, last / NS_PER_S
         runs.append(RunInfo(run, seeds.get(run), names, *span_s, run in recording.scenarios))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
-    count, duration_s = (
-        sum(one.count for one in infos),
-        sum(one.end_s - one.begin_s for one in runs),
-    )
+    count = sum(one.count for one in infos)
+    duration_s = sum(one.end_s - one.begin_s for one in runs)
     return Info(str(recording.path), recording.is_cut_off, count, duration_s, tuple(runs), infos)
 
 

@@ -7,7 +7,7 @@ import struct
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, NamedTuple, TypeVar
+from typing import IO, Any, NamedTuple
 
 from mcap.exceptions import InvalidMagic, McapError
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, Metadata, Schema
@@ -18,17 +18,14 @@ from mecazen.config import Scenario, split_key
 from mecazen.description import RobotDescription
 from mecazen.explain import one_line
 from mecazen.graph import SERVICES
-from mecazen.keys import TOPICS
+from mecazen.keys import TOPICS, MessageT
 from mecazen.loading import from_tables, installed_sections, robots_in
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
 
 from mecazen_recorder import cdr
-from mecazen_recorder.sink import RecordingError
-from mecazen_recorder.writer import LIBRARY, URDF
-
-MessageT = TypeVar("MessageT", bound=Message)
+from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
 
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """Errors of the library on missing or corrupt bytes."""

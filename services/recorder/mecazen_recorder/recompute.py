@@ -22,7 +22,7 @@ from mecazen.runtime.service import Service
 from mecazen.wire import NS_PER_S, Stamp, encode
 
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.writer import RecordingError
 
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs}
 """Keys whose last sample tells how far a recording goes."""
@@ -39,7 +39,6 @@ class Difference(NamedTuple):
     recomputed: str
 
     def __str__(self) -> str:
-        """Return the difference in one line."""
         where = " ".join(filter(None, (self.key, self.field)))
         values = f"recorded {self.recorded}, recomputed {self.recomputed}"
         return f"{where} at {self.time_ns / NS_PER_S} s: {values}"

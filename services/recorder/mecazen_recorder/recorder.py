@@ -33,11 +33,7 @@ logger = logging.getLogger(__name__)
 
 
 class Recorder:
-    """Records every sample of some keys.
-
-    Messages are decoded and written in the encoding of the file with all fields; malformed ones
-    are refused. Payloads on keys that are not in the table of `mecazen.keys` are written as they
-    come. A sample without a stamp gets the time of the newest tick.
+    """Records every sample of some keys, as docs/recording.md says.
 
     On a bus within a process the diagnostics of `services` are recorded. `scenario` returns the
     configuration of a new run in TOML, or None; the names in it replace those of `robots`.

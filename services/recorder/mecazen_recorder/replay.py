@@ -10,8 +10,8 @@ from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.wire import NS_PER_S, RefusedError
 
-from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.writer import RecordingError
 
 
 def publish(
@@ -45,19 +45,15 @@ def publish(
         due_s = start_s + (sample.time_ns - start_ns) / (speed * NS_PER_S)
         while (left_s := due_s - time.monotonic()) > 0.0:
             bus.spin_once(left_s)
-        _publish(recording, bus, sample, turn)
+        stamp = sample.stamp
+        if stamp is not None:
+            stamp = stamp._replace(run=(stamp.run + turn) % 2**32)
+        try:
+            bus.put_bytes(sample.key, *sample._replace(stamp=stamp).as_published())
+        except RefusedError as refusal:
+            where = f"{recording.path}: {sample.key} at {sample.time_ns / NS_PER_S} s"
+            raise RecordingError(f"{where}: {refusal}") from None
         published += 1
     if not published:
         raise RecordingError(f"{recording.path}: nothing on these keys in this time")
     return published
-
-
-def _publish(recording: Recording, bus: ZenohBus, sample: Sample, turn: int) -> None:
-    if turn and sample.stamp is not None:
-        run = (sample.stamp.run + turn) % 2**32
-        sample = sample._replace(stamp=sample.stamp._replace(run=run))
-    try:
-        bus.put_bytes(sample.key, *sample.as_published())
-    except RefusedError as refusal:
-        where = f"{recording.path}: {sample.key} at {sample.time_ns / NS_PER_S} s"
-        raise RecordingError(f"{where}: {refusal}") from None

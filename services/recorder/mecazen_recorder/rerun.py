@@ -7,7 +7,7 @@ import subprocess
 import sysconfig
 from pathlib import Path
 
-from mecazen_recorder.sink import RecordingError
+from mecazen_recorder.writer import RecordingError
 
 
 def converter() -> Path:

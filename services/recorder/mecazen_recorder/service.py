@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -12,10 +13,8 @@ from mecazen import keys
 from mecazen.bus import Bus, StoppedError
 from mecazen.config import Scenario
 from mecazen.loading import to_toml
-from mecazen.messages import Clock
 from mecazen.programs import graph_of
 from mecazen.runtime.observer import Observer
-from mecazen.wire import Stamp
 
 from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.recorder import Recorder
@@ -36,15 +35,10 @@ class RecorderService(Observer):
         config = scenario.section(RecorderConfig, "recorder")
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
-        self.recorder = Recorder(
-            bus,
-            config,
-            scenario.services,
-            lambda: to_toml(scenario),
-            scenario.names,
-            graph_of(scenario).topics,
-        )
-        self.subscribe(keys.CLOCK, self.on_clock)
+        parts, topics = scenario.services, graph_of(scenario).topics
+        toml = partial(to_toml, scenario)
+        self.recorder = Recorder(bus, config, parts, toml, scenario.names, topics)
+        self.subscribe(keys.CLOCK, lambda *_: None)  # the base class notes the newest tick
 
     def reset(self, seed: int) -> None:
         """Continue: one file holds every run."""
@@ -53,9 +47,6 @@ class RecorderService(Observer):
     def run(self) -> None:
         """Record until the bus is stopped."""
         self.recorder.run()
-
-    def on_clock(self, clock: Clock, stamp: Stamp | None) -> None:
-        """Do nothing; the base class notes the newest tick."""
 
     def close(self) -> None:
         """Record what is still in transit, and finish the file."""

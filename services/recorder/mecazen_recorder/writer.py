@@ -1,27 +1,24 @@
-"""Writes samples into an MCAP file.
-
-The log time of a sample is its simulated time. Run and seed of its stamp are in the metadata of
-its channel: each key has a channel for each run. Metadata records named `run` hold the
-configuration of a run, attachments the URDF and meshes of each robot in its namespace.
-"""
+"""Writes samples into an MCAP file, in the format of docs/recording.md."""
 
 from __future__ import annotations
 
+import os
 import time
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, NamedTuple, cast
 
+import msgspec
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
 from mecazen.config import join_key
 from mecazen.description import RobotDescription
+from mecazen.errors import MecazenError
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
 
-from mecazen_recorder import cdr, schemas
+from mecazen_recorder import cdr
 from mecazen_recorder.config import Encoding
-from mecazen_recorder.sink import RecordingError, Sink
 
 LIBRARY = "mecazen"
 URDF = "robot.urdf"
@@ -30,6 +27,83 @@ SYNC_S = 0.5
 
 MAX_CHANNELS = 2**16 - 1
 _RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpack"}
+
+
+class RecordingError(MecazenError):
+    """A recording can't be written or read; the message names its file."""
+
+
+class Sink:
+    """Buffers bytes in memory; `sync` writes them to the disk, or leaves the file unchanged.
+
+    Raises:
+        RecordingError: The file exists, or can't be created.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._waiting = bytearray()
+        self._synced = 0
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        except FileExistsError:
+            raise RecordingError(f"{path}: exists already, and is not overwritten") from None
+        except OSError as error:
+            raise RecordingError(f"{path}: can't be written: {error.strerror}") from None
+
+    def write(self, data: bytes) -> None:
+        """Buffer bytes."""
+        self._waiting += data
+
+    def tell(self) -> int:
+        """Return the number of bytes written so far."""
+        return self._synced + len(self._waiting)
+
+    def flush(self) -> None:
+        """Do nothing; `sync` writes."""
+
+    def sync(self) -> None:
+        """Write everything to the disk.
+
+        Raises:
+            RecordingError: Writing failed, most likely on a full disk; the file then ends where
+                it ended after the last sync.
+        """
+        try:
+            written = 0
+            while written < len(self._waiting):
+                written += os.write(self._file, self._waiting[written:])
+            os.fsync(self._file)
+        except OSError as error:
+            os.ftruncate(self._file, self._synced)
+            raise RecordingError(
+                f"{self._path}: can't be written on: {error.strerror}; "
+                f"the {self._synced} bytes recorded so far can be read"
+            ) from None
+        self._synced += written
+        self._waiting.clear()
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+
+class Schema(NamedTuple):
+    """An MCAP schema."""
+
+    name: str
+    encoding: str
+    data: bytes
+
+
+def schema_of(kind: type[Message], encoding: Encoding) -> Schema:
+    """Return a message's schema: ROS's definition for CDR, else a JSON schema."""
+    if encoding == "cdr":
+        return Schema(kind.ROS_TYPE, "ros2msg", cdr.definition(kind).encode())
+    _, definitions = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
+    # readers expect the message at the root, not a reference to it
+    text = msgspec.json.encode({**definitions[kind.__name__], "$defs": definitions})
+    return Schema(kind.ROS_TYPE, "jsonschema", text)
 
 
 class RecordingWriter:
@@ -125,7 +199,7 @@ class RecordingWriter:
             schema = 0
         else:
             if kind not in self._schemas:
-                schema = self._mcap.register_schema(*schemas.schema(kind, self._encoding))
+                schema = self._mcap.register_schema(*schema_of(kind, self._encoding))
                 self._schemas[kind] = schema
             encoding, schema = self._encoding, self._schemas[kind]
         channel = self._mcap.register_channel(key, encoding, schema, metadata)

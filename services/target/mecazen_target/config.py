@@ -17,11 +17,8 @@ Turn = Literal["left", "right"]
 
 class _Path(Section, tag_field="kind"):
     x_m: Finite = 0.0
-    """x of the start in the world [m]."""
     y_m: Finite = 0.0
-    """y of the start in the world [m]."""
     yaw_deg: AngleDeg = 0.0
-    """Heading at the start, in the world [deg]."""
 
 
 class _Walk(_Path):
@@ -33,7 +30,6 @@ class SteadyWalk(_Walk):
     """A curve at constant speed."""
 
     speed_m_s: Positive = 0.2
-    """Speed along the curve [m/s]."""
 
 
 class UTrack(SteadyWalk, tag="u_track"):
@@ -44,9 +40,9 @@ class UTrack(SteadyWalk, tag="u_track"):
     """
 
     length_m: Positive = 5.0
-    """Length of each straight [m]."""
+    """Of each straight."""
     yaw_rate_rad_s: Positive = 0.1
-    """Yaw rate on the half circle [rad/s]."""
+    """On the half circle."""
     turn: Turn = "left"
     """Side to which the half circle turns."""
 
@@ -55,14 +51,12 @@ class Straight(SteadyWalk, tag="straight"):
     """A straight line; the person stands at its end."""
 
     length_m: Positive = 10.0
-    """Length of the line [m]."""
 
 
 class Circle(SteadyWalk, tag="circle"):
     """An endless circle through the start."""
 
     radius_m: Positive = 2.0
-    """Radius of the circle [m]."""
     turn: Turn = "left"
     """Side on which the circle's centre lies."""
 
@@ -108,7 +102,7 @@ Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recor
 
 
 class Gait(Section):
-    """Gait oscillation of the pelvis; sources in `mecazen_target.gait`."""
+    """Gait oscillation of the pelvis; sources in `mecazen_target.motion`."""
 
     sway_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.025
     """Amplitude of the lateral sway [m]."""
@@ -124,4 +118,3 @@ class TargetConfig(Section):
     path: Walk | Driven = UTrack()
     """Where the person walks; `kind` selects the struct."""
     gait: Gait | None = None
-    """Gait oscillation; none by default."""

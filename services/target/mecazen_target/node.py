@@ -12,8 +12,7 @@ from mecazen.keys import GROUND_TRUTH, OBSERVATION, TARGET_CMD_VEL, TARGET_ODOM,
 from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_target import config
-from mecazen_target.gait import with_gait
-from mecazen_target.motion import Driven, Motion
+from mecazen_target.motion import Driven, Motion, with_gait
 from mecazen_target.paths import make_path, start_pose
 from mecazen_target.sensor import Frame, Sensor
 

@@ -14,7 +14,6 @@ class ViewerConfig(Section):
     """Where the viewer serves; port 0 takes a free one."""
 
     web_port: Port = 9090
-    """Port of the web page."""
     data_port: Port = 9876
     """Port of the data, to which the web page and native viewers connect."""
     listen: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"

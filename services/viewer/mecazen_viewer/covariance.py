@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, wrap
 
-Array = npt.NDArray[np.float64]
+from mecazen_viewer.rotation import Array
 
 SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Scale of the 95 % ellipse: the chi-square quantile of two degrees of freedom is -2·ln(1 - p)."""

@@ -44,12 +44,8 @@ class Picture:
     """The entities of one namespace, as a rule of one robot, in one run.
 
     Each method takes a message and the time of its tick [ns], and returns the entities that
-    change. All raise ValueError if a message can't be drawn.
-
-    Args:
-        scenario: The scenario from the view of the robot's services.
-        health: Collects diagnostics; shared by all namespaces.
-        robot: The name of one of several robots. Paths of entities do not contain it.
+    change. All raise ValueError if a message can't be drawn. `scenario` is that of the robot's
+    services, `health` is shared by all namespaces. Paths do not contain the name of the `robot`.
     """
 
     def __init__(self, scenario: Scenario, health: Health, robot: str = "") -> None:

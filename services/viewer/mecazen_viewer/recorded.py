@@ -95,6 +95,11 @@ def draw(file: Path, folder: Path) -> list[Path]:
     for robot, description in recording.descriptions().items():
         serve_description(bus.namespaced(robot), description)
     files: list[Path] = []
+
+    def save(layout: rrb.Blueprint, run: rr.RecordingStream) -> None:
+        files.append(folder / f"{len(files)}.rrd")
+        run.save(files[-1], default_blueprint=layout)
+
     viewer: ViewerService | None = None
     for sample in _frames(recording.samples()):
         if viewer is None:
@@ -102,7 +107,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
                 continue  # before the first run
             scenario = recording.scenario(sample.stamp.run, *SECTIONS)
             viewer = ViewerService("viewer", bus, scenario)
-            viewer.send = partial(_save, folder, files, blueprint(scenario.names))
+            viewer.send = partial(save, blueprint(scenario.names))
         try:
             bus.put_bytes(sample.key, *sample.as_published())
         except RefusedError:
@@ -123,11 +128,3 @@ def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
         if last_run != run or sample.time_ns - last_ns >= FRAME_NS:
             shown[sample.key] = run, sample.time_ns
             yield sample
-
-
-def _save(
-    folder: Path, files: list[Path], layout: rrb.Blueprint, recording: rr.RecordingStream
-) -> None:
-    """Write a recording to a file of its own."""
-    files.append(folder / f"{len(files)}.rrd")
-    recording.save(files[-1], default_blueprint=layout)

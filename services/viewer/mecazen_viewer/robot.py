@@ -1,7 +1,6 @@
 """The robot from its URDF: static shapes, and poses of moving links from joint states.
 
-Equal shapes, such as the rollers, are instances of one entity, since the cost of a frame is
-proportional to the number of its entities.
+Equal shapes, such as the rollers, are instances of one entity: docs/viewer.md.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ from mecazen_viewer import rotation
 from mecazen_viewer.components import Components, instances
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.rotation import Array
-from mecazen_viewer.stl import read_stl
-from mecazen_viewer.urdf import Joint, Origin, Urdf, Visual
+from mecazen_viewer.urdf import Joint, Origin, Urdf, Visual, read_stl
 
 
 class RobotModel:

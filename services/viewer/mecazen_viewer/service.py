@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable
-from typing import TypeVar
 
 import numpy as np
 import rerun as rr
@@ -15,8 +14,7 @@ from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.description import ask_description
 from mecazen.errors import BusError
-from mecazen.keys import Topic
-from mecazen.messages import Message
+from mecazen.keys import MessageT, Topic
 from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
@@ -26,8 +24,6 @@ from mecazen_viewer.health import Health
 from mecazen_viewer.layout import application, blueprint
 from mecazen_viewer.picture import Picture, surroundings
 from mecazen_viewer.server import serving
-
-MessageT = TypeVar("MessageT", bound=Message)
 
 logger = logging.getLogger(__name__)
 

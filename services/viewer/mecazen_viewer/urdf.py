@@ -1,4 +1,4 @@
-"""The drawn part of a URDF: coloured shapes, and the joints between their links."""
+"""The drawn part of a URDF: coloured shapes, the joints between their links, and meshes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ from collections.abc import Mapping
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float32]
+
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "mesh": ()}
 """Attributes with the size of each shape."""
 GREY = (0.5, 0.5, 0.5, 1.0)
+STL_HEADER_BYTES = 84
+STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 class Origin(NamedTuple):
@@ -87,6 +94,29 @@ def read(text: str) -> Urdf:
         return Urdf(visuals, tuple(joints))
     except (ET.ParseError, ValueError) as error:
         raise ValueError(f"not a URDF: {error}") from None
+
+
+def read_stl(data: bytes) -> tuple[Array, npt.NDArray[np.uint32], Array]:
+    """Return vertices (V, 3) [m], triangles (T, 3), and a normal for each vertex (V, 3).
+
+    Coinciding corners are merged, which reduces the mesh to a sixth. The normal of a vertex is
+    the mean of its facets' normals, weighted by area, so that the shading is smooth.
+
+    Raises:
+        ValueError: It is not a binary STL file.
+    """
+    if len(data) < STL_HEADER_BYTES or (len(data) - STL_HEADER_BYTES) % STL_FACET.itemsize:
+        raise ValueError("not a binary STL file")
+    corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER_BYTES)["corners"]
+    vertices: Array
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    triangles = index.reshape(-1, 3)
+    facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals: Array = np.zeros_like(vertices)
+    np.add.at(normals, triangles, facets[:, np.newaxis])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(length > 0.0, length, 1.0)
+    return vertices, triangles.astype(np.uint32), normals
 
 
 def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]]) -> Visual:

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 import typer
-from mecazen import keys
 from mecazen.errors import MecazenError
 from mecazen.loading import scenario_path, to_toml
 from mecazen.runtime import __main__ as runtime
@@ -20,9 +19,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen_tools.cli import certificates, graph, sim, status, talk
+from mecazen_tools import certificates
+from mecazen_tools.cli import sim, status, talk, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
-from mecazen_tools.cli.up import run_up
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
 from mecazen_tools.trajectory import Scores, Trajectory
 
@@ -41,9 +40,12 @@ app = typer.Typer(
     help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
     "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
 )
+certificates_app = typer.Typer(
+    no_args_is_help=True, help="Certificates, for TLS and access control."
+)
 app.add_typer(sim.app, name="sim")
-app.add_typer(certificates.app, name="keys")
-app.command()(graph.graph)
+app.add_typer(certificates_app, name="keys")
+app.command()(talk.graph)
 app.command()(talk.topics)
 app.command()(status.status)
 app.command()(talk.echo)
@@ -57,42 +59,7 @@ for entry in entry_points(group="mecazen.commands"):
         app.command(entry.name)(command)
 
 
-@app.command()
-def up(
-    scenario: ScenarioArgument,
-    viewer: Annotated[
-        Literal["web", "native"],
-        typer.Option(help="Where it is shown: a page for the browser, or Rerun's own window too."),
-    ] = "web",
-    no_viewer: Annotated[
-        bool, typer.Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
-    ] = False,
-    restart: Annotated[
-        bool, typer.Option("--restart", help="Start a process again that fails or is killed.")
-    ] = False,
-    processes: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=1, help="1: all services in one process.", show_default="the scenario's"
-        ),
-    ] = None,
-    settings: Settings = None,
-) -> None:
-    """Start a scenario's services as processes, in real time, until Ctrl-C.
-
-    A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
-    all are ended and its error is shown, unless it is to --restart; without the viewer or
-    the recorder the rest goes on.
-
-    Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
-    """
-    run_up(
-        scenario_path(scenario),
-        tuple(settings or ()),
-        None if no_viewer else viewer,
-        restart=restart,
-        together=processes == 1,
-    )
+app.command()(up.up)
 
 
 @app.command()
@@ -252,6 +219,35 @@ def config(scenario: ScenarioArgument, settings: Settings = None) -> None:
     typer.echo(to_toml(load(scenario, settings)), nl=False)
 
 
+@certificates_app.callback()
+def _group() -> None:
+    """Keep `create` a command of its own, although it is the only one."""
+
+
+@certificates_app.command()
+def create(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A new folder; keep it to yourself.")
+    ] = Path("keys"),
+    host: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME_OR_IP",
+            help="A host that services listen on, besides loopback. May be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Create a certificate authority, and a certificate and a key for each service.
+
+    The operator's are for the tools: `--tls DIR`.
+
+    Examples: mecazen keys create · mecazen keys create keys --host robot.local --host 192.168.1.7
+    """
+    certificates.create(folder, host or ())
+    typer.echo(f"{folder}: the authority and {len(certificates.NAMES)} certificates with keys")
+
+
 def main() -> None:
     """Run the command line; what may go wrong ends in one line."""
     try:
@@ -259,6 +255,3 @@ def main() -> None:
     except MecazenError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
-
-
-__all__ = ["app", "keys", "main"]

@@ -12,13 +12,9 @@ import typer
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, SECURE_ROUTER, BusConfig, Scenario
 from mecazen.errors import ConfigError
-from mecazen.loading import (
-    SCENARIO_VARIABLE,
-    SETTINGS_VARIABLE,
-    load_scenario,
-    scenario_path,
-)
+from mecazen.loading import SCENARIO_VARIABLE, SETTINGS_VARIABLE, load_scenario, scenario_path
 from mecazen.schema import Folder
+from rich.console import Console
 
 ScenarioArgument = Annotated[
     str,
@@ -59,6 +55,12 @@ Tls = Annotated[
 Namespace = Annotated[
     str | None, typer.Option(help="The robot's Zenoh namespace.", show_default=False)
 ]
+
+
+def console(width: int) -> Console:
+    """Return the terminal, or for tables of a `width` [characters] what is none."""
+    terminal = Console()
+    return terminal if terminal.is_terminal else Console(width=width)
 
 
 def load(scenario: str, settings: list[str] | None) -> Scenario:

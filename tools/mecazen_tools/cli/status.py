@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Annotated, Any
 
@@ -72,13 +72,9 @@ Reports = dict[str, dict[str, str]]
 def status_of(
     sim: SimState | None, parts: Iterable[str], alive: set[str], reports: Reports
 ) -> Status:
-    """Return how everybody is.
+    """Return how everybody is, of whom the services `parts` should be there.
 
-    Args:
-        sim: What simulated time does.
-        parts: The services that there should be.
-        alive: Who holds a liveliness token; `<name>/ready` is a mark of readiness.
-        reports: The values of each one's newest diagnostics.
+    `alive` are liveliness tokens, of which `<name>/ready` is a mark of readiness.
     """
     here = {name for name in alive if not name.endswith("/ready")}
     names = [*parts, *sorted(here | reports.keys())]
@@ -92,7 +88,7 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
         state=ready if name in alive else "gone",
         inputs={
             name.removeprefix("hz/"): Input(
-                _number(said, name) or 0.0, _number(said, name.replace("hz/", "age_s/", 1))
+                number(said, name) or 0.0, number(said, name.replace("hz/", "age_s/", 1))
             )
             for name in said
             if name.startswith("hz/")
@@ -103,7 +99,7 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
     )
 
 
-def _number(said: dict[str, str], name: str) -> float | None:
+def number(said: Mapping[str, str], name: str) -> float | None:
     """Return a value, or None where it is no number, as of an input that never came."""
     try:
         number = float(said[name])
@@ -113,7 +109,7 @@ def _number(said: dict[str, str], name: str) -> float | None:
 
 
 def _count(said: dict[str, str], name: str) -> int:
-    return int(_number(said, name) or 0)
+    return int(number(said, name) or 0)
 
 
 def screen(status: Status) -> Group:
@@ -121,21 +117,17 @@ def screen(status: Status) -> Group:
     table = Table("service", "state", "hears [Hz]", "oldest [s]", "refused", "missed", "restarts")
     for name, service in status.services.items():
         hears = "  ".join(f"{key} {heard.hz:g}" for key, heard in service.inputs.items())
+        ages = [heard.age_s for heard in service.inputs.values() if heard.age_s is not None]
         numbers = (service.refused, service.missed, service.restarts)
         colour = {"ready": "green", "alive": "yellow", "gone": "red"}[service.state]
         table.add_row(
             name,
             Text(service.state, colour),
             hears,
-            _oldest(service),
+            f"{max(ages):.2f}" if ages else "",
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )
     return Group(Text(_headline(status.sim), "bold"), table)
-
-
-def _oldest(service: ServiceStatus) -> str:
-    heard = [of.age_s for of in service.inputs.values() if of.age_s is not None]
-    return f"{max(heard):.2f}" if heard else ""
 
 
 def _headline(sim: SimState | None) -> str:

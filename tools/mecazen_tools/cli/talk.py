@@ -1,15 +1,15 @@
-"""Commands that look at the bus and talk on it."""
+"""Commands that show the graph, look at the bus and talk on it."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import typer
-from mecazen import keys
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
 from mecazen.programs import graph_of
@@ -17,10 +17,56 @@ from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.console import Console
 from rich.table import Table
 
-from mecazen_tools import graph_tables
-from mecazen_tools.cli.options import Connect, Namespace, Tls, load, tool_bus
+from mecazen_tools import graph_views
+from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
+from mecazen_tools.generated import one_process_each
 
 LIVE_S = 1.0
+
+
+def graph(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="[SCENARIO]", help="Its nodes; left out, all that there are."),
+    ] = None,
+    svg_file: Annotated[
+        Path | None, typer.Option("--svg", metavar="FILE", help="Draw the data flow.")
+    ] = None,
+    settings: Settings = None,
+) -> None:
+    """Show the nodes, the keys that they take and give with their rates, and the processes.
+
+    Examples: mecazen graph back · mecazen graph back --svg flow.svg
+    """
+    if scenario is None:
+        nodes, processes = Graph(GRAPH), one_process_each()
+    else:
+        loaded = load(scenario, settings)
+        nodes = graph_of(loaded)
+        processes = [
+            (process.name, [row.name for s in process.services for row in nodes.services[s]])
+            for process in loaded.process_plan
+            if process.robot in ("", loaded.names[0])
+        ]
+    if svg_file is not None:
+        try:
+            svg_file.write_text(graph_views.svg(nodes, processes))
+        except OSError as error:
+            raise MecazenError(f"--svg {svg_file}: {error.strerror}") from None
+    table = Table("process", "node", "takes", "gives, answers?", "rates")
+    for process, names in processes:
+        for number, name in enumerate(names):
+            row = nodes.row(name)
+            rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
+            table.add_row(
+                "" if number else process,
+                name,
+                graph_views.takes(row),
+                graph_views.gives(row),
+                rates,
+            )
+        table.add_section()
+    console(160).print(table)
 
 
 def topics(
@@ -36,32 +82,26 @@ def topics(
     tls: Tls = None,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
-    graph = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
-    shown = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
-    shown.append(keys.DIAGNOSTICS)
+    nodes = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
     rates: Counter[str] = Counter()
+
+    def count(key: str, *_: object) -> None:
+        topic = topic_of(key)
+        rates[key if topic is None else topic.key] += 1
+
     if live:
         with tool_bus(connect, namespace, tls) as bus:
-            bus.subscribe_bytes("**", lambda key, *_: rates.update((_entry(key),)))
+            bus.subscribe_bytes("**", count)
             end = time.monotonic() + LIVE_S
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
     table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
-    for topic in shown:
-        now = [f"{rates[topic.key] / LIVE_S:.0f}"] if live else []
-        rate, giver = graph_tables.rate(graph, topic), graph_tables.source(graph, topic)
-        table.add_row(topic.key, topic.type.ROS_TYPE, rate, giver, topic.meaning, *now)
+    for cells in graph_views.topic_rows(nodes):
+        table.add_row(*cells, *([f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []))
     table.add_section()
-    for row in graph.rows:
-        for call in row.calls:
-            kind = f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}"
-            table.add_row(call.key, kind, "query", row.part_of, call.meaning)
+    for cells in graph_views.call_rows(nodes):
+        table.add_row(*cells)
     Console().print(table)
-
-
-def _entry(key: str) -> str:
-    topic = topic_of(key)
-    return key if topic is None else topic.key
 
 
 def echo(
@@ -83,14 +123,8 @@ def echo(
     def show(key: str, payload: bytes, encoding: str, attachment: bytes | None) -> None:
         nonlocal shown
         del attachment
-        topic = topic_of(key)
         try:
-            value: Any = (
-                msgspec.json.decode(payload)
-                if topic is None
-                else decode(payload, topic.type, encoding)
-            )
-            typer.echo(msgspec.json.encode(value).decode())
+            typer.echo(msgspec.json.encode(_read(key, payload, encoding)).decode())
         except (RefusedError, msgspec.MsgspecError) as error:
             typer.echo(f"{key}: {len(payload)} bytes that are no message: {error}", err=True)
         shown += 1
@@ -123,12 +157,8 @@ def pub(
     Example: mecazen pub cmd_vel '{"linear":{"x":0.3}}' --rate 20 --duration 3
     """
     payload = message.encode()
-    topic = topic_of(key)
     try:
-        if topic is not None:
-            decode(payload, topic.type, JSON_ENCODING)
-        else:
-            msgspec.json.decode(payload)
+        _read(key, payload, JSON_ENCODING)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if duration is not None and rate is None:
@@ -142,3 +172,9 @@ def pub(
                 break
             while (left := begin + sent / rate - time.monotonic()) > 0:
                 bus.spin_once(left)
+
+
+def _read(key: str, payload: bytes, encoding: str) -> Any:
+    """Return what is on a key: a message of its type where the table has it, else any JSON."""
+    topic = topic_of(key)
+    return msgspec.json.decode(payload) if topic is None else decode(payload, topic.type, encoding)

@@ -11,15 +11,15 @@ from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from types import FrameType
-from typing import Literal
+from typing import Annotated, Literal
 
+import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, SECURE_ROUTER, Process, Scenario, join_key
 from mecazen.errors import ConfigError
 from mecazen.graph import OBSERVERS, Row, services
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
 from mecazen.programs import classes, installed_nodes
 from mecazen.wire import NS_PER_S, Stamp
@@ -28,6 +28,8 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
+from mecazen_tools.cli.options import ScenarioArgument, Settings
+from mecazen_tools.cli.status import number
 from mecazen_tools.processes import Supervisor
 
 REFRESH_S = 0.25
@@ -37,47 +39,63 @@ REPORTING = {"physics", "target", "follower"}
 """Parts of whose health the status tells."""
 
 VIEWER = "viewer"
-Viewer = Literal["web", "native"]
 
 
-def run_up(
-    path: Path, settings: tuple[str, ...], viewer: Viewer | None, *, restart: bool, together: bool
+def up(
+    scenario: ScenarioArgument,
+    viewer: Annotated[
+        Literal["web", "native"],
+        typer.Option(help="Where it is shown: a page for the browser, or Rerun's own window too."),
+    ] = "web",
+    no_viewer: Annotated[
+        bool, typer.Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
+    ] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Start a process again that fails or is killed.")
+    ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1, help="1: all services in one process.", show_default="the scenario's"
+        ),
+    ] = None,
+    settings: Settings = None,
 ) -> None:
-    """Run a scenario until Ctrl-C or until one of its processes fails.
+    """Start a scenario's services as processes, in real time, until Ctrl-C.
 
-    With `restart` a process that fails is started again instead. All services but the
-    observers are `together` in one process, or in those of the scenario. The viewer, where it is
-    installed, is started beside them; observers may fail in any case.
+    A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
+    all are ended and its error is shown, unless it is to --restart; without the viewer or
+    the recorder the rest goes on.
 
-    Raises:
-        MecazenError: What is wrong with the scenario, or the error of the process that failed.
+    Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
-    shown = viewer is not None and VIEWER in installed_nodes()
-    if viewer == "native":
+    path, overrides = scenario_path(scenario), tuple(settings or ())
+    shown = not no_viewer and VIEWER in installed_nodes()
+    if viewer == "native" and not no_viewer:
         if not shown:
             raise ConfigError("--viewer native: the viewer is not installed")
-        settings = (*settings, "viewer.native=true")
-    scenario = load_scenario(path, settings)
-    if together:
-        group = [part for part in scenario.services if part not in OBSERVERS]
-        settings = (*settings, f"processes={json.dumps([group])}")
-        scenario = load_scenario(path, settings)
-    for part in scenario.services:
-        classes(part, scenario)
+        overrides = (*overrides, "viewer.native=true")
+    loaded = load_scenario(path, overrides)
+    if processes == 1:
+        group = [part for part in loaded.services if part not in OBSERVERS]
+        overrides = (*overrides, f"processes={json.dumps([group])}")
+        loaded = load_scenario(path, overrides)
+    for part in loaded.services:
+        classes(part, loaded)
     console = Console()
-    supervisor = Supervisor(path, settings, restart=restart)
+    supervisor = Supervisor(path, overrides, restart=restart)
     signal.signal(signal.SIGTERM, _interrupt)
     signal.signal(signal.SIGHUP, _interrupt)
     try:
         console.print(f"[bold]mecazen[/] starts scenario [bold]{path.stem}[/] ({path})")
         supervisor.start_router()
-        with closing(ZenohBus(scenario.bus, "client")) as bus:
-            status = Status(bus, scenario)
-            for process in scenario.process_plan:
+        with closing(ZenohBus(loaded.bus, "client")) as bus:
+            status = Status(bus, loaded)
+            for process in loaded.process_plan:
                 supervisor.start(process, needed=process.services[0] not in OBSERVERS)
-            if shown and VIEWER not in scenario.services:
+            if shown and VIEWER not in loaded.services:
                 supervisor.start(Process((VIEWER,)), needed=False)
-            _introduce(console, scenario, supervisor, path)
+            _introduce(console, loaded, supervisor, path)
             _watch(console, supervisor, bus, status)
     except KeyboardInterrupt:
         console.print("stopping …")
@@ -88,7 +106,7 @@ def run_up(
     console.print("all processes have ended")
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
@@ -151,9 +169,9 @@ class Status:
             self._health.get(part, {})
             for part in ("physics", join_key("target", robot), join_key("follower", robot))
         )
-        x, y = (_number(physics, join_key(name, robot)) for name in ("x_m", "y_m"))
-        person_x, person_y = _number(person, "x_m"), _number(person, "y_m")
-        error = _number(follower, "distance_error_m")
+        x, y = (number(physics, join_key(name, robot)) for name in ("x_m", "y_m"))
+        person_x, person_y = number(person, "x_m"), number(person, "y_m")
+        error = number(follower, "distance_error_m")
         said = []
         if x is not None and y is not None:
             said.append(f"{robot or 'robot'} ({x:+.2f}, {y:+.2f})")
@@ -169,14 +187,6 @@ class Status:
         self._health[part] = {
             pair.key: pair.value for status in report.status for pair in status.values
         }
-
-
-def _number(values: Mapping[str, str], name: str) -> float | None:
-    """Return a value that is a number, as whoever reports need not make it."""
-    try:
-        return float(values[name])
-    except (KeyError, ValueError):
-        return None
 
 
 def _work(process: str, scenario: Scenario) -> str:

@@ -1,4 +1,4 @@
-"""The abstract base of all estimators, their estimate, and the registry by name."""
+"""The abstract base of all estimators, their estimate, the registry, and the simplest of them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from mecazen_follower.estimators.symmetric import Rows, is_positive
 
 Array = npt.NDArray[np.float64]
 
-MAX_DISTANCE = FARTHEST_M
-"""Largest coordinate of an observation [m]: beyond it rounding exceeds millimetres."""
 MIN_NOISE: Array = 2e-12 * np.eye(3)
 """Added to the covariance of an observation [m², rad²], so that none is singular."""
 
@@ -83,7 +81,7 @@ class Estimator(ABC):
             ValueError: The observation is not finite or farther than 1000 km, or the
                 covariance is invalid. The estimate is unchanged.
         """
-        if not all(abs(number) <= MAX_DISTANCE for number in observation):
+        if not all(abs(number) <= FARTHEST_M for number in observation):
             raise ValueError(f"observation is out of range: {tuple(observation)}")
         self._observe(observation, self._noise(covariance))
 
@@ -93,7 +91,7 @@ class Estimator(ABC):
         noise = np.asarray(covariance, float)
         rows = noise.tolist()
         if noise.shape != (3, 3) or not all(
-            abs(number) <= MAX_DISTANCE**2 for row in rows for number in row
+            abs(number) <= FARTHEST_M**2 for row in rows for number in row
         ):
             raise ValueError("covariance of an observation must be 3x3 and finite")
         if not any(map(any, rows)):
@@ -125,6 +123,27 @@ class Estimator(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Discard the estimate."""
+
+
+class RawObservation(Estimator, name="none"):
+    """The last observation, held until the next one, with zero velocity."""
+
+    estimate: Estimate | None = None
+
+    def predict(self, dt: float) -> None:
+        """Hold the last observation."""
+
+    def _observe(self, observation: Pose2D, noise: Array) -> None:
+        self.estimate = Estimate(observation, Twist2D(), as_tuple(noise))
+
+    def reset(self) -> None:
+        """Discard the last observation."""
+        self.estimate = None
+
+
+def as_tuple(matrix: Array) -> PlanarCovariance:
+    """Return a covariance (3, 3) as plain floats."""
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def _is_symmetric(matrix: Rows) -> bool:

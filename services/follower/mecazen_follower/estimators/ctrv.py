@@ -1,4 +1,4 @@
-"""Kalman filters of constant turn rate and velocity: extended and unscented."""
+"""Kalman filters of constant turn rate and velocity: extended and unscented, also adaptive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.schema import NonNegative, Positive
 
-from mecazen_follower.estimators.adaptive import NoiseScale
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
@@ -35,6 +34,8 @@ MAX_STEP_S = 0.1
 """Longest step for the first-order approximations of motion, noise and mode changes."""
 MIN_POSITION_WALK = 0.001
 """Random walk of the position [m] after 1 s besides sway and side steps."""
+MIN_FACTOR, MAX_FACTOR = 0.1, 1000.0
+"""Bounds of `NoiseScale`: beyond them the filter ignores its prediction or its sensor."""
 
 
 class Unscented:
@@ -45,14 +46,11 @@ class Unscented:
     """
 
     def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
-        from filterpy.kalman import (  # noqa: PLC0415  # as in `kalman`
-            MerweScaledSigmaPoints,
-            UnscentedKalmanFilter,
-        )
+        from filterpy import kalman  # noqa: PLC0415  # late, as it takes a second
 
         self._walks = walks
-        points = MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
-        self._filter: Any = UnscentedKalmanFilter(
+        points = kalman.MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
+        self._filter: Any = kalman.UnscentedKalmanFilter(
             SIZE, SEEN, dt=0.0, hx=lambda x: x[:SEEN], fx=move, points=points
         )
         self._filter.x, self._filter.P = state, covariance
@@ -97,6 +95,43 @@ class Unscented:
 
 StateFilter = ModeBank | Unscented
 """A filter of the state of `turn_rate`."""
+
+
+class NoiseScale:
+    """The sensor's actual noise: factors on the reported variances of x and y, and of yaw.
+
+    The variance of an innovation is the sum of the variances of observation and prediction
+    (R. K. Mehra: On the identification of variances and adaptive Kalman filtering, IEEE
+    Trans. Automatic Control 15, 1970). The mean square of the innovations minus the variance
+    of the prediction estimates the variance of the observation. The mean is exponential, with
+    the time constant `memory` [s].
+    """
+
+    def __init__(self, memory: float) -> None:
+        self._memory = memory
+        self.factors: tuple[float, float] = 1.0, 1.0
+        """Factors on the variances of position and yaw."""
+
+    def learn(self, innovation: Array, prediction: Array, noise: Array, dt: float) -> Array:
+        """Return the covariance (3, 3) of an observation, after learning from its innovation.
+
+        Args:
+            innovation: Observation minus prediction (3).
+            prediction: The covariance (3, 3) of the prediction.
+            noise: The covariance (3, 3) that the sensor reports.
+            dt: Time since the last observation [s].
+        """
+        weight = -math.expm1(-dt / self._memory)
+        excess = np.square(innovation) - np.diag(prediction)
+        reported = np.diag(noise)
+        ratios = (excess[0] + excess[1]) / (reported[0] + reported[1]), excess[2] / reported[2]
+        position, yaw = (
+            min(max(old + weight * (float(new) - old), MIN_FACTOR), MAX_FACTOR)
+            for old, new in zip(self.factors, ratios, strict=True)
+        )
+        self.factors = position, yaw
+        root = np.sqrt([position, position, yaw])
+        return noise * root[:, None] * root
 
 
 class TurnRateParams(Params):

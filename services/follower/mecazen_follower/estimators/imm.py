@@ -37,32 +37,22 @@ class ImmParams(TurnRateParams):
 class ImmFilter(TurnRateEstimator, name="imm", params=ImmParams):
     """An IMM of four modes: standing, walking straight, turning steadily, and manoeuvring.
 
-    Manoeuvring is setting off, stopping and turning quickly. The first three modes average over
-    seconds, so that the heading of a walking person follows from the motion even if the sensor
-    barely observes it. The last one takes over within a few frames.
+    Manoeuvring is setting off, stopping and turning quickly; it takes over within a few frames.
+    The other modes average over seconds.
     """
 
     def __init__(self, params: ImmParams) -> None:
         super().__init__(params)
         p, sway = params, params.sway_m_sqrt_m
+        steady = sway, MIN_POSITION_WALK
         turning = p.turning_acceleration_std_m_s2, p.turning_yaw_acceleration_std_rad_s2
         manoeuvre = p.manoeuvre_acceleration_std_m_s2, p.manoeuvre_yaw_acceleration_std_rad_s2
+        standing = *steady, p.standing_yaw_std_rad, NEARLY_ZERO, NEARLY_ZERO
+        straight = *steady, p.straight_yaw_std_rad, p.straight_acceleration_std_m_s2, NEARLY_ZERO
         modes = (
-            Mode(
-                (sway, MIN_POSITION_WALK, p.standing_yaw_std_rad, NEARLY_ZERO, NEARLY_ZERO),
-                moves=False,
-                turns=False,
-                mean_sojourn=p.standing_s,
-            ),
-            Mode(
-                (
-                    *(sway, MIN_POSITION_WALK, p.straight_yaw_std_rad),
-                    *(p.straight_acceleration_std_m_s2, NEARLY_ZERO),
-                ),
-                turns=False,
-                mean_sojourn=p.straight_s,
-            ),
-            Mode((sway, MIN_POSITION_WALK, 0.0, *turning), mean_sojourn=p.turning_s),
+            Mode(standing, moves=False, turns=False, mean_sojourn=p.standing_s),
+            Mode(straight, turns=False, mean_sojourn=p.straight_s),
+            Mode((*steady, 0.0, *turning), mean_sojourn=p.turning_s),
             Mode((sway, p.manoeuvre_step_m_sqrt_s, 0.0, *manoeuvre), mean_sojourn=p.manoeuvre_s),
         )
         self._begin = partial(ModeBank, modes)

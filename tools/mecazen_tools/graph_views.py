@@ -1,29 +1,97 @@
-"""The data flow of a graph as a picture: a line for each topic, a column for each node."""
+"""The graph for people: tables of nodes and keys, and a picture of the data flow."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 from xml.sax.saxutils import escape
 
 from mecazen.graph import Graph, Row
+from mecazen.keys import DIAGNOSTICS, Topic
 
-from mecazen_tools.graph_tables import rate
+Cells = tuple[str, str, str, str, str]
 
 COLUMN, LINE, LEFT, TOP = 118, 34, 356, 118
 """Widths and heights [px]: of a column, of a line, left of the columns, above the lines."""
 INK, PALE, GIVES, TAKES = "#16202a", "#5b6875", "#0b5394", "#3b4a5a"
+LEGEND = (
+    ("gives", "gives"),
+    ("every", "takes: every tick"),
+    ("due", "takes: when due"),
+    ("latest", "takes: the latest"),
+)
+
+
+def rate(graph: Graph, topic: Topic[Any]) -> str:
+    """Return how often a topic comes: its rate's configuration key, or `tick`."""
+    if topic is DIAGNOSTICS:
+        return "1 Hz"
+    if graph.giver(topic.key) is None:
+        return "any"
+    found = graph.rate(topic.key)
+    return "tick" if found is None else found if isinstance(found, str) else f"{found:g} Hz"
+
+
+def topic_rows(graph: Graph) -> list[Cells]:
+    """Return key, message, rate, who publishes and meaning of each topic."""
+    topics = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
+    return [
+        (topic.key, topic.type.ROS_TYPE, rate(graph, topic), _source(graph, topic), topic.meaning)
+        for topic in (*topics, DIAGNOSTICS)
+    ]
+
+
+def call_rows(graph: Graph) -> list[Cells]:
+    """Return the same of each query."""
+    return [
+        (call.key, f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}", "query", who, call.meaning)
+        for who, call in ((row.part_of, call) for row in graph.rows for call in row.calls)
+    ]
+
+
+def keys_table(graph: Graph) -> str:
+    """Return the table of keys in Markdown."""
+    lines = ["| key | message | rate | from | meaning |", "| --- | --- | --- | --- | --- |"]
+    for key, kind, *others in (*topic_rows(graph), *call_rows(graph)):
+        lines.append(f"| {' | '.join((f'`{key}`', kind.replace('/msg', ''), *others))} |")
+    return "\n".join(lines)
+
+
+def nodes_table(graph: Graph) -> str:
+    """Return the table of nodes in Markdown."""
+    lines = ["| node | service | takes | gives | what it does |", "| --- | --- | --- | --- | --- |"]
+    for row in graph.rows:
+        cells = (f"`{row.name}`", row.part_of, takes(row), gives(row), row.summary)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def takes(row: Row) -> str:
+    """Return a node's inputs and their rules."""
+    if row.observes:
+        return "everything"
+    return ", ".join(f"{i.topic.key} ({i.rule})" for i in row.inputs)
+
+
+def gives(row: Row) -> str:
+    """Return a node's outputs and the queries that it answers."""
+    return ", ".join([*(t.key for t in row.outputs), *(f"{c.key}?" for c in row.calls)])
+
+
+def _source(graph: Graph, topic: Topic[Any]) -> str:
+    if topic is DIAGNOSTICS:
+        return "each service"
+    giver = graph.giver(topic.key)
+    if giver is None:
+        return "anyone"
+    return f"{giver.part_of} or anyone" if topic.open else giver.part_of
 
 
 def svg(graph: Graph, processes: Sequence[tuple[str, Sequence[str]]]) -> str:
-    """Return an SVG file.
-
-    Args:
-        graph: The nodes.
-        processes: Names of processes, and the nodes of each.
-    """
+    """Return the data flow as an SVG file; `processes` are their names, and the nodes of each."""
     nodes = [graph.row(name) for _, names in processes for name in names]
     flow = [row for row in nodes if not row.observes]
-    topics = [t for t in graph.topics if any(t.key in _keys(row) for row in flow)]
+    topics = [t for t in graph.topics if any(_mark(row, t.key) for row in flow)]
     width = LEFT + COLUMN * len(nodes) + 20
     height = TOP + LINE * len(topics) + 52
     bottom = TOP + LINE * len(topics)
@@ -63,23 +131,11 @@ def svg(graph: Graph, processes: Sequence[tuple[str, Sequence[str]]]) -> str:
             _drawn(LEFT + COLUMN * (n + 0.5), y, mark, backwards=n < giver) for n, mark in marks
         ]
     left = LEFT + 14
-    for mark, meaning in _LEGEND:
+    for mark, meaning in LEGEND:
         parts.append(_drawn(left, bottom + 32, mark))
         parts.append(_text(left + 12, bottom + 36, meaning, PALE, anchor="start"))
         left += 150
     return "\n".join([*parts, "</svg>", ""])
-
-
-_LEGEND = (
-    ("gives", "gives"),
-    ("every", "takes: every tick"),
-    ("due", "takes: when due"),
-    ("latest", "takes: the latest"),
-)
-
-
-def _keys(row: Row) -> set[str]:
-    return {t.key for t in row.outputs} | {i.topic.key for i in row.inputs}
 
 
 def _mark(row: Row, key: str) -> str | None:
