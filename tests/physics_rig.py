@@ -28,8 +28,11 @@ def world_of(robots: Sequence[tuple[Robot, Pose2D]], **settings: Any) -> World:
 
 def wheel_speeds(robot: Robot, twist: Twist2D) -> list[float]:
     """The ideal equations, wheels in the order of `WHEELS` [rad/s]."""
-    turn = (robot.half_wheelbase + robot.half_track) * twist.yaw
-    x, y = twist.x, twist.y
+    aside = (1.0 if robot.rollers.arrangement == "X" else -1.0) / math.tan(
+        math.radians(robot.rollers.angle_deg)
+    )
+    turn = (robot.half_track + aside * robot.half_wheelbase) * twist.yaw
+    x, y = twist.x, aside * twist.y
     return [
         speed / robot.wheels.radius_m
         for speed in (x - y - turn, x + y + turn, x + y - turn, x - y + turn)

@@ -194,8 +194,11 @@ def _steady(engine: Engine, direction: Sequence[float]) -> tuple[list[float], Tw
     poses = np.array([(s.x, s.y, s.yaw, *s.wheels) for s in samples])
     poses[:, 2] = np.unwrap(poses[:, 2])
     moved: list[float] = (poses[-1] - poses[0]).tolist()
-    kinematics = MecanumKinematics(robot.wheels.radius_m, robot.half_wheelbase, robot.half_track)
-    return moved[:3], kinematics.forward(WheelSpeeds(*moved[3:])), [s.z for s in samples]
+    return (
+        moved[:3],
+        MecanumKinematics.of(robot).forward(WheelSpeeds(*moved[3:])),
+        [s.z for s in samples],
+    )
 
 
 def _reach(engine: Engine, direction: Sequence[float]) -> None:

@@ -28,9 +28,7 @@ class NullWorld:
         self.robots = [self]
         rollers = [roller_joint(wheel, i) for wheel in WHEELS for i in range(robot.rollers.count)]
         self.joint_names = (*WHEEL_JOINTS, *rollers)
-        self._kinematics = MecanumKinematics(
-            robot.wheels.radius_m, robot.half_wheelbase, robot.half_track
-        )
+        self._kinematics = MecanumKinematics.of(robot)
         self._dt_s = dt_s
         self._time, self._pose, self._twist = 0.0, start, Twist2D()
         self._angles = self._speeds = [0.0] * len(WHEELS)

@@ -8,7 +8,7 @@ below the centre of the four wheels, x forward, y left, z up.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -55,6 +55,8 @@ class Rollers(Section):
     """Viscous friction of a roller's bearing [N·m·s/rad]."""
     angle_deg: Annotated[float, msgspec.Meta(ge=10.0, le=80.0)] = 45.0
     """Angle between a roller's axis and the wheel's axle."""
+    arrangement: Literal["X", "O"] = "X"
+    """What the rollers on top form, seen from above: how left and right wheels are placed."""
     contact_friction: NonNegative = 1.0
     """Coulomb coefficient of the roller's surface; the ground's own multiplies it."""
 
@@ -84,6 +86,12 @@ class Robot(Section):
             raise ValueError(
                 f"rollers.max_radius_m = {roller.max_radius_m} must be below half of "
                 f"wheels.radius_m = {wheel.radius_m}"
+            )
+        if abs(self.lever) < 0.1 * self.half_track:
+            raise ValueError(
+                f"rollers.arrangement = {roller.arrangement!r}: such a robot can hardly turn, as "
+                f"its wheels have a lever of {self.lever:.3g} m; another wheelbase_m, track_m or "
+                "arrangement is needed"
             )
         if len(self.camera.size_m) != 3:
             raise ValueError("camera.size_m must be [length, width, height]")
@@ -123,6 +131,22 @@ class Robot(Section):
     def roller_angle(self) -> float:
         """Angle between a roller's axis and the wheel's axle [rad]."""
         return math.radians(self.rollers.angle_deg)
+
+    @property
+    def cross_gain(self) -> float:
+        """Speed of a wheel's rim per speed of the robot to the side: ±cot γ.
+
+        γ is the angle between the axes of roller and wheel. It is negative where the rollers
+        are arranged as an O.
+        """
+        sign = 1.0 if self.rollers.arrangement == "X" else -1.0
+        # tan 45° is not quite 1 in floating point
+        return sign * (1.0 if self.rollers.angle_deg == 45.0 else 1.0 / math.tan(self.roller_angle))
+
+    @property
+    def lever(self) -> float:
+        """Speed of a wheel's rim per yaw rate of the robot [m]."""
+        return self.half_track + self.cross_gain * self.half_wheelbase
 
     def wheel_position(self, wheel: str) -> tuple[float, float, float]:
         """Return the centre of `wheel` (a name of `WHEELS`) in base_link [m]."""

@@ -29,6 +29,24 @@ def test_equations_by_hand_both_ways(twist, wheels):
     assert ROBOT.forward(WheelSpeeds(*wheels)) == pytest.approx(twist, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("cross_gain", "twist", "wheels"),
+    [
+        # cot 30° = 1.7321: slower to the side; a lever of 0.1 + 1.7321·0.15 = 0.3598 m
+        (math.sqrt(3.0), (0.0, 0.5, 0.0), (-17.3205, 17.3205, 17.3205, -17.3205)),
+        (math.sqrt(3.0), (0.0, 0.0, 2.0), (-14.3923, 14.3923, -14.3923, 14.3923)),
+        # an O is an X to the other side; a lever of 0.1 - 0.15 = -0.05 m
+        (-1.0, (0.0, 0.5, 0.0), (10.0, -10.0, -10.0, 10.0)),
+        (-1.0, (0.0, 0.0, 2.0), (2.0, -2.0, 2.0, -2.0)),
+        (-1.0, (0.5, 0.0, 0.0), (10.0, 10.0, 10.0, 10.0)),
+    ],
+)
+def test_other_angles_and_arrangements_by_hand_both_ways(cross_gain, twist, wheels):
+    robot = MecanumKinematics(0.05, 0.15, 0.1, cross_gain)
+    assert robot.inverse(Twist2D(*twist)) == pytest.approx(wheels, abs=1e-4)  # as many digits
+    assert robot.forward(robot.inverse(Twist2D(*twist))) == pytest.approx(twist, abs=1e-12)
+
+
 def test_wheels_that_fight_each_other_do_not_move_the_body():
     assert ROBOT.forward(WheelSpeeds(1.0, 1.0, -1.0, -1.0)) == Twist2D()
 

@@ -5,7 +5,7 @@ from harness import load_robot
 from mecazen.robot import Robot
 
 
-@pytest.fixture(params=["nexus", "artbul"])
+@pytest.fixture(params=["nexus", "artbul", "slant"])
 def robot(request: pytest.FixtureRequest) -> Robot:
     return load_robot(request.param)
 

@@ -42,8 +42,8 @@ def test_locked_wheels_slow_down_alike_at_every_yaw(robot, yaw_deg, rollers):
     yaw = math.radians(yaw_deg)
     rig = Rig(without_bearing_friction(robot), Pose2D(yaw=yaw), ground_friction=MU, rollers=rollers)
     slower, aside = slide(rig, yaw, 1.5, 0.3)
-    # each wheel brakes with μN along its roller's axis, at 45° to the motion
-    assert slower == pytest.approx(MU * GRAVITY / math.sqrt(2.0), rel=0.01)
+    # each wheel brakes with μN along its roller's axis, at γ to the axle
+    assert slower == pytest.approx(MU * GRAVITY * math.sin(robot.roller_angle), rel=0.01)
     assert abs(aside) < 0.01
 
 
@@ -66,7 +66,9 @@ def test_held_wheels_slide_down_a_slope_as_by_hand(robot):
     rig = Rig(without_bearing_friction(robot), slope_deg=30.0, ground_friction=MU)
     rig.advance(HELD, 500)
     slope = math.radians(30.0)
-    expected = -0.5 * GRAVITY * (math.sin(slope) - MU / math.sqrt(2.0) * math.cos(slope))
+    expected = (
+        -0.5 * GRAVITY * (math.sin(slope) - MU * math.sin(robot.roller_angle) * math.cos(slope))
+    )
     # 2 %: within it the loads shift downhill, and rollers are set spinning
     assert rig.state().linear[0] == pytest.approx(expected, rel=0.02)
     assert abs(rig.state().linear[1]) < 0.01

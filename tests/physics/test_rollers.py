@@ -134,9 +134,9 @@ def test_gains_follow_from_no_slip_at_sampled_wheel_angles(robot):
     theta = (np.arange(2000) + 0.5) / 1000 * roller.half_arc - roller.half_arc
     axes = np.stack([np.sin(roller.angle) * np.cos(theta), np.full(2000, np.cos(roller.angle))])
     # With ω·R = 1 the contact's velocity (v_x - 1, v_y) is across the axis; v_x = 0.
-    lateral = axes[0] / axes[1] * np.tan(np.pi / 4)
+    lateral = axes[0] / axes[1] / np.tan(roller.angle)
     assert lateral_gain(robot) == pytest.approx(lateral.mean(), abs=1e-6)
-    arm = robot.half_track + robot.half_wheelbase
+    arm = robot.half_track + robot.half_wheelbase / np.tan(roller.angle)
     # Yaw rate w: (1 - (l_y ± e)·w, l_x·w) is across the mirrored axis; of both pairs the one of
     # the nearer contacts counts, which asks for more.
     offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)

@@ -9,12 +9,13 @@ import sys
 import dartpy as dart
 import numpy as np
 import pytest
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.world import Box, Cylinder, Person
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.rollers import lateral_gain, yaw_gain
+from msgspec.structs import replace
 from physics_rig import Rig, masses, trajectory, wheel_speeds
 
 FORWARD, LEFT, TURN = Twist2D(x=0.3), Twist2D(y=0.3), Twist2D(yaw=0.6)
@@ -60,7 +61,8 @@ def test_forward_motion_is_ideal_and_smooth(robot, rollers):
     assert speed == pytest.approx(FORWARD.x, rel=0.01)
     heights = [state.position[2] for state in states]
     assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
-    assert abs(states[-1].position[1]) < 1e-6  # left and right are alike
+    # left and right are alike, to what the solver of the cone leaves
+    assert abs(states[-1].position[1]) < 1e-5
 
 
 @pytest.mark.parametrize("rollers", ["near", "all"])
@@ -84,7 +86,8 @@ def test_a_robot_stands_still_when_its_wheels_do(robot, twist):
     # A wheel held at rest does not move along its roller's axis, and the axes cross: were two
     # parallel ones to carry everything, it would glide on at some 0.1 m/s.
     assert math.hypot(*rig.state().linear) < 1e-6
-    assert math.hypot(*rig.state().angular) < 1e-5
+    # 2e-5: what the solver of the cone leaves, 0.07 degrees a minute
+    assert math.hypot(*rig.state().angular) < 2e-5
 
 
 def test_each_wheel_carries_a_quarter_of_the_weight(robot):
@@ -106,20 +109,39 @@ def test_turning_on_the_spot_has_the_gain_that_the_rollers_geometry_predicts(rob
     assert math.hypot(*states[-1].position[:2]) < 5e-3  # the rollers' contacts wander
 
 
+@pytest.mark.parametrize("angle_deg", [30.0, 45.0, 60.0])
+@pytest.mark.parametrize("arrangement", ["X", "O"])
+def test_other_angles_and_arrangements_have_the_gains_of_their_geometry(
+    nexus, angle_deg, arrangement
+):
+    rollers = replace(nexus.rollers, angle_deg=angle_deg, arrangement=arrangement, count=12)
+    # not square, so that it can turn in the arrangement O too
+    wheels = replace(nexus.wheels, wheelbase_m=0.42, track_m=0.28)
+    robot = replace(nexus, rollers=rollers, wheels=wheels)
+    left = Rig(robot).drive(wheel_speeds(robot, LEFT), 2.0)[100:]
+    gain = (left[-1].position[1] - left[0].position[1]) / 0.99 / LEFT.y
+    assert gain == pytest.approx(lateral_gain(robot), rel=0.01)
+    turn = Rig(robot).drive(wheel_speeds(robot, TURN), 2.0)[100:]
+    # 3 %: where the lever is short, 19 or 70 mm as an O, contacts wander by as much
+    assert (turn[-1].yaw - turn[0].yaw) / 0.99 / TURN.yaw == pytest.approx(
+        yaw_gain(robot), rel=0.03 if abs(robot.lever) < 0.1 else 0.01
+    )
+
+
 def test_velocity_is_in_the_axes_of_base_link(nexus):
     rig = Rig(nexus, Pose2D(yaw=2.0))
     before, after = rig.drive(wheel_speeds(nexus, Twist2D(0.3, 0.0, 0.4)), 1.0)[-2:]
     # Ripple of the contacts: some mm/s.
     assert after.linear == pytest.approx((0.3, 0.0, 0.0), abs=0.01)
     assert after.angular == pytest.approx((0.0, 0.0, 0.4), abs=0.08)
-    # The same as DART's, and as the finite difference over 10 ms.
-    body = rig.body.skeleton.getBodyNode(0)
+    # The same as DART's, and as the finite difference over 10 ms, in axes turned by `heading`.
+    body, heading = rig.body.skeleton.getBodyNode(0), rig.body.world.heading
     np.testing.assert_allclose(
         (*after.angular, *after.linear), body.getSpatialVelocity(), atol=1e-9
     )
     np.testing.assert_allclose(
         np.subtract(after.position, before.position)[:2] / 0.01,
-        body.getLinearVelocity()[:2],
+        rotate(*body.getLinearVelocity()[:2], heading),
         atol=0.01,
     )
 

@@ -115,4 +115,5 @@ class ControllerConfig(Section):
             self.wheel_radius_m or robot.wheels.radius_m,
             self.half_wheelbase_m or robot.half_wheelbase,
             self.half_track_m or robot.half_track,
+            robot.cross_gain,
         )

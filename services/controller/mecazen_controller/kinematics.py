@@ -1,4 +1,4 @@
-"""Four mecanum wheels with 45° rollers: kinematics, the limit of their speed, odometry."""
+"""Four mecanum wheels: kinematics, the limit of their speed, odometry."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from operator import mul
 from typing import NamedTuple
 
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.robot import Robot
 
 
 class WheelSpeeds(NamedTuple):
@@ -31,32 +32,44 @@ class WheelSpeeds(NamedTuple):
 
 @dataclass(frozen=True)
 class MecanumKinematics:
-    """The ideal relation of body twist and wheel speeds: rollers at 45°, no slip.
+    """The ideal relation of body twist and wheel speeds, without slip.
+
+    A roller whose axis is at γ to the axle resists along it alone. With a wheel's centre moving
+    at (v_x, v_y), its rim at ωR, that is (v_x - ωR)·sin γ ∓ v_y·cos γ = 0, with the upper sign
+    for front left and rear right wheels in the arrangement X.
 
     Lengths in metres: the wheels' radius, half the distance between the axles, half the
-    distance between left and right wheels.
+    distance between left and right wheels. `cross_gain` is ±cot γ, see `Robot.cross_gain`.
 
-    Equations (1) to (7) of "Omniwheel Chassis' Model and Plugin for Gazebo Simulator", with
-    s_FR = 2 half_wheelbase and s_RL = 2 half_track.
+    With rollers of 45° it is equations (1) to (7) of "Omniwheel Chassis' Model and Plugin for
+    Gazebo Simulator", with s_FR = 2 half_wheelbase and s_RL = 2 half_track.
     """
 
     wheel_radius: float
     half_wheelbase: float
     half_track: float
+    cross_gain: float = 1.0
+
+    @classmethod
+    def of(cls, robot: Robot) -> MecanumKinematics:
+        """Return the kinematics of a robot file."""
+        lengths = robot.wheels.radius_m, robot.half_wheelbase, robot.half_track
+        return cls(*lengths, robot.cross_gain)
 
     @property
     def lever(self) -> float:
-        """Speed of a wheel's rim per yaw rate of the body [m]: s_RL/2 + s_FR/2."""
-        return self.half_wheelbase + self.half_track
+        """Speed of a wheel's rim per yaw rate of the body [m]: (s_RL + s_FR)/2 at 45°."""
+        return self.half_track + self.cross_gain * self.half_wheelbase
 
     def inverse(self, twist: Twist2D) -> WheelSpeeds:
         """Return the wheel speeds that move the body with `twist`, given in base_link."""
         r, turn = self.wheel_radius, self.lever * twist.yaw
+        x, y = twist.x, self.cross_gain * twist.y
         return WheelSpeeds(
-            (twist.x - twist.y - turn) / r,
-            (twist.x + twist.y + turn) / r,
-            (twist.x + twist.y - turn) / r,
-            (twist.x - twist.y + turn) / r,
+            (x - y - turn) / r,
+            (x + y + turn) / r,
+            (x + y - turn) / r,
+            (x - y + turn) / r,
         )
 
     def forward(self, speeds: WheelSpeeds) -> Twist2D:
@@ -65,7 +78,7 @@ class MecanumKinematics:
         quarter = self.wheel_radius / 4
         return Twist2D(
             (fl + fr + rl + rr) * quarter,
-            (-fl + fr + rl - rr) * quarter,
+            (-fl + fr + rl - rr) * quarter / self.cross_gain,
             (-fl + fr - rl + rr) * quarter / self.lever,
         )
 

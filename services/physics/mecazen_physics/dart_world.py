@@ -14,8 +14,8 @@ from mecazen_physics import bodies
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 
-CONE_TOLERANCE = 1e-4
-"""Of the cone's solver: its forces are within 0.3 % of the cone."""
+CONE_TOLERANCE = 1e-6
+"""Of the cone's solver: with 1e-5 a robot at rest creeps by 14 µm/s while its wheels strain."""
 UPRIGHT = 0.99
 """The normal of a contact with the ground has at least so large a vertical part."""
 _PROBE_DEPTH = 1e-4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -64,7 +65,13 @@ def links(robot: Robot) -> list[Link]:
     """
     wheels = [_wheel(robot, wheel) for wheel in WHEELS]
     shape = Roller.of(robot)
-    rollers = [_roller(shape, wheel, index) for wheel in WHEELS for index in range(shape.count)]
+    sign = math.copysign(1.0, robot.cross_gain)
+    sides = [sign * (-1.0 if wheel in {"front_left", "rear_right"} else 1.0) for wheel in WHEELS]
+    rollers = [
+        _roller(shape, wheel, side, index)
+        for wheel, side in zip(WHEELS, sides, strict=True)
+        for index in range(shape.count)
+    ]
     return [*wheels, *rollers, _camera(robot), _lidar(robot)]
 
 
@@ -141,13 +148,13 @@ def _wheel(robot: Robot, wheel: str) -> Link:
     )
 
 
-def _roller(roller: Roller, wheel: str, index: int) -> Link:
+def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
     """Return roller `index` of `wheel`: index 0 at the bottom, the next turned about +y.
 
-    On the ground the axes of front left and rear right rollers point forward and right, of
-    the others forward and left: seen from above, the rollers on top form an X.
+    On the ground the axes of rollers of `side` -1 point forward and right, of +1 forward and
+    left. In the arrangement X front left and rear right wheels are of side -1: seen from above,
+    the rollers on top form an X.
     """
-    side = -1.0 if wheel in {"front_left", "rear_right"} else 1.0
     z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
     y = np.array([0.0, 0.0, -1.0])
     turn = _about_y(2.0 * np.pi * index / roller.count)

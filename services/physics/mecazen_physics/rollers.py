@@ -199,15 +199,17 @@ def yaw_gain(robot: Robot) -> float:
 
     Two diagonal wheels have their contacts by e farther out, the two others farther in, so they
     ask for different gains and one pair slips. On an axle that swings about its middle, wheel
-    loads are to each other inversely as the distances of their contacts from it, 1/(l_y ± e),
-    while the levers of their grip are only as l_y + l_x ± e: the inner pair prevails.
+    loads are to each other inversely as the distances of their contacts from it, 1/(l_y ± e).
+    The pair prevails whose grip has the larger moment, load times lever; in the arrangement X
+    that is the inner one.
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
     nodes, weights = np.polynomial.legendre.leggauss(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
-    across = robot.half_wheelbase / np.tan(robot.roller_angle)
-    along = robot.half_track
-    inner = along - roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
-    gain = (along + across) / (inner + across / np.cos(theta))
+    offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
+    distances = robot.half_track + np.stack([offset, -offset])
+    levers = distances + robot.half_wheelbase * robot.cross_gain / np.cos(theta)
+    prevails = np.argmax(np.abs(levers) / distances, axis=0)
+    gain = robot.lever / np.take_along_axis(levers, prevails[None], axis=0)[0]
     return float(np.dot(weights, gain) / 2.0)
