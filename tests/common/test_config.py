@@ -157,7 +157,7 @@ def test_when_the_file_is_wrong_beside_an_override_expect_the_file_alone_named(w
         ("robot.wheels.radius_m=-1", "wheels.radius_m: got -1; allowed: a number > 0 "),
         (
             'robot.rollers.arrangement="O"',
-            "such a robot can hardly turn, as its wheels have a lever",
+            "rollers.arrangement: robot: rollers.arrangement = 'O': such a robot can hardly turn",
         ),
         ("robot.rollers.count=3", "rollers.count: got 3; allowed: a whole number >= 4 and <= 40"),
         ("robot.name=Foo", "name: got 'Foo'; allowed: a string that matches "),

@@ -9,7 +9,9 @@ from mecazen_controller.config import ControllerConfig
 from mecazen_controller.kinematics import MecanumKinematics
 from mecazen_controller.limiter import Limits
 
-ROBOT = SimpleNamespace(wheels=SimpleNamespace(radius_m=0.05), half_wheelbase=0.15, half_track=0.1)
+ROBOT = SimpleNamespace(
+    cross_gain=1.0, wheels=SimpleNamespace(radius_m=0.05), half_wheelbase=0.15, half_track=0.1
+)
 
 
 def load(**table):
