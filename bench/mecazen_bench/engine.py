@@ -131,10 +131,11 @@ class Accuracy(NamedTuple):
 
 def measure_accuracy(engine: Engine) -> Accuracy:
     """Drive forward and coast, drive sideways and turn on the spot."""
+    # first, while the rollers of all wheels are at one phase, of which `yaw_gain` speaks
+    yaw, ideal_yaw, _ = _steady(engine, YAW)
     forward, ideal_forward, heights = _steady(engine, FORWARD)
     energy = _coast(engine)
     lateral, ideal_lateral, _ = _steady(engine, LATERAL)
-    yaw, ideal_yaw, _ = _steady(engine, YAW)
     return Accuracy(
         ripple=float(np.ptp(heights)),
         forward=math.hypot(*forward[:2]) / ideal_forward.x,

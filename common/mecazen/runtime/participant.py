@@ -17,6 +17,10 @@ from mecazen.wire import NS_PER_S, Stamp
 MessageT = TypeVar("MessageT", bound=Message)
 
 
+EARLY_AT_MOST = 16
+"""Samples that are kept for a run that has not begun here: of each topic one may be ahead."""
+
+
 class _Heard:
     """What has come on one key."""
 
@@ -50,6 +54,8 @@ class Participant:
         self.announce: Callable[[str], None] = lambda _: None
         """Takes the address of a page that the service serves."""
         self._ended_runs: deque[int] = deque(maxlen=16)
+        self._early: deque[tuple[Handler[Any], Any, Stamp]] = deque(maxlen=EARLY_AT_MOST)
+        """Samples of other runs than this one, on topics that begin none."""
         self._heard: dict[str, _Heard] = {}
         self._reported = self.stamp
         self._diagnostics = bus.publisher(keys.diagnostics(name))
@@ -80,19 +86,22 @@ class Participant:
         """Deliver the samples of a topic that belong to this run, or have no stamp.
 
         The first sample of a new run resets the participant before it is delivered; not on a
-        topic that anyone publishes on. With the name of a `robot` it is that robot's topic.
+        topic that anyone publishes on: there it is kept until the run begins. With the name of
+        a `robot` it is that robot's topic.
         """
         heard = self._heard.setdefault(join_key(topic.key, robot), _Heard())
         advances_clock = not topic.open
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             # within a process all samples of a tick have the same stamp: most are known at once
-            if (
-                stamp is not None
-                and stamp is not self.stamp
-                and not (self._is_current(stamp) if advances_clock else stamp.run == self.stamp.run)
-            ):
-                return
+            if stamp is not None and stamp is not self.stamp:
+                if advances_clock:
+                    if not self._is_current(stamp):
+                        return
+                elif stamp.run != self.stamp.run:
+                    # another node may have heard of a new run, and answered, before this one
+                    self._early.append((deliver, message, stamp))
+                    return
             heard.count += 1
             heard.newest = stamp or self.stamp
             handler(message, stamp)
@@ -107,6 +116,10 @@ class Participant:
             self.stamp = stamp
             self.reset(stamp.seed)
             self.publish_diagnostics()
+            early = [sample for sample in self._early if sample[2].run == stamp.run]
+            self._early.clear()
+            for deliver, message, at in early:
+                deliver(message, at)
         elif stamp.time_ns > self.stamp.time_ns:
             last, self.stamp = self.stamp, stamp
             if stamp.time_ns // NS_PER_S > last.time_ns // NS_PER_S:

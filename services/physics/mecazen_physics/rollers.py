@@ -201,7 +201,8 @@ def yaw_gain(robot: Robot) -> float:
     ask for different gains and one pair slips. On an axle that swings about its middle, wheel
     loads are to each other inversely as the distances of their contacts from it, 1/(l_y ± e).
     The pair prevails whose grip has the larger moment, load times lever; in the arrangement X
-    that is the inner one.
+    that is the inner one. This is the gain of wheels whose rollers are at one phase, as at the
+    start; at others it is up to 1.5 % less.
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
