@@ -6,7 +6,7 @@ import io
 from typing import Any
 
 import pytest
-from mecazen_experiments.report import Row, summarise, summarise_walks, table, within
+from mecazen_experiments.report import Row, relate, summarise, summarise_walks, table, within
 from mecazen_experiments.statistics import Interval
 from rich.console import Console
 
@@ -71,3 +71,17 @@ def test_the_table_has_means_intervals_and_marks(make_series: Any) -> None:
     text = shown([good, bad])
     for word in ("good [red]", "0.1000", "0.1000 … 0.1000", "1.00", "D_err [m]", "✓", "✗"):
         assert word in text
+
+
+@pytest.mark.parametrize(("max_ratio", "expected"), [(None, None), (2.5, True), (1.5, False)])
+def test_a_row_is_related_to_its_reference(
+    make_series: Any, max_ratio: float | None, expected: bool | None
+) -> None:
+    clean, records = make_series("clean", {(None, 1): 0.1})
+    fault, more = make_series("fault", {(None, 1): 0.2}, reference="clean", max_ratio=max_ratio)
+    rows = [summarise(clean, records), summarise(fault, more)]
+    first, second = relate(rows, [clean.case, fault.case])
+    assert (first.d_err_ratio, first.within_limits) == (None, None)
+    assert second.d_err_ratio == pytest.approx(2.0)
+    assert second.within_limits is expected
+    assert "2.00" in shown([first, second])
