@@ -29,7 +29,7 @@ class SensorFaults(Section):
     unsaid_latency_s: NonNegative = 0.0
     """Latency besides `sensor.latency_s`; whole ticks."""
     other_m: Finite = 0.0
-    """A second person walks so far to the left of the first; 0: nobody does."""
+    """A second person walks along, so far from the first along y of world; 0: nobody does."""
     other_seen: bool = True
     """Whether frames show the second person beside the first."""
     stand_ins_s: tuple[tuple[NonNegative, NonNegative], ...] = ()

@@ -63,7 +63,7 @@ def test_an_unsaid_latency_is_in_the_stamp():
 
 def test_a_second_person_walks_beside_and_stands_in():
     faults = {"other_m": 1.0, "stand_ins_s": ((0.1, 0.2),)}
-    beside = PERSON.compose(Pose2D(0.0, 1.0))
+    beside = PERSON._replace(y=PERSON.y + 1.0)
     seen, _ = frames(30, faults)
     for frame in (*seen[:10], *seen[20:]):
         assert (frame.pose, frame.other) == (PERSON, beside)

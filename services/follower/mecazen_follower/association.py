@@ -27,7 +27,7 @@ DOUBT_S = 0.3
 """What contradicts the track in every frame for so long, and for `CONFIRMED` frames, is right."""
 FORGET_S = 1.0
 """Time after which somebody else who is not seen is forgotten."""
-OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 1.0
+OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
 """Prior and random walk of the velocity of somebody else."""
 FLIP_PROBABILITY = 0.03
 """Chance of a tracker to take front for back."""

@@ -59,7 +59,7 @@ class Faults:
         """Return whom a frame shows as the first person and as the second, at their true poses."""
         if not self._config.other_m:
             return person, None
-        other = person.compose(Pose2D(0.0, self._config.other_m))
+        other = person._replace(y=person.y + self._config.other_m)
         if any(begin <= tick < end for begin, end in self._stand_ins):
             return other, None
         return person, other if self._config.other_seen else None
