@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import Row, every
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_ODOM
@@ -49,7 +50,8 @@ class OracleFollower(Node):
         """Begin a run."""
         del seed
         self._truth = Truth(Params())
-        self._following = Following(self.scenario.section(FollowerConfig, "follower"), 0.0)
+        config = self.scenario.section(FollowerConfig, "follower")
+        self._following = Following(config, 0.0, Drive.of(self.scenario))
         self._following.estimator = self._truth
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from enum import StrEnum
 from typing import NamedTuple
 
 from mecazen.covariance import PlanarCovariance
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
+from mecazen_follower.polar import UNLIMITED
 
 MAX_STEP = 0.5
 """A pose that changes by more than this [m, rad] in a tick ..."""
 MAX_SPEED = 10.0
 """... and faster than this [m/s, rad/s] has jumped: somebody has set the odometry."""
+
+SEARCH = 1.0
+"""Yaw rate at which a robot that does not see all around looks for a lost person [rad/s]."""
 
 
 class TrackingState(StrEnum):
@@ -29,7 +35,7 @@ class TrackingState(StrEnum):
     COASTING = "coasting"
     """Not seen at the moment; the robot follows the prediction."""
     LOST = "lost"
-    """Not seen for too long; the robot stops."""
+    """Not seen for too long; the robot stops, and turns if it does not see all around."""
 
 
 class Tracker:
@@ -94,9 +100,17 @@ class Following:
     propagated by it.
     """
 
-    def __init__(self, config: FollowerConfig, latency: float) -> None:
+    def __init__(
+        self,
+        config: FollowerConfig,
+        latency: float,
+        drive: Drive = UNLIMITED,
+        view: float = math.inf,
+    ) -> None:
         self.estimator = config.make_estimator()
-        self._controller = config.make_controller()
+        self._controller = config.make_controller(drive, view)
+        self._sees_all = math.isinf(view)
+        self._side = 1.0
         self._tracker = Tracker(config.coast_after_s, config.lost_after_s)
         self._standoff = config.standoff
         self._latency = latency
@@ -126,10 +140,17 @@ class Following:
         if person is None:
             return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
         lost = tracking is TrackingState.LOST
-        command = self._controller.stop() if lost else self._drive(person, robot, dt)
+        command = self._search() if lost else self._drive(person, robot, dt)
+        if not lost:
+            self._side = robot.between(person.pose).y
         goal = self._standoff.goal(person.pose)
         errors = self._standoff.errors(person.pose, robot)
         return Step(self._send(command, dt), tracking, self._tracker.unseen, person, goal, errors)
+
+    def _search(self) -> Twist2D:
+        """Return rest, or a turn to the side on which the person left the field of view."""
+        twist = self._controller.stop()
+        return twist if self._sees_all else twist._replace(yaw=math.copysign(SEARCH, self._side))
 
     def _drive(self, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
         """Return the command for the time at which the robot responds to it.
