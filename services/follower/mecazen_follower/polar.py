@@ -15,7 +15,7 @@ UNLIMITED = Drive()
 HEADROOM = 0.2
 """Part of the wheels' speed that the person's should leave, or else the robot turns to them."""
 
-MARGIN = math.radians(12.0)
+MARGIN = math.radians(15.0)
 """Between where the person is kept and the edge of the field of view [rad]."""
 
 
