@@ -38,6 +38,10 @@ class Box(NamedTuple):
     y: Interval
     yaw: Interval
 
+    def holds(self, twist: Twist2D) -> bool:
+        """Return whether all axes of a twist are within."""
+        return all(low <= v <= high for v, (low, high) in zip(twist, self, strict=True))
+
 
 def allocate(
     wanted: Wanted, direction: float, last: Twist2D, drive: Drive, max_speed: float, dt: float
@@ -59,6 +63,8 @@ def allocate(
     free = Box(*((-axis.velocity, axis.velocity) for axis in drive.axes))
     target = _in_order(wanted, direction, free, drive, max_speed)
     near = Box(*(axis.reach(now, dt) for axis, now in zip(drive.axes, last, strict=True)))
+    if near.holds(target):
+        return target
     away, around = rotate(*_step(target, direction, near), -direction)
     step = Wanted(away, around, _nearest(target.yaw, near.yaw), wanted.turn_first)
     return _in_order(step, direction, near, drive, max_speed)
@@ -74,6 +80,12 @@ def _in_order(
     are a convex set, so each part has an interval, in closed form.
     """
     c, s = math.cos(direction), math.sin(direction)
+    away, around, yaw, _ = wanted
+    twist = Twist2D(c * away - s * around, s * away + c * around, yaw)
+    rims = abs(twist.x) + drive.sideways * abs(twist.y) + drive.lever * abs(yaw)
+    if rims <= drive.rim_speed and math.hypot(away, around) <= max_speed and box.holds(twist):
+        return twist
+
     share = TURN_SHARE * drive.rim_speed / drive.lever if drive.lever > 0.0 else math.inf
     first = _nearest(wanted.yaw, (-share, share)) if wanted.turn_first else 0.0
     rims = drive.rim_speed - drive.lever * abs(_nearest(first, box.yaw))
