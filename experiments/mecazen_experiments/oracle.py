@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mecazen.config import SensorConfig
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import Row, every
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_ODOM
@@ -54,7 +55,7 @@ class OracleFollower(Node):
         del seed
         self._truth = Truth(Params())
         config = self.scenario.section(FollowerConfig, "follower")
-        self._following = Following(config, SensorConfig())
+        self._following = Following(config, SensorConfig(), Drive.of(self.scenario))
         self._following.people.estimator = self._truth
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:

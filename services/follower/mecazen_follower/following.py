@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
 from mecazen.config import SensorConfig
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
+from mecazen_follower.polar import UNLIMITED
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5
 """A pose that changes by more than this [m, rad] in a tick ..."""
 MAX_SPEED = 10.0
 """... and faster than this [m/s, rad/s] has jumped: somebody has set the odometry."""
+
+SEARCH = 1.0
+"""Yaw rate at which a robot that does not see all around looks for a lost person [rad/s]."""
 
 
 class Step(NamedTuple):
@@ -37,9 +43,17 @@ class Step(NamedTuple):
 class Following:
     """Keeps the robot at its place beside the person, whom a sensor with a data sheet sees."""
 
-    def __init__(self, config: FollowerConfig, sensor: SensorConfig) -> None:
+    def __init__(
+        self,
+        config: FollowerConfig,
+        sensor: SensorConfig,
+        drive: Drive = UNLIMITED,
+        view: float = math.inf,
+    ) -> None:
         self.people = PersonTracker(config, sensor)
-        self._controller = config.make_controller()
+        self._controller = config.make_controller(drive, view)
+        self._sees_all = math.isinf(view)
+        self._side = 1.0
         self._standoff = config.standoff
         self._response = config.response_s
         self._pending: deque[tuple[Twist2D, float]] = deque()
@@ -62,10 +76,17 @@ class Following:
         if person is None:
             return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
         lost = tracking is TrackingState.LOST
-        command = self._controller.stop() if lost else self._drive(person, robot, dt)
+        command = self._search() if lost else self._drive(person, robot, dt)
+        if not lost:
+            self._side = robot.between(person.pose).y
         goal = self._standoff.goal(person.pose)
         errors = self._standoff.errors(person.pose, robot)
         return Step(self._send(command, dt), tracking, unseen, person, goal, errors)
+
+    def _search(self) -> Twist2D:
+        """Return rest, or a turn to the side on which the person left the field of view."""
+        twist = self._controller.stop()
+        return twist if self._sees_all else twist._replace(yaw=math.copysign(SEARCH, self._side))
 
     def _drive(self, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
         """Return the command for the time at which the robot responds to it.

@@ -8,6 +8,8 @@ from itertools import repeat
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
+from mecazen.drive import Drive
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
@@ -19,16 +21,23 @@ from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
+from mecazen_follower.polar import kept_view
 from mecazen_follower.tracking import Frame
 
 HISTORY_S = 5.0
 """For so long odometry is kept, besides the sensor's latency, for observations that come late."""
+
+CLEARANCE_M = 0.1
+"""Least distance to be kept between person and robot: as much as following may err."""
 
 
 class FollowerNode(Node):
     """Estimates the person from noisy observations and drives the robot to its place.
 
     An observation is placed with the robot's pose at its capture, however late it comes.
+
+    Raises:
+        ConfigError: At `follower.standoff_m` the robot would touch the person.
     """
 
     ROW = TABLE["follower"]
@@ -36,11 +45,21 @@ class FollowerNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.section(FollowerConfig, "follower")
+        person, robot = scenario.world.person.radius_m, math.hypot(*scenario.robot.footprint)
+        least = person + robot + CLEARANCE_M
+        if self.config.standoff_m < least:
+            raise ConfigError(
+                f"follower.standoff_m = {self.config.standoff_m:g} must be at least {least:.2f}: "
+                f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
+                f"{CLEARANCE_M:g} between them"
+            )
 
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
         del seed
-        self.following = Following(self.config, self.scenario.sensor)
+        sensor, drive = self.scenario.sensor, Drive.of(self.scenario)
+        view = kept_view(math.radians(sensor.fov_deg))
+        self.following = Following(self.config, sensor, drive, view)
         self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))
         self.state: m.FollowerState | None = None
 
