@@ -8,10 +8,12 @@ from mecazen.config import Scenario, SensorConfig
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
-from mecazen_follower.following import SEARCH, Following, Measurement
+from mecazen_follower.following import SEARCH, Following
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.polar import kept_view
+from mecazen_follower.tracking import Frame
 
 DT = 0.01
 NEXUS = load_robot()
@@ -88,11 +90,11 @@ def test_a_camera_of_70_degrees_keeps_who_sets_off_and_turns(view):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_robot_that_does_not_see_all_around_turns_to_where_the_person_went(side):
     for view, yaw in ((math.inf, 0.0), (0.4, SEARCH * side)):
-        following = Following(FollowerConfig(), 0.0, DRIVE, view)
+        following = Following(FollowerConfig(), SensorConfig(), DRIVE, view)
         robot = Pose2D()
         for tick in range(round(4.0 / DT)):
-            following.estimator.predict(DT)
-            seen = Measurement(Pose2D(1.0, 0.5 * side), EXACT) if tick < 10 else None
+            measurement = Measurement(Pose2D(1.0, 0.5 * side), EXACT)
+            seen = Frame(tick * DT, (measurement,)) if tick < 10 else None
             command = following.step(tick * DT, DT, robot, seen).command
         assert command == (0.0, 0.0, yaw)
 
