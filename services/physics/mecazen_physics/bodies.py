@@ -48,8 +48,13 @@ def _robot_friction(robot: Robot, world: WorldConfig) -> float:
     DART takes the lower one of two touching bodies. The robot's is the highest that is given for
     anything it touches, so that of the other holds; it is also that between two robots.
     """
+    return max(_frictions(robot, world))
+
+
+def _frictions(robot: Robot, world: WorldConfig) -> list[float]:
+    """Return the coefficients of all that a robot may touch, but for another robot."""
     others = (world.person, *world.obstacles)
-    return max(_ground_friction(robot, world), *(other.friction for other in others))
+    return [_ground_friction(robot, world), *(other.friction for other in others)]
 
 
 def _ground_friction(robot: Robot, world: WorldConfig) -> float:
@@ -58,8 +63,7 @@ def _ground_friction(robot: Robot, world: WorldConfig) -> float:
 
 def least_friction(robot: Robot, world: WorldConfig) -> float:
     """Return the lowest coefficient of friction of anything in the world."""
-    others = (world.person, *world.obstacles)
-    return min(_ground_friction(robot, world), *(other.friction for other in others))
+    return min(_frictions(robot, world))
 
 
 def build_surroundings(robot: Robot, world: WorldConfig) -> Any:

@@ -20,6 +20,7 @@ from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.state import RobotState, check_converged
 
 Overload = Callable[[], bool]
+"""Tells after a step whether a motor has exceeded its torque in it."""
 
 HYSTERESIS = 1.5
 """A robot is isolated again at so many times the distance at which it ceases to be."""
@@ -153,7 +154,7 @@ class DartRobot:
 
     @property
     def overload(self) -> Overload | None:
-        """What tells after a step whether a motor has exceeded its torque, where one may."""
+        """What is to be asked after each step; None where no motor can exceed its torque."""
         return self._exceeds if self.body.drive == "speed" else None
 
     def _exceeds(self) -> bool:

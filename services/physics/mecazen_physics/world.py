@@ -132,8 +132,8 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
         prepared = [robot.prepare(command, left) for robot, command in orders]
         chunk = min(steps for steps, _ in prepared)
         pushes = [push for _, push in prepared if push is not None]
-        watches = [robot.overload for robot in robots if robot.overload is not None]
-        if not _simulate(world, pushes, watches, chunk):
+        overloads = [asked for robot in robots if (asked := robot.overload) is not None]
+        if not _simulate(world, pushes, overloads, chunk):
             again = [robot.take_back(command, chunk) for robot, command in orders]
             world.use_exact_friction(exact=not world.aligned)
             _simulate(world, [push for push in again if push is not None], (), chunk)
@@ -145,7 +145,12 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
 def _simulate(
     world: DartWorld, pushes: Sequence[Push], overloads: Sequence[Overload], steps: int
 ) -> bool:
-    """Simulate `steps` steps, and return whether motors and friction are within their limits."""
+    """Simulate `steps` steps, and choose the solver of friction for the next ones.
+
+    Returns:
+        Whether all motors were within their torque, and all friction within its cone; if not,
+        the steps are to be taken back.
+    """
     step = world.step
     for _ in range(steps):
         for push in pushes:
@@ -154,9 +159,8 @@ def _simulate(
         for exceeded in overloads:
             if exceeded():
                 return False
-    if not world.aligned:
-        slips = world.slips()
-        was_exact = world.is_exact
-        world.use_exact_friction(exact=slips)
-        return was_exact or not slips
-    return True
+    if world.aligned:
+        return True
+    was_exact, slips = world.is_exact, world.slips()
+    world.use_exact_friction(exact=slips)
+    return was_exact or not slips
