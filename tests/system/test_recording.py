@@ -32,6 +32,11 @@ def simulate(scenario: str, duration_s: float, *more: object) -> dict[str, objec
     return result
 
 
+def keys_at(path: Path, time_ns: int) -> set[str]:
+    """Of which keys a sample of a time is recorded by now."""
+    return {sample.key for sample in Recording(path).samples(time_ns, time_ns)}
+
+
 def counts(recording: Recording) -> Counter[str]:
     return Counter(sample.key for sample in recording.samples())
 
@@ -86,16 +91,17 @@ def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_pat
         *(f"programs.{part}={counted}:{part.title()}" for part in parts),
     )
     running.start()
-    running.wait(lambda: running.bus.call(keys.SIM_STATE, Empty()).tick > 3000)
-    # what is on its way at the very end is not meant
-    running.bus.call(keys.SIM_PAUSE, Empty())
+    running.wait(lambda: running.bus.call(keys.SIM_STATE, Empty()).tick > 1000)
+    held_ns = running.bus.call(keys.SIM_PAUSE, Empty()).clock.ns
+    # Zenoh loses what a link still holds for a reader that is late when the link is closed
+    running.wait(lambda: keys_at(path, held_ns) >= EVERY_TICK)
     running.supervisor.stop()
     published = Counter()
     for part in parts:
         published.update(msgspec.json.decode((tmp_path / part).read_bytes()))
     recorded = counts(Recording(path))
     assert {key: recorded[key] for key in published} == published
-    assert published["clock"] > 3000
+    assert published["clock"] > 1000
 
 
 def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path):

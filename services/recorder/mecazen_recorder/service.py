@@ -21,9 +21,9 @@ from mecazen_recorder.recorder import Recorder
 
 logger = logging.getLogger(__name__)
 
-LINGER_S = 1.0
+LINGER_S = 3.0
 """At the end, samples are recorded for at most this long ..."""
-QUIET_S = 0.1
+QUIET_S = 0.3
 """... or until none has come for this long."""
 
 
