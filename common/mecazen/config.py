@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
 import msgspec
 
 from mecazen.errors import ConfigError
+from mecazen.faults import SensorFaults, check_intervals
 from mecazen.geometry import Pose2D, overlap
 from mecazen.graph import OBSERVERS, SERVICES, SHARED
 from mecazen.keys import CALLS, TOPICS
@@ -94,11 +95,10 @@ class SensorConfig(Section):
     """Chance of a frame to show nothing."""
     occlusions_s: tuple[tuple[NonNegative, NonNegative], ...] = ()
     """Intervals [from, to] of simulated time in which nothing is seen."""
+    faults: SensorFaults = SensorFaults()
 
     def __post_init__(self) -> None:
-        for begin, end in self.occlusions_s:
-            if end <= begin:
-                raise ValueError(f"occlusions_s: [{begin}, {end}] must end after it begins")
+        check_intervals("occlusions_s", self.occlusions_s)
 
     def ticks_per_frame(self, tick_s: float) -> int:
         """Return the ticks from one frame to the next.

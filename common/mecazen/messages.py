@@ -214,7 +214,7 @@ class DiagnosticArray(Message):
 
 
 class Observation(Message):
-    """One frame of the robot's person sensor: what was seen, none when nothing was.
+    """One frame of the robot's person sensor: everybody seen, in any order; none if nobody was.
 
     header.stamp is when the frame was taken; the message comes later by the sensor's latency.
     """
@@ -222,6 +222,8 @@ class Observation(Message):
     ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Observation"
     header: Header = Header()
     poses: tuple[PoseWithCovariance, ...] = ()
+    ids: tuple[str, ...] = ()
+    """The sensor's name for each of them; empty if it tells nobody apart."""
 
 
 class FollowerState(Message):

@@ -62,6 +62,7 @@ def run(
     with _session(options, "runs") as (store, workers, progress):
         records = run_all(_jobs(todo), store, workers, progress)
     rows = [report.summarise(one, records) for one in todo]
+    rows = report.relate(rows, [one.case for one in todo])
     _write(options, {"rows": rows})
     if verbose:
         walked = (report.summarise_walks(one, records) for one in todo)

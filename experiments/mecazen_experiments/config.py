@@ -46,6 +46,15 @@ class Case(BaseCase):
 
     sweep: dict[str, tuple[bool | int | float | str, ...]] = msgspec.field(default_factory=dict)
     """Settings with several values each: the case is run for each combination."""
+    reference: Name | None = None
+    """The case to whose D_err that of this one is related."""
+    max_ratio: Positive | None = None
+    """Upper limit of that ratio."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.max_ratio is not None and self.reference is None:
+            raise ValueError("max_ratio needs a reference")
 
     @property
     def sweeps(self) -> dict[str, tuple[str, ...]]:
@@ -65,6 +74,12 @@ class Experiment(Section):
 
     def __post_init__(self) -> None:
         _check_names(self.cases)
+        plain = {case.name for case in self.cases if not case.sweep}
+        for case in self.cases:
+            if case.reference is not None and case.reference not in plain:
+                raise ValueError(
+                    f"case {case.name!r}: reference {case.reference!r} is no case without a sweep"
+                )
 
 
 class Range(Section):

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from mecazen.config import SensorConfig
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import Row, every
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_ODOM
 from mecazen.messages import Twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.wire import NS_PER_S
+from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Array, Estimate, Estimator, Params
-from mecazen_follower.following import Following, Measurement
+from mecazen_follower.following import Following
+from mecazen_follower.tracking import Frame
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 """Covariance of what is known; not 0, which would say that it is unknown."""
@@ -19,6 +23,7 @@ CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 class Truth(Estimator):
     """The true person in place of an estimate."""
 
+    predicts = False
     estimate: Estimate | None = None
 
     def reset(self) -> None:
@@ -49,8 +54,9 @@ class OracleFollower(Node):
         """Begin a run."""
         del seed
         self._truth = Truth(Params())
-        self._following = Following(self.scenario.section(FollowerConfig, "follower"), 0.0)
-        self._following.estimator = self._truth
+        config = self.scenario.section(FollowerConfig, "follower")
+        self._following = Following(config, SensorConfig(), Drive.of(self.scenario))
+        self._following.people.estimator = self._truth
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the command towards the place beside the true person."""
@@ -61,6 +67,7 @@ class OracleFollower(Node):
         twist = inputs[TARGET_ODOM].twist.twist.to_planar()
         velocity = Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw)
         self._truth.estimate = Estimate(seen, velocity, CERTAIN)
-        measurement = Measurement(seen, CERTAIN)
-        step = self._following.step(tick.time_ns / NS_PER_S, tick.period_s, odom, measurement)
+        time_s = tick.time_ns / NS_PER_S
+        frame = Frame(time_s, [Measurement(seen, CERTAIN)])
+        step = self._following.step(time_s, tick.period_s, odom, frame)
         return {CMD_VEL: Twist.planar(step.command)}

@@ -9,7 +9,7 @@ import msgspec
 from rich.table import Column, Table
 from rich.text import Text
 
-from mecazen_experiments.config import BaseCase
+from mecazen_experiments.config import BaseCase, Case
 from mecazen_experiments.jobs import Job, Key, Series
 from mecazen_experiments.run import Record
 from mecazen_experiments.scores import Score
@@ -41,6 +41,8 @@ class Row(msgspec.Struct, frozen=True):
     """Over the runs of all walks, each counted the same."""
     settled: Means
     runs: tuple[Run, ...]
+    d_err_ratio: float | None = None
+    """Mean D_err relative to that of the case's reference."""
 
 
 def summarise(series: Series, records: Mapping[Key, Record]) -> Row:
@@ -55,6 +57,23 @@ def summarise_walks(series: Series, records: Mapping[Key, Record]) -> list[Row]:
         for walk, jobs in groupby(series.jobs, lambda job: job.walk)
         if walk
     ]
+
+
+def relate(rows: Sequence[Row], cases: Sequence[BaseCase]) -> list[Row]:
+    """Return rows with their D_err relative to that of the reference of each one's case."""
+    d_err = {row.name: row.whole["d_err_m"] for row in rows}
+    return [_related(row, case, d_err) for row, case in zip(rows, cases, strict=True)]
+
+
+def _related(row: Row, case: BaseCase, d_err: Means) -> Row:
+    reference = case.reference if isinstance(case, Case) else None
+    own, other = row.whole["d_err_m"], d_err.get(reference or "")
+    if not isinstance(case, Case) or own is None or other is None:
+        return row
+    ratio, meets = own.mean / other.mean, row.within_limits
+    if case.max_ratio is not None:
+        meets = meets is not False and ratio <= case.max_ratio
+    return msgspec.structs.replace(row, d_err_ratio=ratio, within_limits=meets)
 
 
 def _row(name: str, case: BaseCase, jobs: Sequence[Job], records: Mapping[Key, Record]) -> Row:
@@ -86,7 +105,14 @@ def table(rows: Sequence[Row]) -> Table:
     parts, errors = ("whole", "settled"), {"D_err \\[m]": "d_err_m", "Θ_err \\[°]": "theta_err_deg"}
     titles = (f"{part}\n{error}" for part in parts for error in errors)
     shown = Table(Column("case", overflow="fold"), "runs", show_lines=True, caption=CAPTION)
-    for title in (*titles, "NEES", "lost \\[s]", "limits"):
+    for title in (
+        *titles,
+        "estimate\nyaw \\[°]",
+        "NEES",
+        "lost \\[s]",
+        "of the\nreference",
+        "limits",
+    ):
         shown.add_column(title)
     for row in rows:
         shown.add_row(
@@ -97,8 +123,10 @@ def table(rows: Sequence[Row]) -> Table:
                 for means in (row.whole, row.settled)
                 for score in errors.values()
             ),
+            show(row.whole["estimate_yaw_err_deg"], 2),
             show(row.whole["nees"], 2),
             show(row.whole["lost_s"], 2),
+            "" if row.d_err_ratio is None else f"{row.d_err_ratio:.2f}",
             {None: "", True: "[green]✓[/]", False: "[red]✗[/]"}[row.within_limits],
         )
     return shown

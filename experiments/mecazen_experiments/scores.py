@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
-from mecazen_follower.following import TrackingState
 from mecazen_follower.goal import Standoff
+from mecazen_follower.tracking import TrackingState
 from mecazen_tools.trajectory import COVARIANCE
 
 from mecazen_experiments.table import Floats, Poses, Table, wrap

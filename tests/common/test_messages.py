@@ -69,7 +69,10 @@ floats = st.lists(finite, max_size=40).map(tuple)
 joint_states = st.builds(
     messages.JointState, headers, st.lists(st.text()).map(tuple), floats, floats, floats
 )
-observations = st.builds(messages.Observation, headers, st.lists(poses, max_size=2).map(tuple))
+names = st.lists(st.text(), max_size=2).map(tuple)
+observations = st.builds(
+    messages.Observation, headers, st.lists(poses, max_size=2).map(tuple), names
+)
 
 
 def bits(value):

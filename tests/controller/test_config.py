@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from mecazen.drive import Limits
 from mecazen_controller.config import ControllerConfig
 from mecazen_controller.kinematics import MecanumKinematics
-from mecazen_controller.limiter import Limits
 
 ROBOT = SimpleNamespace(
     cross_gain=1.0, wheels=SimpleNamespace(radius_m=0.05), half_wheelbase=0.15, half_track=0.1

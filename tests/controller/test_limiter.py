@@ -6,8 +6,9 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from mecazen.drive import Limits
 from mecazen.geometry import Twist2D
-from mecazen_controller.limiter import LimiterState, Limits, limit, limit_twist
+from mecazen_controller.limiter import LimiterState, limit, limit_twist
 
 DT = 0.01
 REST = LimiterState()

@@ -7,6 +7,7 @@ from harness import Steps, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario, StartConfig
+from mecazen.drive import AngularLimits, AxisLimits, LinearLimits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
@@ -16,8 +17,8 @@ from mecazen_controller.node import ControllerNode, OdometryNode
 
 # The robot `nexus`: wheels of 0.05 m, half-lengths of 0.15 m each, at most 40 rad/s.
 NEXUS = load_robot()
-FREE = c.LinearLimits(math.inf, math.inf)
-UNLIMITED = c.AxisLimits(FREE, FREE, c.AngularLimits(math.inf, 1e9))
+FREE = LinearLimits(math.inf, math.inf)
+UNLIMITED = AxisLimits(FREE, FREE, AngularLimits(math.inf, 1e9))
 STANDING = (0.0,) * 4
 START = StartConfig(x_m=1.0, y_m=2.0, yaw_deg=90.0)
 
@@ -83,7 +84,7 @@ def test_at_any_period_acceleration_and_timeout_are_in_seconds(tick_s):
 
 
 def test_a_stale_reference_brings_the_robot_to_rest_within_its_deceleration_limit():
-    limits = c.AxisLimits(x=c.LinearLimits(max_acceleration_m_s2=5.0, max_deceleration_m_s2=1.0))
+    limits = AxisLimits(x=LinearLimits(max_acceleration_m_s2=5.0, max_deceleration_m_s2=1.0))
     controller = Controller(limits=limits, reference_timeout_s=0.05)
     assert controller.forward(range(3), 0.1) == pytest.approx([0.05, 0.1, 0.1])
     speeds = controller.forward(range(3, 20))

@@ -7,10 +7,11 @@ from harness import Rig, load_robot
 from hostile import forged, malformed
 from mecazen import keys
 from mecazen.config import Scenario, SimConfig
+from mecazen.drive import AngularLimits, AxisLimits, LinearLimits
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import JointState, OdometryRequest, Pose, Twist
 from mecazen.robot import WHEEL_JOINTS
-from mecazen_controller.config import AngularLimits, AxisLimits, ControllerConfig, LinearLimits
+from mecazen_controller.config import ControllerConfig
 
 NEXT_RUN = 2**32 - 1
 ISOLATED = ("physics", "controller")

@@ -1,7 +1,7 @@
 """Rows of a report: means over runs and walks, and limits."""
 
 import pytest
-from mecazen_experiments.report import summarise, summarise_walks, table, within
+from mecazen_experiments.report import relate, summarise, summarise_walks, table, within
 from mecazen_experiments.statistics import Interval
 
 from experiments import made_up
@@ -56,3 +56,16 @@ def test_the_table_has_means_intervals_and_marks():
     text = made_up.shown(table([good, bad]))
     for word in ("good [red]", "0.1000", "0.1000 … 0.1000", "1.00", "D_err [m]", "✓", "✗"):
         assert word in text
+
+
+@pytest.mark.parametrize(("max_ratio", "expected"), [(None, None), (2.5, True), (1.5, False)])
+def test_a_row_is_related_to_its_reference(max_ratio, expected):
+    clean, records = made_up.series("clean", {(None, 1): 0.1})
+    case = {"reference": "clean", "max_ratio": max_ratio}
+    fault, more = made_up.series("fault", {(None, 1): 0.2}, **case)
+    rows = [summarise(clean, records), summarise(fault, more)]
+    first, second = relate(rows, [clean.case, fault.case])
+    assert (first.d_err_ratio, first.within_limits) == (None, None)
+    assert second.d_err_ratio == pytest.approx(2.0)
+    assert second.within_limits is expected
+    assert "2.00" in made_up.shown(table([first, second]))

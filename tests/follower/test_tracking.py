@@ -2,7 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen_follower.following import Tracker, TrackingState
+from mecazen_follower.tracking import Tracker, TrackingState
 
 
 def states(tracker, frames):

@@ -101,6 +101,7 @@ def test_the_definitions_of_our_own_messages_are_these():
     assert own(messages.Observation) == [
         "std_msgs/Header header",
         "geometry_msgs/PoseWithCovariance[] poses",
+        "string[] ids",
     ]
     assert own(messages.SimState) == [
         "builtin_interfaces/Time clock",

@@ -2,65 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 import msgspec
+from mecazen.drive import AxisLimits
 from mecazen.geometry import Twist2D
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen.schema import NonNegative, Positive, Section
 
 from mecazen_controller.kinematics import MecanumKinematics
-from mecazen_controller.limiter import Limits
 
 Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
 """A key expression without wildcards, as one publishes on."""
 Name = Annotated[str, msgspec.Meta(min_length=1)]
-Limit = Annotated[float, msgspec.Meta(gt=0.0)]
-"""`inf` is no limit."""
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 """Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; of a twist, per s²."""
-
-
-class _Limits(Section):
-    @property
-    def limits(self) -> Limits:
-        """The same for the limiter."""
-        velocity, acceleration, deceleration, jerk = msgspec.structs.astuple(self)
-        return Limits(velocity, acceleration, deceleration or acceleration, jerk)
-
-
-class LinearLimits(_Limits):
-    """Limits along x or y of base_link."""
-
-    max_velocity_m_s: Limit = 2.0
-    max_acceleration_m_s2: Limit = 2.5
-    max_deceleration_m_s2: Limit | None = None
-    """Left out: as max_acceleration_m_s2."""
-    max_jerk_m_s3: Limit = math.inf
-
-
-class AngularLimits(_Limits):
-    """Limits of the yaw rate."""
-
-    max_velocity_rad_s: Limit = 3.0
-    max_acceleration_rad_s2: Limit = 8.0
-    max_deceleration_rad_s2: Limit | None = None
-    """Left out: as max_acceleration_rad_s2."""
-    max_jerk_rad_s3: Limit = math.inf
-
-
-class AxisLimits(Section):
-    """Limits of the commanded twist, in base_link."""
-
-    x: LinearLimits = LinearLimits()
-    y: LinearLimits = LinearLimits()
-    yaw: AngularLimits = AngularLimits()
-
-    @property
-    def limits(self) -> tuple[Limits, Limits, Limits]:
-        """The limits of x, y, yaw for the limiter."""
-        return self.x.limits, self.y.limits, self.yaw.limits
 
 
 class OdometryScale(Section):

@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
+from mecazen.drive import Limits
 from mecazen.geometry import Twist2D
 
 ROUNDING = 1e-9
 """Relative excess of a limit that is taken for rounding when a reference is met."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of one axis, per second, per second², per second³; infinite where there is none.
-
-    Acceleration is a growing speed, deceleration a falling one, in either direction.
-    """
-
-    velocity: float = math.inf
-    acceleration: float = math.inf
-    deceleration: float = math.inf
-    jerk: float = math.inf
 
 
 class LimiterState(NamedTuple):

@@ -6,12 +6,13 @@ import math
 from typing import Literal
 
 import msgspec
+from mecazen.drive import Drive
 from mecazen.schema import AngleDeg, NonNegative, Positive, Section
 
 from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
 from mecazen_follower.pid import Gains, PoseController
-from mecazen_follower.polar import Approach, PolarController
+from mecazen_follower.polar import UNLIMITED, Approach, PolarController
 
 
 class LinearGains(Gains):
@@ -108,12 +109,14 @@ class FollowerConfig(Section):
         params = make_params(self.estimator, self.estimator_params)
         return ESTIMATORS[self.estimator](params)
 
-    def make_controller(self) -> PoseController | PolarController:
-        """Return a new controller."""
+    def make_controller(
+        self, drive: Drive = UNLIMITED, view: float = math.inf
+    ) -> PoseController | PolarController:
+        """Return a new controller for a robot with these limits; see `PolarController`."""
         law = self.control
         if isinstance(law, PidControl):
             return PoseController(law.x, law.y, law.yaw, law.feed_forward)
         linear = Approach(law.linear_gain_1_s, law.linear_braking_m_s2)
         heading = Approach(law.heading_gain_1_s, law.heading_braking_rad_s2)
         limits = law.max_speed_m_s, law.max_yaw_rate_rad_s
-        return PolarController(self.standoff, linear, heading, *limits)
+        return PolarController(self.standoff, linear, heading, *limits, drive, view)

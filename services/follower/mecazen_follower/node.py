@@ -3,29 +3,41 @@
 from __future__ import annotations
 
 import math
+from itertools import repeat
 
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
-from mecazen.geometry import Twist2D, rotate
+from mecazen.drive import Drive
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.wire import NS_PER_S
 
+from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.following import Following, Measurement, Step
+from mecazen_follower.following import Following, Step
+from mecazen_follower.polar import kept_view
+from mecazen_follower.tracking import Frame
 
 HISTORY_S = 5.0
 """For so long odometry is kept, besides the sensor's latency, for observations that come late."""
+
+CLEARANCE_M = 0.1
+"""Least distance to be kept between person and robot: as much as following may err."""
 
 
 class FollowerNode(Node):
     """Estimates the person from noisy observations and drives the robot to its place.
 
     An observation is placed with the robot's pose at its capture, however late it comes.
+
+    Raises:
+        ConfigError: At `follower.standoff_m` the robot would touch the person.
     """
 
     ROW = TABLE["follower"]
@@ -33,11 +45,21 @@ class FollowerNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.section(FollowerConfig, "follower")
+        person, robot = scenario.world.person.radius_m, math.hypot(*scenario.robot.footprint)
+        least = person + robot + CLEARANCE_M
+        if self.config.standoff_m < least:
+            raise ConfigError(
+                f"follower.standoff_m = {self.config.standoff_m:g} must be at least {least:.2f}: "
+                f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
+                f"{CLEARANCE_M:g} between them"
+            )
 
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
         del seed
-        self.following = Following(self.config, self.scenario.sensor.latency_s)
+        sensor, drive = self.scenario.sensor, Drive.of(self.scenario)
+        view = kept_view(math.radians(sensor.fov_deg))
+        self.following = Following(self.config, sensor, drive, view)
         self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))
         self.state: m.FollowerState | None = None
 
@@ -49,13 +71,11 @@ class FollowerNode(Node):
             period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
-        if self.robot:
-            self.following.estimator.predict(period_s)
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         try:
-            measurement = self._measurement(inputs.get(OBSERVATION))
-            step = self.following.step(time_s, period_s, robot, measurement)
+            frame = self._frame(tick.time_ns, inputs.get(OBSERVATION))
+            step = self.following.step(time_s, period_s, robot, frame)
         except ValueError as refusal:
             inputs.refuse(OBSERVATION, str(refusal))
             step = self.following.step(time_s, period_s, robot, None)
@@ -63,26 +83,44 @@ class FollowerNode(Node):
         # the state before the command: who has the command of a tick has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
 
-    def _measurement(self, frame: m.Observation | None) -> Measurement | None:
-        """Return the person in a frame in odom, if it shows one.
+    def _frame(self, now_ns: int, message: m.Observation | None) -> Frame | None:
+        """Return everybody in a frame in odom, if it shows anybody.
 
         A pose in another frame than `base_link` (world, odom) is taken to be in odom already.
 
         Raises:
-            ValueError: It was captured when the robot's pose is not known, or is no pose.
+            ValueError: It was captured when the robot's pose is not known, a pose is no pose, or
+                some ids are missing.
         """
-        if frame is None or not frame.poses:
+        if message is None or not message.poses:
             return None
-        pose = frame.poses[0].pose.to_planar()
-        covariance = planar_covariance(frame.poses[0].covariance)
-        if frame.header.frame_id != "base_link":
-            return Measurement(pose, covariance)
-        robot = self.robot.at(frame.header.stamp.ns)
-        return Measurement(robot.compose(pose), _rotated(covariance, robot.yaw))
+        if message.ids and len(message.ids) != len(message.poses):
+            raise ValueError(f"{len(message.ids)} ids for {len(message.poses)} poses")
+        moved = message.header.frame_id == "base_link"
+        robot = self.robot.at(message.header.stamp.ns) if moved else Pose2D()
+        measurements = [
+            Measurement(
+                robot.compose(seen.pose.to_planar()),
+                _rotated(planar_covariance(seen.covariance), robot.yaw),
+                identity,
+            )
+            for seen, identity in zip(message.poses, message.ids or repeat(""), strict=False)
+        ]
+        return Frame(self._captured(now_ns, message.header.stamp.ns), measurements)
+
+    def _captured(self, now_ns: int, stamp_ns: int) -> float:
+        """Return when a frame was captured [s]: as its stamp says, if it can be.
+
+        A stamp of 0 is none, as in ROS, and one of another clock tells nothing: then the data
+        sheet's latency is all that is known.
+        """
+        if self.robot.span_ns[0] <= stamp_ns <= now_ns:
+            return stamp_ns / NS_PER_S
+        return now_ns / NS_PER_S - self.scenario.sensor.latency_s
 
     def diagnostics(self) -> dict[str, object]:
         """Return how well it follows, and the filter's consistency."""
-        values: dict[str, object] = {"nis": self.following.estimator.nis}
+        values: dict[str, object] = {"nis": self.following.people.estimator.nis}
         if self.state is not None:
             values["tracking"] = self.state.tracking
             values["distance_error_m"] = round(self.state.distance_error, 3)

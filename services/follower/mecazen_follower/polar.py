@@ -5,9 +5,18 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
+from mecazen_follower.allocation import Wanted, allocate
 from mecazen_follower.goal import Standoff
+
+UNLIMITED = Drive()
+HEADROOM = 0.2
+"""Part of the wheels' speed that the person's should leave, or else the robot turns to them."""
+
+MARGIN = math.radians(15.0)
+"""Between where the person is kept and the edge of the field of view [rad]."""
 
 
 class Approach(NamedTuple):
@@ -29,6 +38,15 @@ class Approach(NamedTuple):
         return math.copysign(min(self.gain * size, braking), error)
 
 
+def kept_view(fov: float) -> float:
+    """Return the largest angle from the robot's x axis at which to keep the person [rad].
+
+    It leaves a margin to the edge of the sensor's field of view `fov` [rad], in which the robot
+    turns when the person goes that way.
+    """
+    return math.inf if fov >= math.tau else max(fov / 2 - MARGIN, fov / 4)
+
+
 class PolarController:
     """A control law in polar coordinates around the person.
 
@@ -36,7 +54,9 @@ class PolarController:
     along the line to the person, the bearing across it, and the heading: docs/following.md.
 
     `linear` is the approach of distance and bearing, the latter as an arc length [m];
-    `heading` is that of the heading. `max_speed` [m/s] limits base_link in any direction.
+    `heading` is that of the heading. `max_speed` [m/s] limits base_link in any direction, `drive`
+    is what the robot can do, and `view` [rad] the largest angle that the person may have from the
+    robot's x axis.
     """
 
     def __init__(
@@ -46,59 +66,63 @@ class PolarController:
         heading: Approach,
         max_speed: float,
         max_yaw_rate: float,
+        drive: Drive = UNLIMITED,
+        view: float = math.inf,
     ) -> None:
         self._standoff = standoff
         self._linear, self._heading = linear, heading
         self._max_speed, self._max_yaw_rate = max_speed, max_yaw_rate
+        self._drive, self._view = drive, view
+        self._last = Twist2D()
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
         """Return the twist in base_link that keeps the robot with the goal.
 
-        `goal`, `goal_velocity` and `robot` are in odom. The law has no state; `dt` is not used.
+        `goal`, `goal_velocity` and `robot` are in odom; `dt` [s] is the time since the last call.
         """
-        del dt
         person = self._standoff.person(goal)
         turn = goal_velocity.yaw
         reach = goal.x - person.x, goal.y - person.y
         with_person = goal_velocity.x + turn * reach[1], goal_velocity.y - turn * reach[0]
 
-        away = robot.x - person.x, robot.y - person.y
-        distance = math.hypot(*away)
+        offset = robot.x - person.x, robot.y - person.y
+        distance = math.hypot(*offset)
         wanted = math.atan2(reach[1], reach[0])
-        bearing = math.atan2(away[1], away[0]) if distance > 0.0 else wanted
-        out = self._linear.rate(self._standoff.distance - distance)
-        around = distance * turn + self._linear.rate(distance * wrap(wanted - bearing))
+        bearing = math.atan2(offset[1], offset[0]) if distance > 0.0 else wanted
+        direction = bearing - robot.yaw  # in base_link
 
-        x, y = rotate(*with_person, -robot.yaw)
-        along = bearing - robot.yaw  # direction from the person to the robot, in base_link
-        c, s = math.cos(along), math.sin(along)
-        around_x, around_y = -s * around, c * around
-        x, y = _within(x + c * out, y + s * out, self._max_speed)
-        share = _share(x, y, around_x, around_y, self._max_speed)
-        yaw = turn + self._heading.rate(wrap(goal.yaw - robot.yaw))
-        return Twist2D(
-            x + share * around_x,
-            y + share * around_y,
-            min(max(yaw, -self._max_yaw_rate), self._max_yaw_rate),
-        )
+        away, around = rotate(*with_person, -bearing)
+        off = wrap(bearing + math.pi - goal.yaw)  # of the person, from the heading of the goal
+        facing = self._facing(rotate(*with_person, -goal.yaw), off)
+        if abs(off - facing) >= self._view and distance > 0.0:
+            # the heading then follows the person across the view
+            turn_to_person = rotate(self._last.x, self._last.y, -direction)[1] - around
+            feed_forward = turn_to_person / distance
+        else:
+            feed_forward = turn
+        yaw = feed_forward + self._heading.rate(wrap(goal.yaw + facing - robot.yaw))
+
+        away += self._linear.rate(self._standoff.distance - distance)
+        around += distance * turn + self._linear.rate(distance * wrap(wanted - bearing))
+        yaw = min(max(yaw, -self._max_yaw_rate), self._max_yaw_rate)
+        twist = Wanted(away, around, yaw, turn_first=facing != 0.0)
+        self._last = allocate(twist, direction, self._last, self._drive, self._max_speed, dt)
+        return self._last
+
+    def _facing(self, velocity: tuple[float, float], off: float) -> float:
+        """Return how far to turn from the heading of the goal towards the person [rad].
+
+        Facing the person, the wheels reach their full speed along the line to them, and the
+        bearing gives way until they reach the person's. So the robot turns as far as the person's
+        `velocity`, along the axes of the goal, takes the wheels near their limit. It also turns
+        until the person is in view. `off` is where they are from the heading of the goal [rad].
+        """
+        x, y = velocity
+        used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
+        facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
+        return off - min(max(off - facing, -self._view), self._view)
 
     def stop(self) -> Twist2D:
         """Return the zero twist."""
-        return Twist2D()
-
-
-def _within(x: float, y: float, limit: float) -> tuple[float, float]:
-    """Return a vector with its length limited to `limit`."""
-    length = math.hypot(x, y)
-    return (x, y) if length <= limit else (x * limit / length, y * limit / length)
-
-
-def _share(x: float, y: float, more_x: float, more_y: float, limit: float) -> float:
-    """Return the largest s from 0 to 1 with |(x, y) + s·more| <= limit, where |(x, y)| is."""
-    a, b = more_x**2 + more_y**2, x * more_x + y * more_y
-    c = max(limit**2 - x**2 - y**2, 0.0)
-    if a + 2.0 * b <= c:
-        return 1.0
-    # the root of a s² + 2 b s - c, in the form without cancellation
-    root = math.sqrt(b * b + a * c)
-    return c / (b + root) if b > 0.0 else (root - b) / a
+        self._last = Twist2D()
+        return self._last

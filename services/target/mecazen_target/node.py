@@ -69,12 +69,16 @@ class TargetNode(Node):
     def _message(self, frame: Frame) -> m.Observation:
         captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)
         header = m.Header(stamp=captured, frame_id=self.scenario.sensor.frame)
-        if frame.pose is None:
-            return m.Observation(header=header)
-        seen = m.PoseWithCovariance(
-            pose=m.Pose.planar(frame.pose), covariance=self.sensor.covariance
-        )
-        return m.Observation(header=header, poses=(seen,))
+        covariance = self.sensor.covariance
+        seen = [
+            (m.PoseWithCovariance(pose=m.Pose.planar(pose), covariance=covariance), name)
+            for pose, name in ((frame.pose, "1"), (frame.other, "2"))
+            if pose is not None
+        ]
+        if frame.other_first:
+            seen.reverse()
+        ids = tuple(name for _, name in seen) if self.scenario.sensor.faults.ids else ()
+        return m.Observation(header=header, poses=tuple(pose for pose, _ in seen), ids=ids)
 
     def diagnostics(self) -> dict[str, object]:
         """Return where the person is, and the distance walked."""

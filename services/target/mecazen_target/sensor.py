@@ -11,6 +11,8 @@ from mecazen.config import SensorConfig, whole_ticks
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, wrap
 
+from mecazen_target.faults import Faults, in_ticks
+
 NOISE_FRAMES = 2**16
 """Frames after which the noise repeats: 44 minutes at 25 Hz."""
 
@@ -22,31 +24,39 @@ class Frame(NamedTuple):
     """Tick of the capture; 0 for frames that arrive before the latency has passed."""
     pose: Pose2D | None
     """The person in `SensorConfig.frame` at the capture; None if not seen."""
+    other: Pose2D | None = None
+    """Likewise a second person."""
+    other_first: bool = False
+    """Whether the second person is listed first: a sensor has no order."""
 
 
 class Sensor:
     """A sensor on the true robot that measures the person's pose.
 
     The noise comes from an array generated in advance from `seed`, with a row for each frame,
-    seen or not. So occlusions and dropouts do not change the noise of the other frames.
+    seen or not. So occlusions, dropouts and faults do not change the noise of other frames.
 
     Raises:
-        ConfigError: The `rate_hz` does not divide the tick rate, or `latency_s` is not a whole
+        ConfigError: The `rate_hz` does not divide the tick rate, or a latency is not a whole
             number of ticks.
     """
 
     def __init__(self, config: SensorConfig, seed: int, tick_s: float) -> None:
         self._config = config
         self._ticks_per_frame = config.ticks_per_frame(tick_s)
-        self._latency = whole_ticks("sensor.latency_s", config.latency_s, tick_s)
-        self._occlusions = [
-            (round(begin / tick_s), round(end / tick_s)) for begin, end in config.occlusions_s
-        ]
+        unsaid = config.faults.unsaid_latency_s
+        self._latency = whole_ticks("sensor.latency_s", config.latency_s, tick_s) + whole_ticks(
+            "sensor.faults.unsaid_latency_s", unsaid, tick_s
+        )
+        self._occlusions = in_ticks(config.occlusions_s, tick_s)
+        self._faults = Faults(config, seed, NOISE_FRAMES, tick_s)
         self._past: deque[tuple[int, Pose2D, Pose2D]] = deque(maxlen=self._latency + 1)
         random = np.random.Generator(np.random.PCG64(seed))
         position, yaw = config.position_std_m, math.radians(config.yaw_std_deg)
-        self._noise = random.standard_normal((NOISE_FRAMES, 3)) * (position, position, yaw)
+        noise = random.standard_normal((NOISE_FRAMES, 3)) * (position, position, yaw)
+        self._noise = self._faults.correlated(noise)
         self._dropped = random.random(NOISE_FRAMES) < config.dropout_probability
+        position, yaw = (std * config.faults.reported_noise_ratio for std in (position, yaw))
         self.covariance = diagonal_covariance((position**2, position**2, 0.0, 0.0, 0.0, yaw**2))
         """ROS's 6x6 covariance of an observed pose; entries that are not measured are 0."""
 
@@ -61,13 +71,29 @@ class Sensor:
         capture = max(tick - self._latency, 0)
         captured, robot, person = self._past[0]
         row = tick // self._ticks_per_frame % NOISE_FRAMES
-        relative = robot.between(person)
-        seen = captured == tick - self._latency and self._sees(capture, relative)
-        if not seen or self._dropped[row]:
+        if captured != tick - self._latency or self._dropped[row]:
             return Frame(capture, None)
-        pose = person if self._config.frame == "world" else relative
-        x, y, yaw = self._noise[row].tolist()
-        return Frame(capture, Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw)))
+        first, other = (
+            self._seen(capture, robot, whom) for whom in self._faults.shown(capture, person)
+        )
+        if first is not None:
+            x, y, yaw = self._noise[row].tolist()
+            noisy = Pose2D(first.x + x, first.y + y, wrap(first.yaw + yaw))
+            first = self._faults.distorted(row, noisy)
+        if other is not None:
+            x, y, yaw = self._faults.other_noise[row].tolist()
+            other = Pose2D(other.x + x, other.y + y, wrap(other.yaw + yaw))
+        other_first = other is not None and bool(self._faults.other_first[row])
+        return Frame(capture, first, other, other_first)
+
+    def _seen(self, tick: int, robot: Pose2D, person: Pose2D | None) -> Pose2D | None:
+        """Return a person in `SensorConfig.frame`; None if nobody, or not seen at that tick."""
+        if person is None:
+            return None
+        relative = robot.between(person)
+        if not self._sees(tick, relative):
+            return None
+        return person if self._config.frame == "world" else relative
 
     def _sees(self, tick: int, person: Pose2D) -> bool:
         """Return whether the person, in base_link, is visible at the tick of the capture."""

@@ -59,6 +59,8 @@ class Estimator(ABC):
     """
 
     registry: ClassVar[dict[str, type[Estimator]]] = {}
+    predicts: ClassVar[bool] = True
+    """Whether its covariance grows with time, so that it tells who can't be the person."""
     params_type: ClassVar[type[Params]] = Params
 
     def __init_subclass__(cls, name: str | None = None, params: type[Params] = Params) -> None:
@@ -81,11 +83,12 @@ class Estimator(ABC):
             ValueError: The observation is not finite or farther than 1000 km, or the
                 covariance is invalid. The estimate is unchanged.
         """
+        self._observe(observation, self.noise(observation, covariance))
+
+    def noise(self, observation: Pose2D, covariance: npt.ArrayLike | None) -> Array:
+        """Return the covariance (3, 3) that `update` assumes; raises as it does."""
         if not all(abs(number) <= FARTHEST_M for number in observation):
             raise ValueError(f"observation is out of range: {tuple(observation)}")
-        self._observe(observation, self._noise(covariance))
-
-    def _noise(self, covariance: npt.ArrayLike | None) -> Array:
         if covariance is None:
             return self._default_noise
         noise = np.asarray(covariance, float)
@@ -128,6 +131,7 @@ class Estimator(ABC):
 class RawObservation(Estimator, name="none"):
     """The last observation, held until the next one, with zero velocity."""
 
+    predicts = False
     estimate: Estimate | None = None
 
     def predict(self, dt: float) -> None:

@@ -2,57 +2,128 @@
 
 from __future__ import annotations
 
-from functools import partial
+import math
 
-from mecazen.schema import Positive
+from mecazen.schema import NonNegative, Positive
 
+from mecazen_follower.estimators.base import Array
 from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK, TurnRateEstimator, TurnRateParams
 from mecazen_follower.estimators.modes import Mode, ModeBank
+from mecazen_follower.estimators.turn_rate import YAW
 
 NEARLY_ZERO = 0.02
 """Random walk [m/s² or rad/s²] of a speed or turn rate that a mode assumes to be 0."""
 
+SHARP_DEG, BLUNT_DEG = 5.0, 65.0
+"""Standard deviations of an observed heading; `AT_BLUNT` holds at the second."""
+AT_BLUNT = {
+    "standing_s": 3.0,
+    "straight_acceleration_std_m_s2": 0.015,
+    "straight_yaw_std_rad": 0.004,
+    "straight_s": 25.0,
+    "wandering_acceleration_std_m_s2": 0.018,
+    "wandering_yaw_acceleration_std_rad_s2": 0.009,
+    "wandering_s": 15.0,
+    "wandering_fading_1_s": 0.03,
+    "manoeuvre_step_m_sqrt_s": 0.09,
+    "manoeuvre_acceleration_std_m_s2": 1.4,
+    "manoeuvre_yaw_acceleration_std_rad_s2": 1.3,
+    "manoeuvre_s": 6.0,
+    "manoeuvre_fading_1_s": 0.02,
+}
+"""The parameters for a sensor that hardly sees the heading, found on the U-track."""
+
 
 class ImmParams(TurnRateParams):
-    """Parameters of `imm`: random walks and mean sojourn time of each mode."""
+    """Parameters of `imm`: random walks, mean sojourn time and fading turn rate of each mode.
+
+    They hold for an observed heading with a standard deviation of 5 degrees, see `at_noise` for
+    others. Straight, wandering and manoeuvring are fitted to recorded people: docs/results.md.
+    """
 
     sway_m_sqrt_m: Positive = 0.012
     standing_yaw_std_rad: Positive = 0.04
     """Random walk of the heading while standing."""
-    standing_s: Positive = 3.0
-    straight_acceleration_std_m_s2: Positive = 0.015
-    straight_yaw_std_rad: Positive = 0.004
+    standing_s: Positive = 1.7
+    straight_acceleration_std_m_s2: Positive = 0.1
+    straight_yaw_std_rad: Positive = 0.127
     """Random walk of the heading while walking straight."""
-    straight_s: Positive = 25.0
+    straight_s: Positive = 6.0
     turning_acceleration_std_m_s2: Positive = 0.018
     turning_yaw_acceleration_std_rad_s2: Positive = 0.009
     turning_s: Positive = 15.0
-    manoeuvre_step_m_sqrt_s: Positive = 0.09
+    wandering_acceleration_std_m_s2: Positive = 0.29
+    wandering_yaw_acceleration_std_rad_s2: Positive = 2.55
+    wandering_s: Positive = 2.0
+    wandering_fading_1_s: NonNegative = 4.8
+    """Rate at which a turn ends by itself: people who walk swing about their direction."""
+    manoeuvre_step_m_sqrt_s: Positive = 0.13
     """Random walk of the position: people also step aside, which CTRV does not model."""
-    manoeuvre_acceleration_std_m_s2: Positive = 1.4
-    manoeuvre_yaw_acceleration_std_rad_s2: Positive = 1.3
-    manoeuvre_s: Positive = 6.0
+    manoeuvre_acceleration_std_m_s2: Positive = 0.62
+    manoeuvre_yaw_acceleration_std_rad_s2: Positive = 5.0
+    manoeuvre_s: Positive = 0.4
+    manoeuvre_fading_1_s: NonNegative = 1.7
+
+
+DEFAULTS = ImmParams()
+
+
+def at_noise(params: ImmParams, yaw_std_deg: float) -> dict[str, float]:
+    """Return parameters for a sensor with this standard deviation of the heading.
+
+    A mode can be told from another only over a time in which the noise averages out: a blunt
+    sensor needs modes that last longer and are disturbed less. Each parameter changes by the
+    factor by which its default does: from 1 at 5 degrees to that of `AT_BLUNT` at 65 degrees,
+    by a power of the standard deviation between.
+    """
+    whole = math.log(BLUNT_DEG / SHARP_DEG)
+    share = min(max(math.log(yaw_std_deg / SHARP_DEG) / whole, 0.0), 1.0)
+    return {
+        name: getattr(params, name)
+        * (AT_BLUNT[name] / getattr(DEFAULTS, name) if name in AT_BLUNT else 1.0) ** share
+        for name in ImmParams.__struct_fields__
+    }
 
 
 class ImmFilter(TurnRateEstimator, name="imm", params=ImmParams):
-    """An IMM of four modes: standing, walking straight, turning steadily, and manoeuvring.
+    """An IMM of five modes: standing, straight, turning steadily, wandering, manoeuvring.
 
     Manoeuvring is setting off, stopping and turning quickly; it takes over within a few frames.
-    The other modes average over seconds.
+    Wandering is how real people walk. The other modes average over seconds. How long the modes
+    average follows the sensor's noise.
     """
 
     def __init__(self, params: ImmParams) -> None:
         super().__init__(params)
-        p, sway = params, params.sway_m_sqrt_m
-        steady = sway, MIN_POSITION_WALK
-        turning = p.turning_acceleration_std_m_s2, p.turning_yaw_acceleration_std_rad_s2
-        manoeuvre = p.manoeuvre_acceleration_std_m_s2, p.manoeuvre_yaw_acceleration_std_rad_s2
-        standing = *steady, p.standing_yaw_std_rad, NEARLY_ZERO, NEARLY_ZERO
-        straight = *steady, p.straight_yaw_std_rad, p.straight_acceleration_std_m_s2, NEARLY_ZERO
-        modes = (
-            Mode(standing, moves=False, turns=False, mean_sojourn=p.standing_s),
-            Mode(straight, turns=False, mean_sojourn=p.straight_s),
-            Mode((*steady, 0.0, *turning), mean_sojourn=p.turning_s),
-            Mode((sway, p.manoeuvre_step_m_sqrt_s, 0.0, *manoeuvre), mean_sojourn=p.manoeuvre_s),
-        )
-        self._begin = partial(ModeBank, modes)
+        self._params = params
+
+    def _begin(self, state: Array, covariance: Array) -> ModeBank:
+        """Return a filter that starts with the first observation, whose noise it is tuned to."""
+        yaw_std_deg = math.degrees(math.sqrt(covariance[YAW, YAW]))
+        modes = modes_of(ImmParams(**at_noise(self._params, yaw_std_deg)))
+        return ModeBank(modes, state, covariance)
+
+
+def modes_of(p: ImmParams) -> tuple[Mode, ...]:
+    """Return the modes with these parameters, whatever the noise."""
+    steady = p.sway_m_sqrt_m, MIN_POSITION_WALK
+    standing = *steady, p.standing_yaw_std_rad, NEARLY_ZERO, NEARLY_ZERO
+    straight = *steady, p.straight_yaw_std_rad, p.straight_acceleration_std_m_s2, NEARLY_ZERO
+    turning = p.turning_acceleration_std_m_s2, p.turning_yaw_acceleration_std_rad_s2
+    wandering = p.wandering_acceleration_std_m_s2, p.wandering_yaw_acceleration_std_rad_s2
+    manoeuvre = p.manoeuvre_acceleration_std_m_s2, p.manoeuvre_yaw_acceleration_std_rad_s2
+    return (
+        Mode(standing, moves=False, turns=False, mean_sojourn=p.standing_s),
+        Mode(straight, turns=False, mean_sojourn=p.straight_s),
+        Mode((*steady, 0.0, *turning), mean_sojourn=p.turning_s),
+        Mode(
+            (*steady, 0.0, *wandering),
+            mean_sojourn=p.wandering_s,
+            fading=p.wandering_fading_1_s,
+        ),
+        Mode(
+            (p.sway_m_sqrt_m, p.manoeuvre_step_m_sqrt_s, 0.0, *manoeuvre),
+            mean_sojourn=p.manoeuvre_s,
+            fading=p.manoeuvre_fading_1_s,
+        ),
+    )

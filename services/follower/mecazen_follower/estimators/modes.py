@@ -38,6 +38,8 @@ class Mode(NamedTuple):
     """Whether the turn rate persists; else it is 0 plus its random walk."""
     mean_sojourn: float = 1.0
     """Mean sojourn time [s]; unused in a bank of one mode."""
+    fading: float = 0.0
+    """Rate at which the turn rate decays [1/s]."""
 
 
 class Gaussian(NamedTuple):
@@ -53,6 +55,8 @@ class Combined(NamedTuple):
     state: State
     covariance: Triangle
     walks: Walks
+    fading: float
+    """Their mean."""
 
 
 class ModeBank:
@@ -104,7 +108,10 @@ class ModeBank:
             ]
             sway, step, heading, speed, rate = map(math.sqrt, variances)
             mean = mixture(probabilities, self._filters)
-            self._cached = Combined(*mean, (sway, step, heading, speed, rate))
+            fading = sum(
+                p * mode.fading for p, mode in zip(probabilities, self._modes, strict=True)
+            )
+            self._cached = Combined(*mean, (sway, step, heading, speed, rate), fading)
         return self._cached
 
     def predict(self, dt: float) -> None:
@@ -123,7 +130,9 @@ class ModeBank:
             probability = sum(joint)
             mixed = mixture([p / probability for p in joint], self._filters)
             probabilities.append(probability)
-            filters.append(Gaussian(*propagate(*_without_rates(mode, *mixed), mode.walks, dt)))
+            state, covariance = _without_rates(mode, *mixed)
+            moved = propagate(state, covariance, mode.walks, dt, mode.fading)
+            filters.append(Gaussian(*moved))
         self.probabilities, self._filters = probabilities, filters
         self._cached = None
 
@@ -151,7 +160,8 @@ class ModeBank:
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later at constant mode probabilities."""
-        return propagate(*self._combined(), dt)
+        state, covariance, walks, fading = self._combined()
+        return propagate(state, covariance, walks, dt, fading)
 
 
 def _without_rates(mode: Mode, state: State, covariance: Triangle) -> Gaussian:

@@ -119,11 +119,13 @@ def triangle(covariance: Array) -> Triangle:
 
 
 def propagate(
-    state: State, covariance: Triangle, walks: Walks, dt: float
+    state: State, covariance: Triangle, walks: Walks, dt: float, fading: float = 0.0
 ) -> tuple[State, Triangle]:
     """Return a state and its covariance P after `dt` [s]: `move`, and F P Fᵀ + Q.
 
     F is the `jacobian`, whose ones and zeros are not multiplied here, and Q the `process_noise`.
+    After the motion the turn rate has decayed by exp(-fading dt): with `fading` [1/s] above 0 it
+    returns to 0 unless it is disturbed, an Ornstein-Uhlenbeck process.
     """
     x, y, yaw, v, w = state
     xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
@@ -141,22 +143,23 @@ def propagate(
     faa, fav, faw = aa + dt * aw, av + dt * vw, aw + dt * ww
     # F P Fᵀ + Q
     qxx, qxy, qxv, qyy, qyv, qaa, qaw, qvv, qww = noise(walks, state, dt)
-    return (x + dx, y + dy, yaw + w * dt, v, w), (
+    k = math.exp(-fading * dt)
+    return (x + dx, y + dy, yaw + w * dt, v, k * w), (
         fxx - dy * fxa + x_v * fxv + x_w * fxw + qxx,
         fxy + dx * fxa + y_v * fxv + y_w * fxw + qxy,
         fxa + dt * fxw,
         fxv + qxv,
-        fxw,
+        k * fxw,
         fyy + dx * fya + y_v * fyv + y_w * fyw + qyy,
         fya + dt * fyw,
         fyv + qyv,
-        fyw,
+        k * fyw,
         faa + dt * faw + qaa,
         fav,
-        faw + qaw,
+        k * faw + qaw,
         vv + qvv,
-        vw,
-        ww + qww,
+        k * vw,
+        k * k * ww + qww,
     )
 
 

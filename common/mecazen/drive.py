@@ -1,0 +1,112 @@
+"""What the wheels and the controller let the robot do: the limits of its twist in base_link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+import msgspec
+
+from mecazen.config import Scenario
+from mecazen.schema import Section
+
+Limit = Annotated[float, msgspec.Meta(gt=0.0)]
+"""`inf` is no limit."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one axis, per second, per second², per second³; infinite where there is none.
+
+    Acceleration is a growing speed, deceleration a falling one, in either direction.
+    """
+
+    velocity: float = math.inf
+    acceleration: float = math.inf
+    deceleration: float = math.inf
+    jerk: float = math.inf
+
+    def reach(self, velocity: float, dt: float) -> tuple[float, float]:
+        """Return the lowest and the highest velocity after `dt` [s], but for the jerk limit."""
+        up, down = self.acceleration * dt, self.deceleration * dt
+        low = velocity - (down if velocity > 0.0 else up)
+        high = velocity + (down if velocity < 0.0 else up)
+        return max(low, -self.velocity), min(high, self.velocity)
+
+
+class _Limits(Section):
+    @property
+    def limits(self) -> Limits:
+        """The same as numbers."""
+        velocity, acceleration, deceleration, jerk = msgspec.structs.astuple(self)
+        return Limits(velocity, acceleration, deceleration or acceleration, jerk)
+
+
+class LinearLimits(_Limits):
+    """Limits along x or y of base_link."""
+
+    max_velocity_m_s: Limit = 2.0
+    max_acceleration_m_s2: Limit = 2.5
+    max_deceleration_m_s2: Limit | None = None
+    """Left out: as max_acceleration_m_s2."""
+    max_jerk_m_s3: Limit = math.inf
+
+
+class AngularLimits(_Limits):
+    """Limits of the yaw rate."""
+
+    max_velocity_rad_s: Limit = 3.0
+    max_acceleration_rad_s2: Limit = 8.0
+    max_deceleration_rad_s2: Limit | None = None
+    """Left out: as max_acceleration_rad_s2."""
+    max_jerk_rad_s3: Limit = math.inf
+
+
+class AxisLimits(Section):
+    """Limits of the commanded twist, in base_link."""
+
+    x: LinearLimits = LinearLimits()
+    y: LinearLimits = LinearLimits()
+    yaw: AngularLimits = AngularLimits()
+
+    @property
+    def limits(self) -> tuple[Limits, Limits, Limits]:
+        """The limits of x, y, yaw as numbers."""
+        return self.x.limits, self.y.limits, self.yaw.limits
+
+
+class Drive(NamedTuple):
+    """The twists (vx, vy, ω) that wheels and controller can follow.
+
+    The wheels can where |vx| + sideways·|vy| + lever·|ω| <= rim_speed: no rim is faster than that.
+    Without arguments nothing is limited.
+    """
+
+    rim_speed: float = math.inf
+    """Of the wheels [m/s]."""
+    sideways: float = 1.0
+    """Speed of a rim per speed along y; 1 with rollers at 45°."""
+    lever: float = 0.0
+    """Speed of a rim per yaw rate [m]."""
+    axes: tuple[Limits, Limits, Limits] = (Limits(), Limits(), Limits())
+    """The controller's limits of x, y and yaw."""
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Drive:
+        """Return the limits of a scenario's robot: its wheels', and those of its controller."""
+        wheels, robot = scenario.robot.wheels, scenario.robot
+        sideways = 1.0 / math.tan(robot.roller_angle)
+        lever = robot.half_track + sideways * robot.half_wheelbase
+        rim_speed = wheels.max_speed_rad_s * wheels.radius_m
+        return cls(rim_speed, sideways, lever, _controller_limits(scenario).limits)
+
+
+def _controller_limits(scenario: Scenario) -> AxisLimits:
+    """Return the limits in the controller's section, be the controller installed here or not."""
+    section: Any = scenario.sections.get("controller") or scenario.others.get("controller") or {}
+    if isinstance(section, Mapping):
+        return msgspec.convert(section.get("limits", {}), AxisLimits)
+    limits: AxisLimits = section.limits
+    return limits

@@ -1,0 +1,266 @@
+"""Which of those seen is the person: a gate, the likeliest track, and doubt.
+
+People walk, they do not jump: whoever is seen outside the gate of the person's track is somebody
+else, and gets a track of their own, so that they are not taken for the person later.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mecazen.covariance import PlanarCovariance
+from mecazen.geometry import Pose2D, wrap
+
+from mecazen_follower.estimators import Estimate
+
+GATE = 25.0
+"""Of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
+APART_M = 0.5
+"""Two people are not nearer to each other: whoever is so near to the person is the person."""
+SAME_ID = 6.0
+"""What an equal id is worth, as a squared distance: a hint, which can't open the gate."""
+CONFIRMED = 4
+"""Frames after which the person's track is trusted more than who contradicts it."""
+DOUBT_S = 0.3
+"""What contradicts the track in every frame for so long, and for `CONFIRMED` frames, is right."""
+FORGET_S = 1.0
+"""Time after which somebody else who is not seen is forgotten."""
+OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
+"""Prior and random walk of the velocity of somebody else."""
+FLIP_PROBABILITY = 0.03
+"""Chance of a tracker to take front for back."""
+
+
+class Measurement(NamedTuple):
+    """An observed pose of a person in odom, and its 3x3 covariance of (x, y, yaw)."""
+
+    pose: Pose2D
+    covariance: PlanarCovariance
+    identity: str = ""
+    """The sensor's name for them; empty if it has none."""
+
+
+class Choice(NamedTuple):
+    """The measurement of the person."""
+
+    measurement: Measurement
+    restart: bool
+    """Whether the track so far is wrong, or too old to tell anything."""
+
+
+class Track:
+    """Somebody else: constant velocity, with the same variance along both axes."""
+
+    def __init__(self, time: float, seen: Measurement) -> None:
+        self.seen_at = time
+        self._identity = seen.identity
+        self._x, self._y = seen.pose.x, seen.pose.y
+        self._vx = self._vy = 0.0
+        self._variances = spread(seen.covariance), 0.0, OTHER_SPEED_STD_M_S**2
+        """Of the position, its covariance with the velocity, and of the velocity."""
+        self._time = time
+
+    def predict(self, time: float) -> None:
+        """Propagate to a time [s]."""
+        dt, (pp, pv, vv) = time - self._time, self._variances
+        self._time = time
+        self._x += self._vx * dt
+        self._y += self._vy * dt
+        q = OTHER_ACCELERATION_STD_M_S2**2 * dt
+        self._variances = (
+            pp + (2.0 * pv + vv * dt) * dt + q * dt * dt / 3.0,
+            pv + vv * dt + q * dt / 2.0,
+            vv + q,
+        )
+
+    def cost(self, seen: Measurement) -> float:
+        """Return the cost of somebody seen being this one; infinite outside the gate."""
+        variance = self._variances[0] + spread(seen.covariance)
+        distance = ((seen.pose.x - self._x) ** 2 + (seen.pose.y - self._y) ** 2) / variance
+        if distance >= GATE:
+            return math.inf
+        return distance + 2.0 * math.log(variance) - hint(self._identity, seen)
+
+    def update(self, seen: Measurement) -> None:
+        """Correct with a measurement."""
+        pp, pv, vv = self._variances
+        noise = spread(seen.covariance)
+        gain, rate = pp / (pp + noise), pv / (pp + noise)
+        dx, dy = seen.pose.x - self._x, seen.pose.y - self._y
+        self._x, self._y = self._x + gain * dx, self._y + gain * dy
+        self._vx, self._vy = self._vx + rate * dx, self._vy + rate * dy
+        self._variances = gain * noise, rate * noise, vv - rate * pv
+        self.seen_at = self._time
+        self._identity = seen.identity or self._identity
+
+
+class Association:
+    """Chooses the person's measurement of every frame.
+
+    `patience` [s]: after so long without the person, somebody else who is seen is taken for them.
+    """
+
+    def __init__(self, patience: float) -> None:
+        self._patience = patience
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everybody."""
+        self._others: list[Track] = []
+        self._forget_person()
+
+    def _forget_person(self) -> None:
+        self._identity = ""
+        self._hits = 0
+        self._contradicted = Run()
+        self._flipped = Run()
+
+    def choose(
+        self,
+        time: float,
+        person: Estimate | None,
+        expected: Pose2D,
+        seen: Sequence[Measurement],
+        *,
+        unseen: float,
+        lost: bool,
+    ) -> Choice | None:
+        """Return the person's measurement; None if none of the frame is theirs.
+
+        Args:
+            time: Of the frame's capture [s].
+            person: The person's estimate for it; None if they were never seen.
+            expected: Where they would be if the robot were at its place: without an estimate,
+                the nearest to it is the person.
+            seen: The frame's measurements, each with a known covariance.
+            unseen: Time since the person was last seen [s].
+            lost: Whether that is too long for the estimate to be more than a guess.
+        """
+        if not seen:
+            return None
+        if person is None:
+            return self._restart(nearest(seen, expected))
+        if unseen > self._patience:
+            return self._restart(nearest(seen, person.pose))
+        mine, rest = self._assign(time, person, seen)
+        if mine is not None:
+            self._contradicted = Run()
+            return self._accept(time, person, mine)
+        if not rest:
+            return None  # all are known to be somebody else
+        found = nearest(rest, person.pose)
+        self._contradicted = self._contradicted.again(time)
+        near = found.pose.distance(person.pose) < APART_M
+        if lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time)):
+            return self._restart(found)
+        self._others += [
+            Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M
+        ]
+        return None
+
+    def _assign(
+        self, time: float, person: Estimate, seen: Sequence[Measurement]
+    ) -> tuple[Measurement | None, list[Measurement]]:
+        """Return the person's measurement, and those of nobody known; others are updated.
+
+        Pairs of track and measurement are taken in the order of their likelihood.
+        """
+        self._others = [one for one in self._others if time - one.seen_at <= FORGET_S]
+        for other in self._others:
+            other.predict(time)
+        tracks: list[Track | None] = [None, *self._others]
+        pairs = []
+        for i, one in enumerate(seen):
+            for j, track in enumerate(tracks):
+                cost = self._cost(person, one) if track is None else track.cost(one)
+                if cost < math.inf:
+                    pairs.append((cost, i, j))
+        mine, taken, used = None, set[int](), set[int]()
+        for _, i, j in sorted(pairs):
+            if i in taken or j in used:
+                continue
+            taken.add(i)
+            used.add(j)
+            track = tracks[j]
+            if track is None:
+                mine = seen[i]
+            else:
+                track.update(seen[i])
+        return mine, [one for i, one in enumerate(seen) if i not in taken]
+
+    def _cost(self, person: Estimate, seen: Measurement) -> float:
+        """Return the cost of a measurement being the person's; infinite outside the gate."""
+        (pxx, pxy, _), (_, pyy, _), _ = person.covariance
+        (rxx, rxy, _), (_, ryy, _), _ = seen.covariance
+        xx, xy, yy = pxx + rxx, pxy + rxy, pyy + ryy
+        determinant = xx * yy - xy * xy
+        dx, dy = seen.pose.x - person.pose.x, seen.pose.y - person.pose.y
+        distance = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
+        if distance >= GATE:
+            return math.inf
+        return distance + math.log(determinant) - hint(self._identity, seen)
+
+    def _accept(self, time: float, person: Estimate, seen: Measurement) -> Choice:
+        """Return a measurement in the gate, turned by half if it shows the person backwards."""
+        self._hits += 1
+        self._identity = seen.identity or self._identity
+        variance = person.covariance[2][2] + seen.covariance[2][2]
+        if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
+            self._flipped = Run()
+            return Choice(seen, restart=False)
+        self._flipped = self._flipped.again(time)
+        if self._flipped.lasts(time):
+            return self._restart(seen)
+        turned = seen.pose._replace(yaw=wrap(seen.pose.yaw + math.pi))
+        return Choice(seen._replace(pose=turned), restart=False)
+
+    def _restart(self, seen: Measurement) -> Choice:
+        """Return a measurement that begins the person's track anew."""
+        self._forget_person()
+        self._others = [other for other in self._others if other.cost(seen) == math.inf]
+        self._identity = seen.identity
+        self._hits = 1
+        return Choice(seen, restart=True)
+
+
+def hint(identity: str, seen: Measurement) -> float:
+    """Return what the sensor's name for somebody is worth, given that of a track."""
+    return SAME_ID if identity and seen.identity == identity else 0.0
+
+
+class Run(NamedTuple):
+    """Frames in a row that contradict the person's track."""
+
+    since: float = 0.0
+    frames: int = 0
+
+    def again(self, time: float) -> Run:
+        """Return the run with another frame, captured at `time` [s]."""
+        return Run(self.since if self.frames else time, self.frames + 1)
+
+    def lasts(self, time: float) -> bool:
+        """Return whether it is too long for chance."""
+        return self.frames >= CONFIRMED and time - self.since >= DOUBT_S
+
+
+def is_flipped(innovation: float, variance: float) -> bool:
+    """Return whether a heading is likelier to be seen backwards than to be so far off.
+
+    Args:
+        innovation: Observed less predicted heading, wrapped [rad].
+        variance: Of the innovation of a heading seen rightly [rad²].
+    """
+    gain = innovation**2 - wrap(innovation + math.pi) ** 2
+    return gain > 2.0 * variance * math.log((1.0 - FLIP_PROBABILITY) / FLIP_PROBABILITY)
+
+
+def nearest(seen: Sequence[Measurement], pose: Pose2D) -> Measurement:
+    """Return the measurement that is the nearest to a pose."""
+    return min(seen, key=lambda one: one.pose.distance(pose))
+
+
+def spread(covariance: PlanarCovariance) -> float:
+    """Return the mean variance of x and y [m²]."""
+    return (covariance[0][0] + covariance[1][1]) / 2.0

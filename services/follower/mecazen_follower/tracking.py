@@ -1,0 +1,166 @@
+"""The tracked person: from frames of the sensor to an estimate for now."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import NamedTuple
+
+from mecazen.config import SensorConfig
+from mecazen.geometry import Pose2D
+
+from mecazen_follower.association import Association, Measurement, nearest
+from mecazen_follower.config import FollowerConfig
+from mecazen_follower.estimators import Estimate
+from mecazen_follower.estimators.base import as_tuple
+from mecazen_follower.noise import ReportedNoise
+
+MISSED_FRAMES = 1.5
+"""Periods of the sensor without an observation: a frame has been missed."""
+
+
+class TrackingState(StrEnum):
+    """How well the follower knows where the person is."""
+
+    WAITING = "waiting"
+    """Not seen yet; the robot stands."""
+    FOLLOWING = "following"
+    """Seen."""
+    COASTING = "coasting"
+    """Not seen at the moment; the robot follows the prediction."""
+    LOST = "lost"
+    """Not seen for too long; the robot stops."""
+
+
+class Tracker:
+    """Derives the tracking state from the time since the person was last seen.
+
+    `coast_after` [s] is at least the time between two frames of the sensor, so that ticks
+    between frames do not count as unseen; `lost_after` [s] is longer.
+
+    Attributes:
+        state: The state at the last update.
+        unseen: Time since the person was last seen [s]; 0 before that.
+    """
+
+    def __init__(self, coast_after: float, lost_after: float) -> None:
+        self.state = TrackingState.WAITING
+        self.unseen = 0.0
+        self._coast_after = coast_after
+        self._lost_after = lost_after
+        self._last_seen: float | None = None
+
+    def update(self, time: float, seen: bool) -> TrackingState:
+        """Return the state at simulated `time` [s]; `seen`: an observation came just now."""
+        if seen:
+            self._last_seen = time
+        if self._last_seen is not None:
+            self.unseen = time - self._last_seen
+            if self.unseen > self._lost_after:
+                self.state = TrackingState.LOST
+            elif self.unseen > self._coast_after:
+                self.state = TrackingState.COASTING
+            else:
+                self.state = TrackingState.FOLLOWING
+        return self.state
+
+
+class Frame(NamedTuple):
+    """A frame of the sensor: when it was captured [s], and everybody in it."""
+
+    captured: float
+    measurements: Sequence[Measurement]
+
+
+class PersonTracker:
+    """Estimates the person from frames that show anybody, in any order, and that come late.
+
+    The estimator's time is that of the captures: it stays behind the present by the latency
+    of the frames, which their stamps tell, and the estimate is propagated by it.
+
+    Args:
+        config: The follower's.
+        sensor: Its data sheet.
+    """
+
+    def __init__(self, config: FollowerConfig, sensor: SensorConfig) -> None:
+        self.estimator = config.make_estimator()
+        missed = MISSED_FRAMES / sensor.rate_hz
+        coast_after = max(config.coast_after_s, missed)
+        lost_after = max(config.lost_after_s, 2.0 * missed)
+        self.tracker = Tracker(coast_after, lost_after)
+        self._association = Association(2.0 * lost_after)
+        self._noise = ReportedNoise()
+        self._latency = sensor.latency_s
+        self._time: float | None = None
+        """The estimator's."""
+        self._captured = -math.inf
+        """When the newest frame with anybody was."""
+
+    def forget(self) -> None:
+        """Discard the person: what was known is of another place."""
+        self.estimator.reset()
+        self._association.reset()
+
+    def step(self, time: float, frame: Frame | None, expected: Pose2D) -> Estimate | None:
+        """Return the person at `time` [s]; None before they were seen.
+
+        Args:
+            time: Now [s]; the state of `tracker` is that of now as well.
+            frame: The newest frame, if one came.
+            expected: Where the person would be if the robot were at its place.
+
+        Raises:
+            ValueError: A measurement is invalid, see `Estimator.update`. The call may be
+                repeated without it.
+        """
+        seen = frame is not None and self._see(time, frame, expected)
+        self.tracker.update(time, seen)
+        at = self._predict(time - self._latency)
+        return self.estimator.ahead(max(time - at, 0.0))
+
+    def _see(self, time: float, frame: Frame, expected: Pose2D) -> bool:
+        """Correct the estimate; return whether the frame shows the person."""
+        captured, measurements = frame
+        known = [
+            one._replace(covariance=as_tuple(self.estimator.noise(one.pose, one.covariance)))
+            for one in measurements
+        ]
+        if not known or captured <= self._captured:
+            return False  # nobody, or older than what is known
+        self._captured = captured
+        self._latency = max(self._latency, time - captured)
+        self._predict(captured)
+        person = self.estimator.estimate
+        if not self.estimator.predicts:
+            pose = expected if person is None else person.pose
+            self.estimator.update(*nearest(known, pose)[:2])
+            return True
+        known = [one._replace(covariance=self._noise.corrected(one.covariance)) for one in known]
+        choice = self._association.choose(
+            captured,
+            person,
+            expected,
+            known,
+            unseen=self.tracker.unseen,
+            lost=self.tracker.state is TrackingState.LOST,
+        )
+        if choice is None:
+            return False
+        if choice.restart:
+            self.estimator.reset()
+            self._time = captured
+        pose, covariance, _ = choice.measurement
+        self.estimator.update(pose, covariance)
+        self._noise.learn(captured, pose, covariance)
+        return True
+
+    def _predict(self, time: float) -> float:
+        """Propagate the estimator to `time` [s], unless it is there; return its time."""
+        if self._time is None:
+            self._time = time
+        elif time > self._time:
+            self.estimator.predict(time - self._time)
+            self._time = time
+        return self._time
