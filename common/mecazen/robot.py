@@ -59,6 +59,9 @@ class Rollers(Section):
     """What the rollers on top form, seen from above: how left and right wheels are placed."""
     contact_friction: NonNegative = 1.0
     """Coulomb coefficient of the roller's surface; the ground's own multiplies it."""
+    hull_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 81
+    """Spheres whose convex hull is a roller's collision shape; odd: one in its middle. The fewer,
+    the more a coasting robot is slowed down: docs/physics.md has what each costs."""
 
 
 class Attachment(Section):
@@ -86,6 +89,11 @@ class Robot(Section):
             raise ValueError(
                 f"rollers.max_radius_m = {roller.max_radius_m} must be below half of "
                 f"wheels.radius_m = {wheel.radius_m}"
+            )
+        if roller.hull_spheres % 2 == 0:
+            raise ValueError(
+                f"rollers.hull_spheres = {roller.hull_spheres} must be odd: "
+                "without a sphere in its middle a roller is too thin there"
             )
         if abs(self.lever) < 0.1 * self.half_track:
             raise ValueError(

@@ -159,6 +159,10 @@ def test_when_the_file_is_wrong_beside_an_override_expect_the_file_alone_named(w
             'robot.rollers.arrangement="O"',
             "rollers.arrangement: robot: rollers.arrangement = 'O': such a robot can hardly turn",
         ),
+        (
+            "robot.rollers.hull_spheres=10",
+            "rollers.hull_spheres: robot: rollers.hull_spheres = 10 must be odd",
+        ),
         ("robot.rollers.count=3", "rollers.count: got 3; allowed: a whole number >= 4 and <= 40"),
         ("robot.name=Foo", "name: got 'Foo'; allowed: a string that matches "),
         ("robot.camera={}", "camera: robot.camera.size_m: missing; must be a list, each a number"),

@@ -27,7 +27,6 @@ def test_obstacles_are_told_apart_by_their_kind():
         (PhysicsConfig, {"dt_s": 0.0}, "dt_s"),
         (PhysicsConfig, {"dt_s": 0.1}, "dt_s"),
         (PhysicsConfig, {"dt_s": "fast"}, "dt_s"),
-        (PhysicsConfig, {"roller_spheres": 10}, "must be odd"),
         (PhysicsConfig, {"drive": "position"}, "drive"),
         (PhysicsConfig, {"rollers": "some"}, "rollers"),
         (WorldConfig, {"ground_friction": -1.0}, "ground_friction"),

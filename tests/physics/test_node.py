@@ -26,9 +26,8 @@ from mecazen_physics.node import PhysicsWorld
 from mecazen_physics.urdf import meshes
 
 TICK_NS = 10_000_000
-FAST = PhysicsConfig(roller_spheres=3, dt_s=0.002)
-"""Coarse: what these tests are about does not depend on the rollers' exact shape."""
-WATCHFUL = PhysicsConfig(roller_spheres=3, dt_s=0.002, watchdog_s=0.1)
+FAST = PhysicsConfig(dt_s=0.002)
+WATCHFUL = PhysicsConfig(dt_s=0.002, watchdog_s=0.1)
 FAR = Pose2D(x=50.0)
 START = StartConfig(x_m=1.0, y_m=2.0, yaw_deg=90.0)
 
@@ -181,7 +180,7 @@ def test_the_watchdog_slows_down_from_the_speed_that_an_effort_had_made():
 
 
 def test_the_person_stops_the_robot_and_pushes_it():
-    driven = Driven(PhysicsConfig(roller_spheres=3))
+    driven = Driven(PhysicsConfig())
     for _ in range(150):  # 0.75 m, if nobody stood there
         driven.tick(command=joints([10.0] * 4), person=person(Pose2D(x=0.8)))
     assert driven.pose().x < 0.45  # 0.2 m of the person, 0.2 m of the robot

@@ -99,7 +99,7 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
 
 
 def build_robot(
-    tree: model.Tree, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
+    tree: model.Tree, robot: Robot, start: Pose2D, world: WorldConfig
 ) -> tuple[Any, list[Any]]:
     """Return the skeleton of the robot's `tree` and the joints of its wheels and rollers.
 
@@ -119,7 +119,7 @@ def build_robot(
     friction = _robot_friction(robot, world)
     if not tree.lumped:
         _collide_base(base, robot, friction)
-    barrel = _barrel(robot, physics)
+    barrel = _barrel(robot)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _add_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
@@ -172,8 +172,8 @@ def _collide_base(base: Any, robot: Robot, friction: float) -> None:
     _collide(base, lidar, friction, robot.lidar.position_m)
 
 
-def _barrel(robot: Robot, physics: PhysicsConfig) -> Any:
-    centres, radii = Roller.of(robot).spheres(physics.roller_spheres)
+def _barrel(robot: Robot) -> Any:
+    centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
     return dart.dynamics.MultiSphereConvexHullShape(
         [(radius, [0.0, 0.0, centre]) for centre, radius in zip(centres, radii, strict=True)]
     )

@@ -135,7 +135,7 @@ class AllRollersBody(RobotBody):
         world: WorldConfig,
         dart_world: DartWorld,
     ) -> None:
-        skeleton, joints = bodies.build_robot(full_tree(robot), robot, start, physics, world)
+        skeleton, joints = bodies.build_robot(full_tree(robot), robot, start, world)
         super().__init__(dart_world, skeleton, joints, physics.dt_s)
         rollers = [joint.getChildBodyNode() for joint in joints[len(WHEELS) :]]
         self._candidates = ContactCandidates(robot, rollers)

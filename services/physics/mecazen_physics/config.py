@@ -30,8 +30,6 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
 
     dt_s: Annotated[float, msgspec.Meta(ge=1e-5, le=0.005)] = 0.001
     """One physics step; a control period holds a whole number of them."""
-    roller_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 41
-    """Spheres whose convex hull is a roller's collision shape; odd: one in its middle."""
     rollers: Literal["near", "all"] = "near"
     """Which rollers are bodies: those near the ground while nothing else can touch the robot
     ("near"), or always all of them ("all"): the same robot, at less than half the speed."""
@@ -45,11 +43,6 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     a pose of the person, after which they stand."""
 
     def __post_init__(self) -> None:
-        if self.roller_spheres % 2 == 0:
-            raise ValueError(
-                f"physics.roller_spheres = {self.roller_spheres} must be odd: "
-                "without a sphere in its middle a roller is too thin there"
-            )
         if self.watchdog_s < self.dt_s:
             raise ValueError(
                 f"physics.watchdog_s = {self.watchdog_s} must not be below "

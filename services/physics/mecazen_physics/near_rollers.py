@@ -57,7 +57,7 @@ class NearRollersBody(RobotBody):
         world: WorldConfig,
         dart_world: DartWorld,
     ) -> None:
-        skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, physics, world)
+        skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, world)
         super().__init__(dart_world, skeleton, joints, physics.dt_s)
         count = robot.rollers.count
         self._pitch = math.tau / count
