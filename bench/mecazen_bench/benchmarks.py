@@ -18,6 +18,7 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
+    steps,
 )
 from mecazen_bench.figures import Group, merged
 from mecazen_bench.machine import Machine, Others
@@ -43,6 +44,7 @@ BENCHMARKS = {
     "recorder": Benchmark(recorder.run),
     "viewer": Benchmark(realtime.run_viewer),
     "peers": Benchmark(physics.run_peers, on_demand=True),
+    "steps": Benchmark(steps.run, rounds=1, on_demand=True),
     "experiments": Benchmark(experiments.run, rounds=2, on_demand=True),
     "flood": Benchmark(flood.run, on_demand=True),
     "malformed": Benchmark(malformed.run, rounds=1, on_demand=True),

@@ -183,7 +183,8 @@ class Scenario(Section):
     """A whole scenario: the robot, who takes part, and every setting."""
 
     robot: Robot
-    """The robot file, relative to the scenario; or the same as a table."""
+    """The robot file, relative to the scenario; the same as a table; or a table that changes
+    some of a file: `{ file = "../robots/nexus.toml", payload = { … } }`."""
     services: tuple[str, ...] = ("physics", "controller", "target", "follower")
     """Who takes part."""
     programs: dict[str, str] = msgspec.field(default_factory=dict)

@@ -83,10 +83,8 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
     origin = _Origin(path, settings=tuple(settings))
     if "robot" in settings:
         raw["robot"] = settings.pop("robot")
-    if isinstance(raw.get("robot"), str):
-        robot = path.parent / raw["robot"]
-        raw["robot"] = _read_toml(robot)
-        origin = origin._replace(robot=robot.resolve())
+    if (file := _read_robot(raw, path)) is not None:
+        origin = origin._replace(robot=file[0], changes=file[1])
     for key, value in settings.items():
         _override(raw, key, value)
     _refuse_reserved(raw, path)
@@ -123,6 +121,24 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         sections={name: decoded.get(name, kind()) for name, kind in sorted(kinds.items())},
         others={name: section for name, section in sections.items() if name not in kinds},
     )
+
+
+def _read_robot(table: dict[str, Any], path: Path) -> tuple[Path, tuple[str, ...]] | None:
+    """Read the robot file that a table names, and lay over it what else it says of the robot.
+
+    `robot` is the file, or a table with it: `{ file = "nexus.toml", payload = { … } }`.
+
+    Returns:
+        The file, and the keys that are changed; None if the table names no file.
+    """
+    robot = table.get("robot")
+    changes = dict(robot) if isinstance(robot, dict) else {"file": robot}
+    name = changes.pop("file", None)
+    if not isinstance(name, str):
+        return None
+    file = path.parent / name
+    table["robot"] = _laid_over(_read_toml(file), changes)
+    return file.resolve(), tuple(f"robot.{key}" for key in changes)
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> None:
@@ -192,10 +208,8 @@ def _take_own(
     Of the table's other keys, the robot file is read, and the sensor is completed.
     """
     _refuse_reserved(robot, path)
-    if isinstance(robot.get("robot"), str):
-        file = path.parent / robot["robot"]
-        robot["robot"] = _read_toml(file)
-        _convert(robot["robot"], Robot, "", _Origin(file.resolve()))
+    if (file := _read_robot(robot, path)) is not None:
+        _convert(robot["robot"], Robot, "", _Origin(file[0]))
     if "sensor" in robot:
         robot["sensor"] = _laid_over(everyone.get("sensor", {}), robot["sensor"])
     return {
@@ -315,10 +329,15 @@ class _Origin(NamedTuple):
     robot: Path | None = None
     settings: tuple[str, ...] = ()
     """The keys that are overridden."""
+    changes: tuple[str, ...] = ()
+    """The keys of the robot that the scenario changes."""
 
     def name(self, key: str, problem: str, *, of_table: bool) -> str:
         """Return the file of `key`, and the override that it may come from."""
-        file = self.robot if self.robot and key.partition(".")[0] == "robot" else self.path
+        of_robot = key.partition(".")[0] == "robot" and not any(
+            f"{key}.".startswith(f"{change}.") for change in self.changes
+        )
+        file = self.robot if self.robot and of_robot else self.path
         for setting in self.settings:
             within = key == setting or key.startswith(f"{setting}.")
             around = setting.startswith(f"{key}.") if key else True

@@ -73,6 +73,16 @@ class Attachment(Section):
     mass_kg: Positive
 
 
+class Payload(Section):
+    """A load that is fixed on the base: a homogeneous box."""
+
+    mass_kg: Positive
+    position_m: tuple[Finite, Finite, Finite]
+    """Its centre in base_link."""
+    size_m: tuple[Positive, Positive, Positive] = (0.2, 0.2, 0.2)
+    """Length, width, height."""
+
+
 class Robot(Section):
     """A robot file."""
 
@@ -82,6 +92,7 @@ class Robot(Section):
     rollers: Rollers
     camera: Attachment
     lidar: Attachment
+    payload: Payload | None = None
 
     def __post_init__(self) -> None:
         wheel, roller = self.wheels, self.rollers
@@ -105,6 +116,13 @@ class Robot(Section):
             raise ValueError("camera.size_m must be [length, width, height]")
         if len(self.lidar.size_m) != 2:
             raise ValueError("lidar.size_m must be [radius, height]")
+        if self.payload is not None:
+            lowest = self.payload.position_m[2] - self.payload.size_m[2] / 2
+            if lowest < self.base.clearance_m:
+                raise ValueError(
+                    f"payload.position_m: its underside would be {lowest:.3g} m above the ground, "
+                    f"below that of the base, {self.base.clearance_m} m"
+                )
 
     @property
     def half_wheelbase(self) -> float:
@@ -133,7 +151,11 @@ class Robot(Section):
         roller = (radius - thickest) * end + thickest
         length = max(self.half_wheelbase + radius, self.base.length_m / 2)
         width = self.half_track + max(roller, radius, self.wheels.hub_width_m / 2)
-        return length, max(width, self.base.width_m / 2)
+        width = max(width, self.base.width_m / 2)
+        if self.payload is not None:
+            (x, y, _), (along, across, _) = self.payload.position_m, self.payload.size_m
+            length, width = max(length, abs(x) + along / 2), max(width, abs(y) + across / 2)
+        return length, width
 
     @property
     def roller_angle(self) -> float:

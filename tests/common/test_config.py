@@ -13,6 +13,7 @@ from mecazen.config import BusConfig, Scenario, whole_ticks
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, scenario_path
+from mecazen.robot import Payload
 from mecazen.schema import Folder, Section
 
 
@@ -195,6 +196,16 @@ def test_when_the_robot_file_is_wrong_expect_it_named(write_scenario):
     ("robot", "expected"),
     [
         ("", "scenarios/test.toml: robot: missing; must be a robot file, or a table"),
+        ('robot = { file = "none.toml" }\n', "scenarios/none.toml: no such file"),
+        (
+            'robot = { file = "../robots/nexus.toml", payload = { mass_kg = 1.0 } }\n',
+            "scenarios/test.toml: robot.payload.position_m: missing; must be [a number >= ",
+        ),
+        (
+            'robot = { file = "../robots/nexus.toml", '
+            "payload = { mass_kg = 1.0, position_m = [0.0, 0.0, 0.1] } }\n",
+            "robots/nexus.toml: robot: payload.position_m: its underside would be 0 m above the ",
+        ),
         ("robot = 5\n", "scenarios/test.toml: robot: got 5; allowed: a robot file, or a table"),
         ('[robot]\nname = "x"\n', "scenarios/test.toml: robot.base: missing; must be a table"),
         ('robot = "none.toml"\n', "scenarios/none.toml: no such file"),
@@ -203,7 +214,16 @@ def test_when_the_robot_file_is_wrong_expect_it_named(write_scenario):
     ],
 )
 def test_when_there_is_no_robot_expect_what_is_missing(write_scenario, robot, expected):
-    assert problem(write_scenario(robot=robot)) == expected
+    assert problem(write_scenario(robot=robot)).startswith(expected)
+
+
+def test_a_scenario_changes_some_of_a_robot_file(write_scenario):
+    payload = "payload = { mass_kg = 2.0, position_m = [0.0, 0.1, 0.3] }"
+    path = write_scenario(robot=f'robot = {{ file = "../robots/nexus.toml", {payload} }}\n')
+    robot = load_scenario(path).robot
+    assert robot.payload == Payload(mass_kg=2.0, position_m=(0.0, 0.1, 0.3))
+    assert load_scenario(path, ("robot.payload.mass_kg=3",)).robot.payload.mass_kg == 3.0
+    assert msgspec.structs.replace(robot, payload=None) == load_scenario(write_scenario()).robot
 
 
 def test_when_a_file_is_missing_expect_its_path(write_scenario):

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import pytest
-from harness import Rig, Sample, assert_sendable, load_robot
+from harness import Rig, Sample, assert_sendable, error_of, load_robot
 from hostile import FORGED, FUZZ, NO_STAMP, put_all, puts
 from hypothesis import given, settings
 from mecazen import keys
@@ -266,9 +266,15 @@ def test_a_diverged_state_is_one_clear_error():
     assert "\n" not in str(caught.value)
 
 
-def test_a_step_that_does_not_divide_the_tick_is_a_configuration_error():
-    with pytest.raises(ConfigError, match=r"^sim.tick_s: 0.01 s is not a whole number of ticks"):
-        PhysicsWorld(scenario(PhysicsConfig(dt_s=0.003)))
+@pytest.mark.parametrize(
+    ("dt_s", "nearest"),
+    [(0.0019, "0.00166667, 0.002"), (0.0023, "0.002"), (0.0007, "0.000666667, 0.000714286")],
+)
+def test_a_step_that_does_not_divide_the_tick_is_an_error_that_names_steps_that_do(dt_s, nearest):
+    message = f"physics.dt_s = {dt_s} must divide sim.tick_s = 0.01; nearest: {nearest}"
+    assert (
+        error_of(ConfigError, lambda: PhysicsWorld(scenario(PhysicsConfig(dt_s=dt_s)))) == message
+    )
 
 
 GOOD = {

@@ -30,8 +30,11 @@ from mecazen_tools.processes import private_router
         (("simulate", "nowhere"), ("nowhere", "back", "side", "teleop")),
         (("simulate", "back", "--set", "physics.dt=1"), ("physics.dt", "dt_s")),
         (("simulate", "back", "--set", "physics.dt_s=fast"), ("physics.dt_s", "number")),
-        (("simulate", "back", "--set", "physics.dt_s=7"), ("physics.dt_s", "0.005")),
-        (("simulate", "back", "--set", "physics.dt_s=0.003"), ("sim.tick_s", "whole number")),
+        (("simulate", "back", "--set", "physics.dt_s=7"), ("physics.dt_s", "0.002")),
+        (
+            ("simulate", "back", "--set", "physics.dt_s=0.0019"),
+            ("sim.tick_s", "nearest: 0.00166667, 0.002"),
+        ),
         (("simulate", "back", "--set", "follower.estimator=magic"), ("magic", "kf_cv")),
         (("simulate", "back", "--set", "follower.view=top"), ("follower.view", "side_left")),
         (("simulate", "back", "--set", "robot=none.toml"), ("none.toml", "no such file")),

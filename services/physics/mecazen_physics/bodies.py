@@ -103,8 +103,9 @@ def build_robot(
 ) -> tuple[Any, list[Any]]:
     """Return the skeleton of the robot's `tree` and the joints of its wheels and rollers.
 
-    Camera and lidar are shapes and mass of the base: each body of its own would cost 5 % of
-    the speed. Where rollers are lumped with their wheels, only the others can touch anything.
+    Camera, lidar and payload are shapes and mass of the base: each body of its own would cost
+    5 % of the speed. Where rollers are lumped with their wheels, only the others can touch
+    anything.
 
     The front wheels are on an axle that swings about its middle, as in platforms of this
     kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
@@ -170,6 +171,9 @@ def _collide_base(base: Any, robot: Robot, friction: float) -> None:
     _collide(base, camera, friction, robot.camera.position_m)
     lidar = dart.dynamics.CylinderShape(*robot.lidar.size_m)
     _collide(base, lidar, friction, robot.lidar.position_m)
+    if robot.payload is not None:
+        load = dart.dynamics.BoxShape(robot.payload.size_m)
+        _collide(base, load, friction, robot.payload.position_m)
 
 
 def _barrel(robot: Robot) -> Any:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.robot import WHEELS, Attachment, Robot, roller_joint, wheel_joint
+from mecazen.robot import WHEELS, Attachment, Payload, Robot, roller_joint, wheel_joint
 
 from mecazen_physics.rollers import Roller
 
@@ -59,7 +59,7 @@ def base(robot: Robot) -> Link:
 
 
 def links(robot: Robot) -> list[Link]:
-    """Return all links but the base: wheels, rollers, then camera and lidar.
+    """Return all links but the base: wheels, rollers, then camera, lidar and payload.
 
     Wheels and rollers come in the order of the joint states.
     """
@@ -72,7 +72,10 @@ def links(robot: Robot) -> list[Link]:
         for wheel, side in zip(WHEELS, sides, strict=True)
         for index in range(shape.count)
     ]
-    return [*wheels, *rollers, _camera(robot), _lidar(robot)]
+    fixed = [_camera(robot), _lidar(robot)]
+    if robot.payload is not None:
+        fixed.append(_payload(robot.payload))
+    return [*wheels, *rollers, *fixed]
 
 
 def lump(parts: list[Link]) -> tuple[float, Array, Array]:
@@ -106,7 +109,12 @@ def near_tree(robot: Robot) -> Tree:
     """
     count = robot.rollers.count
     everything = links(robot)
-    wheels, rollers = everything[: len(WHEELS)], everything[len(WHEELS) : -2]
+    end = len(WHEELS) * (1 + count)
+    wheels, rollers, fixed = (
+        everything[: len(WHEELS)],
+        everything[len(WHEELS) : end],
+        everything[end:],
+    )
     lumped = []
     kept = []
     for index, wheel in enumerate(wheels):
@@ -118,7 +126,7 @@ def near_tree(robot: Robot) -> Tree:
                 *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in airborne),
             ]
         )
-    return Tree([*wheels, *kept, *everything[-2:]], lumped)
+    return Tree([*wheels, *kept, *fixed], lumped)
 
 
 def driven_inertia(robot: Robot) -> float:
@@ -181,7 +189,11 @@ def _lidar(robot: Robot) -> Link:
     return _attachment("lidar", robot.lidar, (across, across, along))
 
 
-def _attachment(name: str, part: Attachment, moments: tuple[float, float, float]) -> Link:
+def _payload(payload: Payload) -> Link:
+    return _attachment("payload", payload, _box(payload.mass_kg, *payload.size_m))
+
+
+def _attachment(name: str, part: Attachment | Payload, moments: tuple[float, float, float]) -> Link:
     link, joint = f"{name}_link", f"{name}_joint"
     place = part.position_m
     return Link(link, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)

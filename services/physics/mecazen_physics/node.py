@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
 
-from mecazen.config import Scenario, join_key, whole_ticks
+from mecazen.config import Scenario, join_key
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import TABLE
 from mecazen.keys import (
@@ -35,7 +36,7 @@ from mecazen.messages import (
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 
-from mecazen_physics.config import PhysicsConfig
+from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.urdf import build_urdf, meshes
 from mecazen_physics.world import World as SimulatedWorld
@@ -54,7 +55,7 @@ class PhysicsWorld(World):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.section(PhysicsConfig, "physics")
-        self.steps_per_tick = whole_ticks("sim.tick_s", scenario.sim.tick_s, self.config.dt_s)
+        self.steps_per_tick = _steps(scenario.sim.tick_s, self.config.dt_s)
         self.parts = {name: scenario.of(name) for name in scenario.names}
 
     def reset(self, seed: int) -> None:
@@ -94,6 +95,23 @@ class PhysicsWorld(World):
             values[join_key("x_m", name)] = round(x, 3)
             values[join_key("y_m", name)] = round(y, 3)
         return values
+
+
+def _steps(tick_s: float, dt_s: float) -> int:
+    """Return how many steps a control period has.
+
+    Raises:
+        ConfigError: It is not a whole number; the message names steps that are allowed.
+    """
+    steps = round(tick_s / dt_s)
+    if steps < 1 or not math.isclose(steps * dt_s, tick_s, rel_tol=1e-9):
+        most = math.ceil(tick_s / dt_s)
+        allowed = [tick_s / number for number in (most, most - 1) if number > 0]
+        which = ", ".join(f"{step:.6g}" for step in allowed if step <= MAX_DT_S)
+        raise ConfigError(
+            f"physics.dt_s = {dt_s:g} must divide sim.tick_s = {tick_s:g}; nearest: {which}"
+        )
+    return steps
 
 
 class _Commanded:

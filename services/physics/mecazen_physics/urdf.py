@@ -19,6 +19,7 @@ _COLOURS = {
     "hub": "0.55 0.57 0.60 1",
     "roller": "0.10 0.10 0.10 1",
     "sensor": "0.05 0.35 0.65 1",
+    "payload": "0.60 0.45 0.25 1",
 }
 
 Shape = tuple[str, dict[str, str]]
@@ -44,6 +45,8 @@ def build_urdf(robot: Robot) -> str:
             _add_link(root, link, _box(*robot.camera.size_m), "sensor")
         elif link.name == "lidar_link":
             _add_link(root, link, _cylinder(*robot.lidar.size_m), "sensor")
+        elif link.name == "payload_link" and robot.payload is not None:
+            _add_link(root, link, _box(*robot.payload.size_m), "payload")
         elif link.parent == "base_link":
             _add_link(root, link, hub, "hub", rpy=(math.pi / 2, 0.0, 0.0))
         else:
