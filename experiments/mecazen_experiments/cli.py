@@ -17,6 +17,10 @@ SWEEP_HELP = "Run every case with each of these values. May be given several tim
 WALKS_HELP = "Run cases of a recorded walk with each CSV in this folder."
 
 File = Annotated[str, Argument(metavar="FILE", help=FILE_HELP, show_default=False)]
+Files = Annotated[
+    list[str],
+    Argument(metavar="FILE…", help=f"{FILE_HELP} Several make one table.", show_default=False),
+]
 RUNS_HELP = "Seeds 1, 2, … for each case."
 Runs = Annotated[
     int | None, Option(min=1, max=1_000_000, help=RUNS_HELP, show_default="experiment's")
@@ -41,7 +45,7 @@ STORE = Path("experiments.sqlite")
 
 @app.command()
 def run(
-    file: File,
+    files: Files,
     settings: Settings = None,
     sweep: Sweep = None,
     walks: Walks = None,
@@ -52,7 +56,7 @@ def run(
     json: Json = None,
     verbose: Annotated[bool, Option("--verbose", help="Show each walk.")] = False,
 ) -> None:
-    """Run the cases of an experiment, each with many seeds, and score them.
+    """Run the cases of experiments, each with many seeds, and score them.
 
     Finished runs are kept: after Ctrl-C the same command continues from there.
 
@@ -62,7 +66,7 @@ def run(
     from mecazen_experiments import commands  # noqa: PLC0415
 
     options = commands.Options(jobs, scheduler, store, json)
-    commands.run(options, file, tuple(settings or ()), sweep or (), walks, runs, verbose=verbose)
+    commands.run(options, files, tuple(settings or ()), sweep or (), walks, runs, verbose=verbose)
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
@@ -31,7 +32,7 @@ from mecazen_experiments.table import Table
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of a shell: 128 and the signal's number."""
-WIDTH = 140
+WIDTH = 160
 """Of the tables [characters] where the output is no terminal."""
 
 
@@ -49,7 +50,7 @@ class Options(NamedTuple):
 
 def run(
     options: Options,
-    file: str,
+    files: Sequence[str],
     settings: Settings,
     sweeps: Sequence[str],
     walks: Path | None,
@@ -57,8 +58,12 @@ def run(
     *,
     verbose: bool,
 ) -> None:
-    """Run an experiment; print and write its report."""
-    todo = _expand(file, runs, walks, settings, parse_sweeps(sweeps))
+    """Run experiments; print and write one report."""
+    swept = parse_sweeps(sweeps)
+    todo = [one for file in files for one in _expand(file, runs, walks, settings, swept)]
+    names = Counter(one.row for one in todo)
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise ConfigError(f"{' and '.join(files)}: more than one case {twice[0]!r}")
     with _session(options, "runs") as (store, workers, progress):
         records = run_all(_jobs(todo), store, workers, progress)
     rows = [report.summarise(one, records) for one in todo]

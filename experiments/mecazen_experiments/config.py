@@ -91,6 +91,8 @@ class Range(Section):
     """Search on a logarithmic scale."""
     prefer: Positive | None = None
     """The preferred value among equally good ones."""
+    also: dict[str, Finite] = msgspec.field(default_factory=dict)
+    """Other settings that are this parameter times a factor."""
 
     def __post_init__(self) -> None:
         if self.high <= self.low:

@@ -81,16 +81,16 @@ def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
 def suggest(tuning: Tuning, choose: Callable[..., float]) -> dict[str, dict[str, float]]:
     """Return each case's settings, chosen by `choose(name, low, high, log=...)`."""
 
-    def one(name: str, within: Range) -> float:
-        value = choose(name, within.low, within.high, log=within.log)
-        return float(f"{value:.{DIGITS}g}")
+    def chosen(ranges: Mapping[str, Range], prefix: str = "") -> dict[str, float]:
+        found = {}
+        for key, within in ranges.items():
+            value = choose(f"{prefix}{key}", within.low, within.high, log=within.log)
+            for setting, factor in {key: 1.0, **within.also}.items():
+                found[setting] = float(f"{value * factor:.{DIGITS}g}")
+        return found
 
-    shared = {key: one(key, within) for key, within in tuning.parameters.items()}
-    return {
-        case.name: shared
-        | {key: one(f"{case.name}: {key}", within) for key, within in case.parameters.items()}
-        for case in tuning.cases
-    }
+    shared = chosen(tuning.parameters)
+    return {case.name: shared | chosen(case.parameters, f"{case.name}: ") for case in tuning.cases}
 
 
 def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str, float]]) -> float:

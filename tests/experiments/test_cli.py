@@ -54,6 +54,16 @@ def write_table2(folder: Any) -> None:
     folder.write("configs/experiments/table2.toml", "".join(cases))
 
 
+def test_several_experiments_make_one_table(folder, capsys):
+    text = (folder.path / "short_experiment.toml").read_text()
+    folder.write("other.toml", text.replace('name = "short"', 'name = "other"'))
+    both = "run", "short_experiment.toml", "other.toml"
+    experiment(*both, "--runs", 1, "--jobs", 1, "--set", "sim.duration_s=0.5", "--json", "out.json")
+    assert [row["name"] for row in report("out.json")["rows"]] == ["short", "other"]
+    text = error_of(MecazenError, lambda: experiment("run", *2 * ["other.toml"]))
+    assert text == "other.toml and other.toml: more than one case 'other'"
+
+
 def test_options_are_laid_over_the_experiment(capsys):
     experiment(
         *("run", "short_experiment.toml", "--runs", 1, "--jobs", 1, "--json", "out.json"),

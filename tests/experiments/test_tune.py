@@ -18,6 +18,7 @@ from experiments import made_up
 
 STANDOFF = "follower.standoff_m"
 BEST_M = 3.0
+POSE_NOISE = ("sensor.position_std_m", "sensor.yaw_std_deg")
 
 
 class Robot:
@@ -112,7 +113,7 @@ def test_a_search_in_which_every_run_fails_says_why(folder):
 
 def test_cases_share_parameters_and_have_their_own(folder, tmp_path):
     scenario = tmp_path / "short.toml"
-    own = {"sensor.position_std_m": Range(1.0, 2.0)}
+    own = {"sensor.position_std_m": Range(1.0, 2.0, also={"sensor.yaw_std_deg": 10.0})}
     tuning = Tuning(
         cases=(
             TunedCase("one", scenario, limits={"d_err_m": 0.2}),
@@ -125,5 +126,7 @@ def test_cases_share_parameters_and_have_their_own(folder, tmp_path):
     )
     settings = tune(tuning, Robot().do).settings
     assert settings["one"].keys() == {STANDOFF}
-    assert settings["other"].keys() == {STANDOFF, "sensor.position_std_m"}
+    assert settings["other"].keys() == {STANDOFF, *POSE_NOISE}
+    position, yaw = (settings["other"][key] for key in POSE_NOISE)
+    assert yaw == pytest.approx(10.0 * position, rel=1e-3)  # of four digits each
     assert settings["one"][STANDOFF] == settings["other"][STANDOFF]
