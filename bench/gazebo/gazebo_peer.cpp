@@ -1,7 +1,7 @@
 // A robot on flat ground in Gazebo's physics: Ignition Physics 5 with its default engine.
 //
-//   gazebo-peer ROBOT.urdf DT_S mesh ROLLER.stl
-//   gazebo-peer ROBOT.urdf DT_S capsule RADIUS_M LENGTH_M
+//   gazebo-peer ROBOT.urdf DT_S FRICTION mesh ROLLER.stl
+//   gazebo-peer ROBOT.urdf DT_S FRICTION capsule RADIUS_M LENGTH_M
 //
 // The robot is built as Gazebo builds it: SDFormat reads the URDF, the engine takes links and
 // joints from that, and shapes that SDFormat leaves to the caller (the rollers' meshes) are
@@ -62,17 +62,19 @@ namespace {
 constexpr auto plugin = ENGINES "/libignition-physics-dartsim-plugin.so";
 constexpr std::array wheels{"front_left", "front_right", "rear_left", "rear_right"};
 
-World makeWorld() {
+World makeWorld(const std::string &friction) {
     ignition::plugin::Loader loader;
     for (const auto &name : loader.LoadLib(plugin)) {
         const auto engine = physics::RequestEngine3d<Features>::From(loader.Instantiate(name));
         if (!engine) continue;
         ::sdf::Root root;
-        // the friction is the engine's default, 1
+        // the engine takes the lower coefficient of two bodies; the robot's is its default, 1
         const auto errors = root.LoadSdfString(R"(<sdf version="1.9"><world name="flat">
             <gravity>0 0 -9.80665</gravity>
             <model name="ground"><static>true</static><link name="ground">
-              <collision name="ground"><geometry><plane/></geometry></collision>
+              <collision name="ground"><geometry><plane/></geometry>
+                <surface><friction><ode><mu>)" + friction + "</mu><mu2>" + friction + R"(</mu2>
+                </ode></friction></surface></collision>
             </link></model></world></sdf>)");
         if (!errors.empty()) throw std::runtime_error(errors.front().Message());
         return engine->ConstructWorld(*root.WorldByIndex(0));
@@ -168,9 +170,9 @@ void serve(const World &world, const Model &robot, double dt) {
 
 int main(int count, char **arguments) {
     try {
-        if (count < 5) throw std::runtime_error("usage: see the head of gazebo_peer.cpp");
-        const World world = makeWorld();
-        const Model robot = makeRobot(world, arguments[1], arguments + 3);
+        if (count < 6) throw std::runtime_error("usage: see the head of gazebo_peer.cpp");
+        const World world = makeWorld(arguments[3]);
+        const Model robot = makeRobot(world, arguments[1], arguments + 4);
         serve(world, robot, std::atof(arguments[2]));
     } catch (const std::exception &error) {
         std::cerr << "gazebo-peer: " << error.what() << '\n';

@@ -6,13 +6,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from mecazen.geometry import Twist2D
 from mecazen.robot import WHEELS, Robot
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_physics import model
+from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.model import Link
 
 RIM_SPEED = 0.3
@@ -27,6 +30,10 @@ BLOCK_S = 0.25
 """Simulated time of one timed block."""
 COAST_S = 1.0
 """Time without motor torque between two measurements of the energy."""
+SLIDE_M_S, SLIDE_RAMP_S = 0.5, 1.0
+"""Speed from which the wheels are locked, and the time to reach it without slip."""
+SLIDE_FRICTION = 0.2
+SLIDE_YAWS_DEG = 0.0, 22.5, 45.0
 
 FORWARD = (1.0, 1.0, 1.0, 1.0)
 LATERAL = (-1.0, 1.0, 1.0, -1.0)
@@ -145,6 +152,23 @@ def measure_accuracy(engine: Engine) -> Accuracy:
     )
 
 
+def slippery(robot: Robot) -> Robot:
+    """Return the robot with rollers that slide easily, and turn without friction."""
+    rollers = msgspec.structs.replace(
+        robot.rollers, contact_friction=SLIDE_FRICTION, bearing_friction_nms=0.0
+    )
+    return msgspec.structs.replace(robot, rollers=rollers)
+
+
+def measure_slide(engine: Engine) -> dict[float, float]:
+    """Lock the wheels of a `slippery` robot at several yaw angles [deg].
+
+    Returns:
+        How it slows down, over what it should by Coulomb's law, which is alike at every yaw.
+    """
+    return {yaw_deg: _slide(engine, math.radians(yaw_deg)) for yaw_deg in SLIDE_YAWS_DEG}
+
+
 def measure_speed(engines: Sequence[Engine], blocks: int) -> list[list[float]]:
     """Return for each engine the processor time of a step [s] in each block.
 
@@ -179,6 +203,36 @@ def _coast(engine: Engine) -> float:
     before = body.energy(samples[0], samples[1], duration)
     after = body.energy(samples[2], samples[3], duration)
     return (after / before - 1.0) / COAST_S
+
+
+def _slide(engine: Engine, yaw: float) -> float:
+    """Turn to a yaw, drive straight on, lock the wheels; return the relative deceleration."""
+    steps = round(TICK_S / engine.dt_s)
+    while engine.advance(_speeds(engine.robot, YAW), steps).yaw < yaw:
+        pass
+    ramp = round(SLIDE_RAMP_S / TICK_S)
+    for tick in range(ramp + 1):
+        part = tick / ramp * SLIDE_M_S / RIM_SPEED
+        engine.advance([part * speed for speed in _speeds(engine.robot, FORWARD)], steps)
+    held = [0.0] * len(WHEELS)
+    samples = [engine.advance(held, count * steps) for count in (5, 10, 10)]
+    first, second = (math.dist(a[:2], b[:2]) for a, b in pairwise(samples))
+    slower = (first - second) / (10 * TICK_S) ** 2
+    return slower / _coulomb(engine.robot, samples[-1].wheels)
+
+
+def _coulomb(robot: Robot, wheels: Sequence[float]) -> float:
+    """Return the deceleration [m/s²] of a robot that slides straight on with locked wheels.
+
+    A roller resists with μN along its own axis alone. At the bottom that is at the roller angle γ
+    to the axle; where the wheel has turned by φ from there, tan γ' = tan γ·cos φ on the ground.
+    """
+    pitch = math.tau / robot.rollers.count
+    angles = [
+        math.atan(math.tan(robot.roller_angle) * math.cos(math.remainder(wheel, pitch)))
+        for wheel in wheels
+    ]
+    return SLIDE_FRICTION * GRAVITY * sum(map(math.sin, angles)) / len(angles)
 
 
 def _steady(engine: Engine, direction: Sequence[float]) -> tuple[list[float], Twist2D, list[float]]:

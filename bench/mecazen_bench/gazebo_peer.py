@@ -40,8 +40,10 @@ class GazeboEngine(Engine):
             mesh.write_bytes(binary_stl(*roller.mesh(MESH_RINGS, MESH_SEGMENTS)))
             radius = roller.max_radius
             capsule = (str(radius), str(roller.length - 2.0 * radius))
+            friction = str(robot.rollers.contact_friction)
+            rollers = capsule if shape == "capsule" else [mesh]
             self._process = subprocess.Popen(
-                [PROGRAM, urdf, str(dt_s), shape, *(capsule if shape == "capsule" else [mesh])],
+                [PROGRAM, urdf, str(dt_s), friction, shape, *rollers],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,

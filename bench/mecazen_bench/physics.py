@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from itertools import product
 from typing import Literal
@@ -18,7 +18,16 @@ from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.world import World
 
 from mecazen_bench import gazebo_peer
-from mecazen_bench.engine import Accuracy, Engine, Sample, measure_accuracy, measure_speed
+from mecazen_bench.engine import (
+    SLIDE_FRICTION,
+    Accuracy,
+    Engine,
+    Sample,
+    measure_accuracy,
+    measure_slide,
+    measure_speed,
+    slippery,
+)
 from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.stack import robot
 
@@ -62,14 +71,29 @@ def run() -> list[Group]:
 
 def run_peers() -> list[Group]:
     """Measure our physics beside all other engines that are installed."""
-    with peers() as (engines, missing):
+    robots = [robot(name) for name in ROBOTS]
+    with peers([slippery(mecanum) for mecanum in robots]) as (engines, _):
+        slides = [measure_slide(engine) for engine in engines]
+    with peers(robots) as (engines, missing):
         group = measure("Physics engines", engines)
-    return [Group(group.title, "; ".join([group.how, *missing]), group.rows)]
+    rows = (
+        Row(row.subject, row.figures | _slide_figures(slide))
+        for row, slide in zip(group.rows, slides, strict=True)
+    )
+    how = (
+        f"{group.how}; slide: deceleration with locked wheels and a friction of "
+        f"{SLIDE_FRICTION:g} over that of Coulomb's law, at three yaw angles"
+    )
+    return [Group(group.title, "; ".join([how, *missing]), tuple(rows))]
+
+
+def _slide_figures(slide: Mapping[float, float]) -> dict[str, Figure]:
+    return {f"slide {yaw:g}°": Figure.of(ratio, 1.0) for yaw, ratio in slide.items()}
 
 
 @contextmanager
-def peers() -> Iterator[tuple[list[Engine], list[str]]]:
-    """Yield every engine with every robot, and a line on each engine that is missing."""
+def peers(robots: Sequence[Robot]) -> Iterator[tuple[list[Engine], list[str]]]:
+    """Yield every engine with each robot, and a line on each engine that is missing."""
     missing = []
     if not (mujoco := importlib.util.find_spec("mujoco") is not None):
         missing.append("without MuJoCo, which is not installed")
@@ -77,7 +101,7 @@ def peers() -> Iterator[tuple[list[Engine], list[str]]]:
         missing.append("without Gazebo's physics, whose program `make bench-peers` builds")
     engines: list[Engine] = []
     with ExitStack() as stack:
-        for mecanum in map(robot, ROBOTS):
+        for mecanum in robots:
             engines += [DartEngine(mecanum, PEERS_STEP_S, rollers) for rollers in ROLLERS]
             if mujoco:
                 from mecazen_bench.mujoco_peer import MujocoEngine  # noqa: PLC0415

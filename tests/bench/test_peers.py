@@ -10,7 +10,14 @@ from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen_bench import gazebo_peer, physics
-from mecazen_bench.engine import Body, Engine, Sample, measure_accuracy
+from mecazen_bench.engine import (
+    Body,
+    Engine,
+    Sample,
+    measure_accuracy,
+    measure_slide,
+    slippery,
+)
 from mecazen_bench.gazebo_peer import GazeboEngine
 from mecazen_bench.stack import robot
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
@@ -33,6 +40,14 @@ def test_the_same_robot_drives_alike_in_mujoco():
         assert found.yaw == pytest.approx(1.0, abs=0.1)
         assert 0.0 < found.ripple < 0.003
         assert -1.0 < found.energy < 0.0
+
+
+def test_with_locked_wheels_our_robot_slows_down_as_coulomb_says_at_every_yaw():
+    engine = physics.DartEngine(slippery(robot("nexus")), STEP_S, "near")
+    slides = measure_slide(engine)
+    assert list(slides) == [0.0, 22.5, 45.0]
+    # where left and right wheels stand on rollers at other angles, it is pushed aside a little
+    assert list(slides.values()) == pytest.approx([1.0] * 3, abs=0.015)
 
 
 @needs_gazebo
@@ -70,7 +85,7 @@ def test_gazebos_program_says_how_it_is_used():
 
 def test_engines_that_are_not_here_are_left_out_and_one_line_says_so(monkeypatch):
     monkeypatch.setattr(gazebo_peer, "PROGRAM", gazebo_peer.PROGRAM.with_name("not-built"))
-    with physics.peers() as (engines, missing):
+    with physics.peers([robot("nexus")]) as (engines, missing):
         assert not any("Gazebo" in engine.name for engine in engines)
         assert sum("Gazebo" in line for line in missing) == 1
 
