@@ -97,10 +97,9 @@ class Drive(NamedTuple):
     def of(cls, scenario: Scenario) -> Drive:
         """Return the limits of a scenario's robot: its wheels', and those of its controller."""
         wheels, robot = scenario.robot.wheels, scenario.robot
-        sideways = 1.0 / math.tan(robot.roller_angle)
-        lever = robot.half_track + sideways * robot.half_wheelbase
         rim_speed = wheels.max_speed_rad_s * wheels.radius_m
-        return cls(rim_speed, sideways, lever, _controller_limits(scenario).limits)
+        gains = abs(robot.cross_gain), abs(robot.lever)
+        return cls(rim_speed, *gains, _controller_limits(scenario).limits)
 
 
 def _controller_limits(scenario: Scenario) -> AxisLimits:

@@ -151,6 +151,16 @@ def test_a_name_helps_only_in_the_gate():
         assert error(estimate, number) < 0.2
 
 
+def test_in_a_crowd_the_nearest_are_told_apart_and_the_person_is_kept():
+    seen = Seen()
+    ring = [Pose2D(3.0 * math.cos(a), 3.0 * math.sin(a)) for a in np.linspace(0.1, 6.2, 150)]
+    for number in range(3 * SETTLED):
+        crowd = [pose._replace(x=pose.x + SPEED * number * FRAME_S) for pose in ring]
+        shown = [*crowd, person_at(number)] if number else [person_at(0)]
+        estimate = seen.frame(number, *shown)
+    assert error(estimate, number) < 0.1
+
+
 def test_of_several_in_the_first_frame_it_is_the_one_at_the_robots_place():
     seen = Seen()
     estimate = seen.frame(0, Pose2D(3.0, 1.0, 0.0), Pose2D(0.1, 0.0, 0.0), Pose2D(-1.0, 0.0, 0.0))

@@ -14,6 +14,7 @@ from mecazen_follower.following import SEARCH, Following
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.polar import kept_view
 from mecazen_follower.tracking import Frame
+from msgspec.structs import replace
 
 DT = 0.01
 NEXUS = load_robot()
@@ -47,6 +48,11 @@ def distance_errors(config, walking, seconds):
 def test_the_drive_is_that_of_the_robot_and_its_controller():
     assert (DRIVE.rim_speed, DRIVE.lever) == pytest.approx((2.0, 0.3))
     assert DRIVE.sideways == pytest.approx(1.0)
+    rollers = replace(NEXUS.rollers, angle_deg=30.0, arrangement="O")
+    crossed = Drive.of(Scenario(robot=replace(NEXUS, rollers=rollers)))
+    # cot 30° along y; the lever of half track and half wheelbase, 0.15 m each, is a difference
+    gain = math.sqrt(3.0)
+    assert (crossed.sideways, crossed.lever) == pytest.approx((gain, 0.15 * (gain - 1.0)))
     slow = Scenario(robot=NEXUS, others={"controller": {"limits": {"x": {"max_velocity_m_s": 1}}}})
     assert [axis.velocity for axis in Drive.of(slow).axes] == [1.0, 2.0, 3.0]
 

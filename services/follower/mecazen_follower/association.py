@@ -29,6 +29,8 @@ FORGET_S = 1.0
 """Time after which somebody else who is not seen is forgotten."""
 OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
 """Prior and random walk of the velocity of somebody else."""
+CROWD = 30
+"""So many are told apart at most, the nearest to the person: the work grows as the square."""
 FLIP_PROBABILITY = 0.03
 """Chance of a tracker to take front for back."""
 
@@ -140,6 +142,9 @@ class Association:
         """
         if not seen:
             return None
+        if len(seen) > CROWD:
+            place = expected if person is None else person.pose
+            seen = sorted(seen, key=lambda one: one.pose.distance(place))[:CROWD]
         if person is None:
             return self._restart(nearest(seen, expected))
         if unseen > self._patience:
@@ -155,9 +160,8 @@ class Association:
         near = found.pose.distance(person.pose) < APART_M
         if lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time)):
             return self._restart(found)
-        self._others += [
-            Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M
-        ]
+        new = [Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M]
+        self._others = [*self._others, *new][-CROWD:]
         return None
 
     def _assign(
