@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import warnings
 from collections import Counter, deque
@@ -49,7 +50,7 @@ class LocalWorkers:
     def _do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         outcomes: Outcomes[T] | None = None
         try:
-            with parallel_config(backend="loky", inner_max_num_threads=1), _sigint_blocked():
+            with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():
                 parallel = Parallel(
                     self._count, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
                 )
@@ -62,10 +63,19 @@ class LocalWorkers:
 
 
 @contextmanager
-def _sigint_blocked() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C, which a terminal sends to all: this one ends them."""
+def _as_workers() -> Iterator[None]:
+    """Start processes that leave it to this one to end them, and to say why.
+
+    They ignore Ctrl-C, which a terminal sends to all. joblib's process that removes what others
+    leave behind would warn of it.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    warned = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker:UserWarning"
     try:
         yield
     finally:
+        del os.environ["PYTHONWARNINGS"]
+        if warned is not None:
+            os.environ["PYTHONWARNINGS"] = warned
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
