@@ -127,7 +127,7 @@ class ContactCandidates:
             angles: Of the wheels [rad].
             speeds: The magnitude of each wheel's present or commanded speed, the larger [rad/s].
             duration: Until the next update [s].
-            isolated: Whether the robot is upright and nothing but the ground can touch it.
+            isolated: Whether the robot is upright and nothing but the ground can touch a roller.
         """
         for rollers, candidates, angle, speed in zip(
             self._wheels, self._candidates, angles, speeds, strict=True

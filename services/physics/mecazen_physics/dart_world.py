@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import dartpy as dart
@@ -27,6 +28,14 @@ class MovingPerson(NamedTuple):
     x: float
     y: float
     velocity: tuple[float, float]
+
+
+class RobotBodies(NamedTuple):
+    """A robot's skeleton, and which of its bodies are wheels, without rollers, and rollers."""
+
+    skeleton: Any
+    wheels: list[Any]
+    rollers: list[Any]
 
 
 class DartWorld:
@@ -80,6 +89,28 @@ class DartWorld:
         self.people: dict[int, Any] = {}
         """The skeletons of all people that have been present, by their numbers."""
         self._present: set[int] = set()
+        self._robots: list[RobotBodies] = []
+        """All that have been in it."""
+
+    def add(self, robot: RobotBodies) -> None:
+        """Add a robot; of its wheels, only another robot touches rims, and none touches rollers.
+
+        Between a roller and the rim or the roller of another robot Bullet finds contacts up to
+        36 mm deep where there are 30 mm of air.
+        """
+        self.simulation.addSkeleton(robot.skeleton)
+        if robot not in self._robots:
+            surroundings = self._surroundings.getBodyNodes()
+            people = [person.getBodyNode(0) for person in self.people.values()]
+            self._keep_apart(robot.wheels, [*surroundings, *people])
+            for other in self._robots:
+                self._keep_apart(robot.rollers, other.skeleton.getBodyNodes())
+                self._keep_apart(other.rollers, robot.skeleton.getBodyNodes())
+            self._robots.append(robot)
+
+    def remove(self, robot: RobotBodies) -> None:
+        """Remove a robot."""
+        self.simulation.removeSkeleton(robot.skeleton)
 
     def turn(self, heading: float) -> None:
         """Turn DART's axes to `heading` from the world's [rad]; what is in it stays as it is."""
@@ -173,9 +204,14 @@ class DartWorld:
         body = person.getBodyNode(0)
         # Neither the ground, nor an obstacle, nor another stops the person: they go where they
         # are told.
-        collisions = self.simulation.getConstraintSolver().getCollisionOption().collisionFilter
-        for index in range(self._surroundings.getNumBodyNodes()):
-            collisions.addBodyNodePairToBlackList(body, self._surroundings.getBodyNode(index))
-        for other in self.people.values():
-            collisions.addBodyNodePairToBlackList(body, other.getBodyNode(0))
+        surroundings = self._surroundings.getBodyNodes()
+        others = [other.getBodyNode(0) for other in self.people.values()]
+        wheels = [wheel for robot in self._robots for wheel in robot.wheels]
+        self._keep_apart([body], [*surroundings, *others, *wheels])
         self.people[number] = person
+
+    def _keep_apart(self, bodies: Sequence[Any], others: Sequence[Any]) -> None:
+        """Let none of the `bodies` touch any of the `others`."""
+        collisions = self._solver.getCollisionOption().collisionFilter
+        for body, other in product(bodies, others):
+            collisions.addBodyNodePairToBlackList(body, other)

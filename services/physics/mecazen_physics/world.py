@@ -27,9 +27,8 @@ class World:
     """Robots, each at rest at its start, and what surrounds them.
 
     A robot that is far from all others is simulated by itself and moves as if there were no
-    other, to the last bit. Those that are close to another are simulated together, with all
-    their rollers as bodies. Two worlds of the same arguments that are advanced alike have the
-    same states to the last bit.
+    other, to the last bit. Those that are close to another are simulated together. Two worlds of
+    the same arguments that are advanced alike have the same states to the last bit.
 
     Args:
         robots: Each robot, and where its base_link starts in the world frame.
