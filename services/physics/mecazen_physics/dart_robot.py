@@ -140,8 +140,8 @@ class DartRobot:
             called before each of them, if anything.
         """
         steps = min(steps, self._horizon)
-        # What a robot touches can take up a motor's torque at once.
-        strict = not self.isolated or self._shared_world is not None
+        shared = self._shared_world
+        strict = not self.isolated or (shared is not None and shared.touches_more_than_the_ground())
         speeds, push = self._motors.apply(command, self.body, self._state, steps, strict=strict)
         return self.body.prepare(speeds, steps, isolated=self.isolated), push
 

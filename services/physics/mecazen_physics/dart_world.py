@@ -137,13 +137,16 @@ class DartWorld:
         Where anything but the ground is touched it is False: the solver of the cone does not
         converge there, and the box stays.
         """
-        is_beyond = False
-        for contact in self.simulation.getLastCollisionResult().getContacts():
-            fx, fy, fz = contact.force.tolist()
-            if abs(contact.normal[2]) < UPRIGHT:
-                return False
-            is_beyond |= math.hypot(fx, fy) > 0.99 * self._friction * abs(fz)
-        return is_beyond
+        if self.touches_more_than_the_ground():
+            return False
+        contacts = self.simulation.getLastCollisionResult().getContacts()
+        forces = (contact.force.tolist() for contact in contacts)
+        return any(math.hypot(x, y) > 0.99 * self._friction * abs(z) for x, y, z in forces)
+
+    def touches_more_than_the_ground(self) -> bool:
+        """Return whether in the last step a robot touched an obstacle, a person or another."""
+        contacts = self.simulation.getLastCollisionResult().getContacts()
+        return any(abs(contact.normal[2]) < UPRIGHT for contact in contacts)
 
     def set_present(self, people: Mapping[int, MovingPerson]) -> None:
         """Set the people that are present, by their numbers; all others are removed.

@@ -11,14 +11,12 @@ from mecazen.robot import Robot
 from mecazen.world import WorldConfig
 
 from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.contacts import horizon_steps
+from mecazen_physics.contacts import CLEARANCE_M, HORIZON_S, horizon_steps
 from mecazen_physics.dart_robot import HYSTERESIS, DartRobot, Overload
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import Push, WheelCommand
 
-COUPLING_DISTANCE_M = 0.2
-"""Robots that are farther apart do not touch before the groups are updated."""
 _UNLIMITED = 10**9
 """More steps than are ever asked for."""
 
@@ -54,10 +52,12 @@ class World:
                 "several robots need the same rollers.contact_friction: they share a ground"
             )
         self._shared = DartWorld(first, physics, world) if len(robots) > 1 else None
-        self._approach = 2.0 * physics.dt_s * max(robot.max_speed for robot in self.robots)
+        fastest = max(robot.max_speed for robot in self.robots)
+        self._approach = 2.0 * physics.dt_s * fastest
         """The most by which two robots come closer to each other in a step [m]."""
-        self._diameter = 2.0 * max(robot.footprint().radius for robot in self.robots)
-        """Robots whose centres are farther apart than this do not touch [m]."""
+        diameter = 2.0 * max(robot.footprint().radius for robot in self.robots)
+        self._far = diameter + HYSTERESIS * (CLEARANCE_M + 2.0 * fastest * HORIZON_S)
+        """Robots whose centres are farther apart are not close to each other [m]."""
         self._coupled: set[int] = set()
         """The numbers of the robots that are simulated together."""
 
@@ -98,11 +98,11 @@ class World:
         coupled = set()
         clear = math.inf
         for one, other in combinations(range(len(centres)), 2):
-            margin = HYSTERESIS if {one, other} <= self._coupled else 1.0
-            distance = margin * COUPLING_DISTANCE_M
-            gap = math.dist(centres[one], centres[other]) - self._diameter - distance
+            gap = math.dist(centres[one], centres[other]) - self._far
             if gap <= 0.0:
-                gap = self.robots[one].footprint().gap(self.robots[other].footprint()) - distance
+                first, second = self.robots[one].footprint(), self.robots[other].footprint()
+                margin = HYSTERESIS if {one, other} <= self._coupled else 1.0
+                gap = first.gap(second) - margin * first.travel(second)
             if gap <= 0.0:
                 coupled |= {one, other}
             else:
@@ -134,7 +134,9 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
         overloads = [asked for robot in robots if (asked := robot.overload) is not None]
         if not _simulate(world, pushes, overloads, chunk):
             again = [robot.take_back(command, chunk) for robot, command in orders]
-            world.use_exact_friction(exact=not world.aligned)
+            world.use_exact_friction(
+                exact=not world.aligned and not world.touches_more_than_the_ground()
+            )
             _simulate(world, [push for push in again if push is not None], (), chunk)
         for robot in robots:
             robot.settle(chunk)
