@@ -54,13 +54,20 @@ class DartWorld:
         physics: How they are simulated.
         world: What surrounds them; without obstacles where a robot is alone.
         alone: Whether it is for one robot that nothing but the ground can touch.
+        max_sweeps: The most that the solver of the cone takes in a step.
 
     Raises:
         UnsupportedError: if an obstacle is so low that `robot` could drive onto it.
     """
 
     def __init__(
-        self, robot: Robot, physics: PhysicsConfig, world: WorldConfig, *, alone: bool = False
+        self,
+        robot: Robot,
+        physics: PhysicsConfig,
+        world: WorldConfig,
+        *,
+        alone: bool = False,
+        max_sweeps: int = 100,
     ) -> None:
         self._shape = world.person
         self._slope = math.radians(world.slope_deg), math.radians(world.slope_heading_deg)
@@ -75,6 +82,7 @@ class DartWorld:
         self._of_cone = dart.constraint.NsgsFrictionSolver()
         options = self._of_cone.getOptions()
         options.tolerance = CONE_TOLERANCE
+        options.maxSweeps = max_sweeps
         self._of_cone.setOptions(options)
         self.is_exact = False
         """Whether it solves for Coulomb's cone, not for the box."""
@@ -95,8 +103,8 @@ class DartWorld:
     def add(self, robot: RobotBodies) -> None:
         """Add a robot; of its wheels, only another robot touches rims, and none touches rollers.
 
-        Between a roller and the rim or the roller of another robot Bullet finds contacts up to
-        36 mm deep where there are 30 mm of air.
+        Where two rollers have up to 30 mm of air between them Bullet still finds contacts, many
+        times as deep as a roller is thick.
         """
         self.simulation.addSkeleton(robot.skeleton)
         if robot not in self._robots:
