@@ -61,13 +61,16 @@ STANDING = Footprint(0.0, 0.0, half_length=0.2, half_width=0.1)
         (STANDING._replace(yaw=math.pi / 2), Footprint(0.6, 0.0, rim=0.2), 0.3),
         # off its corner
         (STANDING, Footprint(0.5, 0.5, rim=0.2), 0.3),
-        # a long wall along y, and the circle round the robot
-        (STANDING, Footprint(1.0, 2.0, math.pi / 2, 5.0, 0.1), 0.9 - math.hypot(0.2, 0.1)),
-        (STANDING, STANDING._replace(x=1.0), 0.8 - math.hypot(0.2, 0.1)),
+        # a long wall along y
+        (STANDING, Footprint(1.0, 2.0, math.pi / 2, 5.0, 0.1), 0.7),
+        (STANDING, STANDING._replace(x=1.0), 0.6),
+        # corner before corner: a bound by the circle round one of them
+        (STANDING, STANDING._replace(x=1.0, y=1.0), math.hypot(0.8, 0.9) - math.hypot(0.2, 0.1)),
+        (STANDING, STANDING._replace(x=1.0, yaw=math.pi / 4), 0.8 - 0.3 / math.sqrt(2)),
         (STANDING, Footprint(0.1, 0.0, rim=0.2), -0.2),
     ],
 )
-def test_the_gap_between_two_is_known_by_their_circles(one, other, gap):
+def test_the_gap_between_two_is_known_by_their_axes_and_circles(one, other, gap):
     assert one.gap(other) == pytest.approx(gap)
     assert other.gap(one) == pytest.approx(gap)
 

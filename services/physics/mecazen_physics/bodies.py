@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import dartpy as dart
@@ -183,6 +184,25 @@ def _barrel(robot: Robot) -> Any:
     )
 
 
+def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldConfig) -> None:
+    """Give a robot what others touch of it: its base, if it has no shape, and rims of its wheels.
+
+    A rim is the cylinder round all rollers of a wheel. It has no friction: a roller gives way
+    across its axis, so two that touch pass on a force along the surface only if their axes are
+    parallel.
+    """
+    base = skeleton.getBodyNode(0)
+    if not base.getShapeNodes():
+        _collide_base(base, robot, _robot_friction(robot, world))
+    centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
+    rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
+    width = max(robot.wheels.hub_width_m, rollers)
+    for wheel in wheels:
+        cylinder = dart.dynamics.CylinderShape(robot.wheels.radius_m, width)
+        node = _collide(wheel, cylinder, 0.0)
+        node.setRelativeRotation([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
 def build_person(shape: Person) -> Any:
     """Return a person's skeleton, whose two positions are x and y [m].
 
@@ -202,11 +222,12 @@ def _collide(
     shape: Any,
     friction: float,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> None:
+) -> Any:
     node = body.createShapeNode(shape)
     node.setRelativeTranslation(offset)
     node.createCollisionAspect()
     node.createDynamicsAspect().setFrictionCoeff(friction)
+    return node
 
 
 def _planar(pose: Pose2D, z: float) -> Any:

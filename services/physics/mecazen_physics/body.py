@@ -15,7 +15,7 @@ from mecazen.world import WorldConfig
 from mecazen_physics import bodies
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import ContactCandidates
-from mecazen_physics.dart_world import DartWorld
+from mecazen_physics.dart_world import DartWorld, RobotBodies
 from mecazen_physics.model import full_tree
 from mecazen_physics.state import ROOT_DOFS, Motion
 
@@ -54,10 +54,12 @@ class RobotBody(ABC):
         self.wheels = joints[: len(WHEELS)]
         """The joints that motors drive."""
         self._dt = dt
-        self._hubs = [wheel.getChildBodyNode() for wheel in self.wheels]
+        children = [joint.getChildBodyNode() for joint in joints]
+        self._hubs, rollers = children[: len(WHEELS)], children[len(WHEELS) :]
+        self._bodies = RobotBodies(skeleton, self._hubs, rollers)
         self.drive: Drive = "torque"
         """What the wheels' motors hold now."""
-        world.simulation.addSkeleton(skeleton)
+        world.add(self._bodies)
         world.check_detector(skeleton)
 
     @abstractmethod
@@ -67,7 +69,7 @@ class RobotBody(ABC):
         Args:
             speeds: The lowest and the highest that each wheel should have in them [rad/s].
             steps: At least 1.
-            isolated: Whether the robot is upright and nothing but the ground can touch it.
+            isolated: Whether the robot is upright and nothing but the ground can touch a roller.
         """
 
     @abstractmethod
@@ -107,6 +109,24 @@ class RobotBody(ABC):
     def write(self, motion: Motion) -> None:
         """Put the robot into `motion`; a world's own axes stay as they are."""
 
+    def add_rims(self, robot: Robot, world: WorldConfig) -> None:
+        """Have what other robots touch: the base, and rims of the wheels.
+
+        A robot that never meets another has none: they would take time, and change the order in
+        which DART finds contacts.
+        """
+        if not self._hubs[0].getShapeNodes():
+            bodies.add_rims(self.skeleton, self._hubs, robot, world)
+
+    def move_to(self, world: DartWorld) -> None:
+        """Go on in another world of DART, in the same motion."""
+        if world is not self.world:
+            motion = self.read()
+            self.world.remove(self._bodies)
+            world.add(self._bodies)
+            self.world = world
+            self.write(motion)
+
     def use(self, drive: Drive) -> None:
         """Take the wheels' commands as speeds [rad/s] or as torques [N·m]."""
         if drive != self.drive:
@@ -137,19 +157,9 @@ class AllRollersBody(RobotBody):
     ) -> None:
         skeleton, joints = bodies.build_robot(full_tree(robot), robot, start, world)
         super().__init__(dart_world, skeleton, joints, physics.dt_s)
-        rollers = [joint.getChildBodyNode() for joint in joints[len(WHEELS) :]]
-        self._candidates = ContactCandidates(robot, rollers)
+        self._candidates = ContactCandidates(robot, self._bodies.rollers)
         self.joint_names = tuple(joint.getName() for joint in joints)
         """In the order of `Motion`."""
-
-    def move_to(self, world: DartWorld) -> None:
-        """Go on in another world of DART, in the same motion."""
-        if world is not self.world:
-            motion = self.read()
-            self.world.simulation.removeSkeleton(self.skeleton)
-            world.simulation.addSkeleton(self.skeleton)
-            self.world = world
-            self.write(motion)
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, isolated: bool) -> int:
         """Choose the contact candidates; see `RobotBody`."""

@@ -75,22 +75,44 @@ class Footprint(NamedTuple):
     def gap(self, other: Footprint) -> float:
         """Return a lower bound of the distance between the two [m].
 
-        It is that of each from the other's circle, the larger of both; where one is a circle,
-        it is the distance itself.
+        It is the largest of those along the axes of both, and of each from the other's circle;
+        where one is a circle, it is the distance itself.
         """
-        return max(self._gap_to_circle(other), other._gap_to_circle(self))
+        return max(
+            self._gap_along_axes(other),
+            other._gap_along_axes(self),
+            self._gap_to_circle(other),
+            other._gap_to_circle(self),
+        )
+
+    def travel(self, other: Footprint) -> float:
+        """Return how much closer the two may come within the horizon [m], and a clearance."""
+        return CLEARANCE_M + (self.speed + other.speed) * HORIZON_S
 
     def may_touch(self, other: Footprint, margin: float = 1.0) -> bool:
         """Return whether the two may touch within the horizon, with a factor on that distance."""
-        travel = margin * (CLEARANCE_M + (self.speed + other.speed) * HORIZON_S)
+        travel = margin * self.travel(other)
         return self._gap_to_circle(other) <= travel and other._gap_to_circle(self) <= travel
 
+    def _gap_along_axes(self, other: Footprint) -> float:
+        ahead, aside = self._offsets(other)
+        turn = other.yaw - self.yaw
+        cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
+        length = cos * other.half_length + sin * other.half_width
+        width = sin * other.half_length + cos * other.half_width
+        return max(ahead - length, aside - width) - self.rim - other.rim
+
     def _gap_to_circle(self, other: Footprint) -> float:
+        ahead, aside = self._offsets(other)
+        return math.hypot(max(ahead, 0.0), max(aside, 0.0)) - self.rim - other.radius
+
+    def _offsets(self, other: Footprint) -> tuple[float, float]:
+        """Return how far the other's centre is beyond the sides, along x and y of this one [m]."""
         x, y = other.x - self.x, other.y - self.y
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        ahead = max(abs(cos * x + sin * y) - self.half_length, 0.0)
-        aside = max(abs(cos * y - sin * x) - self.half_width, 0.0)
-        return math.hypot(ahead, aside) - self.rim - other.radius
+        ahead = abs(cos * x + sin * y) - self.half_length
+        aside = abs(cos * y - sin * x) - self.half_width
+        return ahead, aside
 
 
 class ContactCandidates:
@@ -127,7 +149,7 @@ class ContactCandidates:
             angles: Of the wheels [rad].
             speeds: The magnitude of each wheel's present or commanded speed, the larger [rad/s].
             duration: Until the next update [s].
-            isolated: Whether the robot is upright and nothing but the ground can touch it.
+            isolated: Whether the robot is upright and nothing but the ground can touch a roller.
         """
         for rollers, candidates, angle, speed in zip(
             self._wheels, self._candidates, angles, speeds, strict=True

@@ -29,9 +29,10 @@ HYSTERESIS = 1.5
 class DartRobot:
     """A robot at rest at `start`, its motors, and the people round it.
 
-    With `physics.rollers` = "near" its body has the rollers near the ground while it is
-    isolated: upright, simulated by itself, with no obstacle or person close. Else it has all of
-    them. The motion passes from one body to the other.
+    With `physics.rollers` = "near" its body has the rollers near the ground while nothing can
+    touch another: it is upright, with no obstacle or person close. Else it has all of them. The
+    motion passes from one body to the other. Other robots touch its base and the rims of its
+    wheels.
 
     Raises:
         UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low
@@ -43,6 +44,7 @@ class DartRobot:
         self, robot: Robot, start: Pose2D, physics: PhysicsConfig, world: WorldConfig
     ) -> None:
         bodies.check_bearings(robot, physics)
+        self._robot, self._world = robot, world
         self._dt = physics.dt_s
         self._horizon = horizon_steps(physics)
         self._extents = robot.footprint
@@ -97,6 +99,9 @@ class DartRobot:
     def share(self, world: DartWorld | None) -> None:
         """Be in a world together with other robots from now on; in one's own with None."""
         self._shared_world = world
+        if world is not None:
+            for body in (self._isolated_body, self._all):
+                body.add_rims(self._robot, self._world)
 
     def update_contact_candidates(self) -> None:
         """Find what may touch the robot soon, and take the body that suits it."""
@@ -109,20 +114,19 @@ class DartRobot:
             if footprint.may_touch(self._person_footprint(person), margin)
         }
         self.isolated = (
-            self._shared_world is None
-            and not self.close_people
+            not self.close_people
             and margin * self._state.tilt < MAX_TILT_RAD
             and not any(footprint.may_touch(obstacle, margin) for obstacle in self._obstacles)
         )
         before = self.body.world
-        if not self.isolated:
-            self._all.move_to(self._shared_world or self._among_others)
-        elif self._isolated_body is self._all:
-            self._all.move_to(self._alone)
         body = self._isolated_body if self.isolated else self._all
+        home = self._alone if self.isolated else self._among_others
         if body is not self.body:
             body.write(self.body.read())
+            # In a world of several robots it would be in their way.
+            self.body.move_to(self._among_others if self.isolated else self._alone)
             self.body = body
+        body.move_to(self._shared_world or home)
         body.align(self._state.yaw, self._state.angular[2])
         if body.world is not before:
             # The world that was left does not follow the people any more.
@@ -136,9 +140,9 @@ class DartRobot:
             called before each of them, if anything.
         """
         steps = min(steps, self._horizon)
-        speeds, push = self._motors.apply(
-            command, self.body, self._state, steps, strict=not self.isolated
-        )
+        shared = self._shared_world
+        strict = not self.isolated or (shared is not None and shared.touches_more_than_the_ground())
+        speeds, push = self._motors.apply(command, self.body, self._state, steps, strict=strict)
         return self.body.prepare(speeds, steps, isolated=self.isolated), push
 
     def take_back(self, command: WheelCommand, steps: int) -> Push | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import dartpy as dart
@@ -29,6 +30,14 @@ class MovingPerson(NamedTuple):
     velocity: tuple[float, float]
 
 
+class RobotBodies(NamedTuple):
+    """A robot's skeleton, and which of its bodies are wheels, without rollers, and rollers."""
+
+    skeleton: Any
+    wheels: list[Any]
+    rollers: list[Any]
+
+
 class DartWorld:
     """A world of DART that robots of the rollers of `robot` stand in.
 
@@ -45,13 +54,20 @@ class DartWorld:
         physics: How they are simulated.
         world: What surrounds them; without obstacles where a robot is alone.
         alone: Whether it is for one robot that nothing but the ground can touch.
+        max_sweeps: The most that the solver of the cone takes in a step.
 
     Raises:
         UnsupportedError: if an obstacle is so low that `robot` could drive onto it.
     """
 
     def __init__(
-        self, robot: Robot, physics: PhysicsConfig, world: WorldConfig, *, alone: bool = False
+        self,
+        robot: Robot,
+        physics: PhysicsConfig,
+        world: WorldConfig,
+        *,
+        alone: bool = False,
+        max_sweeps: int = 100,
     ) -> None:
         self._shape = world.person
         self._slope = math.radians(world.slope_deg), math.radians(world.slope_heading_deg)
@@ -66,6 +82,7 @@ class DartWorld:
         self._of_cone = dart.constraint.NsgsFrictionSolver()
         options = self._of_cone.getOptions()
         options.tolerance = CONE_TOLERANCE
+        options.maxSweeps = max_sweeps
         self._of_cone.setOptions(options)
         self.is_exact = False
         """Whether it solves for Coulomb's cone, not for the box."""
@@ -80,6 +97,28 @@ class DartWorld:
         self.people: dict[int, Any] = {}
         """The skeletons of all people that have been present, by their numbers."""
         self._present: set[int] = set()
+        self._robots: list[RobotBodies] = []
+        """All that have been in it."""
+
+    def add(self, robot: RobotBodies) -> None:
+        """Add a robot; of its wheels, only another robot touches rims, and none touches rollers.
+
+        Where two rollers have up to 30 mm of air between them Bullet still finds contacts, many
+        times as deep as a roller is thick.
+        """
+        self.simulation.addSkeleton(robot.skeleton)
+        if robot not in self._robots:
+            surroundings = self._surroundings.getBodyNodes()
+            people = [person.getBodyNode(0) for person in self.people.values()]
+            self._keep_apart(robot.wheels, [*surroundings, *people])
+            for other in self._robots:
+                self._keep_apart(robot.rollers, other.skeleton.getBodyNodes())
+                self._keep_apart(other.rollers, robot.skeleton.getBodyNodes())
+            self._robots.append(robot)
+
+    def remove(self, robot: RobotBodies) -> None:
+        """Remove a robot."""
+        self.simulation.removeSkeleton(robot.skeleton)
 
     def turn(self, heading: float) -> None:
         """Turn DART's axes to `heading` from the world's [rad]; what is in it stays as it is."""
@@ -106,13 +145,16 @@ class DartWorld:
         Where anything but the ground is touched it is False: the solver of the cone does not
         converge there, and the box stays.
         """
-        is_beyond = False
-        for contact in self.simulation.getLastCollisionResult().getContacts():
-            fx, fy, fz = contact.force.tolist()
-            if abs(contact.normal[2]) < UPRIGHT:
-                return False
-            is_beyond |= math.hypot(fx, fy) > 0.99 * self._friction * abs(fz)
-        return is_beyond
+        if self.touches_more_than_the_ground():
+            return False
+        contacts = self.simulation.getLastCollisionResult().getContacts()
+        forces = (contact.force.tolist() for contact in contacts)
+        return any(math.hypot(x, y) > 0.99 * self._friction * abs(z) for x, y, z in forces)
+
+    def touches_more_than_the_ground(self) -> bool:
+        """Return whether in the last step a robot touched an obstacle, a person or another."""
+        contacts = self.simulation.getLastCollisionResult().getContacts()
+        return any(abs(contact.normal[2]) < UPRIGHT for contact in contacts)
 
     def set_present(self, people: Mapping[int, MovingPerson]) -> None:
         """Set the people that are present, by their numbers; all others are removed.
@@ -173,9 +215,14 @@ class DartWorld:
         body = person.getBodyNode(0)
         # Neither the ground, nor an obstacle, nor another stops the person: they go where they
         # are told.
-        collisions = self.simulation.getConstraintSolver().getCollisionOption().collisionFilter
-        for index in range(self._surroundings.getNumBodyNodes()):
-            collisions.addBodyNodePairToBlackList(body, self._surroundings.getBodyNode(index))
-        for other in self.people.values():
-            collisions.addBodyNodePairToBlackList(body, other.getBodyNode(0))
+        surroundings = self._surroundings.getBodyNodes()
+        others = [other.getBodyNode(0) for other in self.people.values()]
+        wheels = [wheel for robot in self._robots for wheel in robot.wheels]
+        self._keep_apart([body], [*surroundings, *others, *wheels])
         self.people[number] = person
+
+    def _keep_apart(self, bodies: Sequence[Any], others: Sequence[Any]) -> None:
+        """Let none of the `bodies` touch any of the `others`."""
+        collisions = self._solver.getCollisionOption().collisionFilter
+        for body, other in product(bodies, others):
+            collisions.addBodyNodePairToBlackList(body, other)

@@ -42,7 +42,7 @@ _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
 class NearRollersBody(RobotBody):
-    """A robot that nothing but the ground can touch, with two rollers a wheel as bodies.
+    """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller.
 
     Raises:
         UnsupportedError: if the rollers are too many for the fastest wheel in a step, or as of
