@@ -118,7 +118,9 @@ def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus
 
 
 def test_no_step_exceeds_the_motors_torque_and_few_ticks_are_simulated_again(nexus, monkeypatch):
-    rig = Rig(nexus)
+    # at the edges of a coarse hull torques jump; with the default's not one step exceeds the limit
+    coarse = replace(nexus, rollers=replace(nexus.rollers, hull_spheres=41))
+    rig = Rig(coarse)
     robot, body, step = rig.robot, rig.body, rig.body.world.step
     torques, taken_back = [], []
 
@@ -135,13 +137,13 @@ def test_no_step_exceeds_the_motors_torque_and_few_ticks_are_simulated_again(nex
     take_back, robot.take_back = robot.take_back, noted_back  # type: ignore[method-assign]
     body.world.step = noted
     found = drive(rig, 30.0)
-    limit = nexus.wheels.max_torque_nm
+    limit = coarse.wheels.max_torque_nm
     assert len(torques) == 30_000
     assert max(torques) <= limit * (1.0 + 1e-9)  # a servo's, to the solver's rounding
     assert 0 < len(taken_back) < 0.03 * 3000
     # the same with every chunk within the limit
     monkeypatch.setattr(motors, "TORQUE_HEADROOM", 0.0)
-    strict = Difference(drive(Rig(nexus), 30.0), found)
+    strict = Difference(drive(Rig(coarse), 30.0), found)
     # A ramp within the headroom and a jump at the limit reach a speed at other times within a
     # chunk: 12 mm and 0.5 degrees after 5.2 m and many turns of hard ramps.
     assert strict.wheels < 0.02
