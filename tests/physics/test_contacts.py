@@ -29,7 +29,7 @@ class FakeRoller:
 
 
 @pytest.mark.parametrize(
-    ("angle", "speed", "isolated", "candidates"),
+    ("angle", "speed", "upright", "candidates"),
     [
         (0.0, 0.0, True, [0]),
         # half a pitch on, two of them share the ground: roller 0 has gone by, the last comes
@@ -38,13 +38,13 @@ class FakeRoller:
         (0.0, 0.0, False, list(range(9))),
     ],
 )
-def test_candidates_are_the_rollers_that_can_come_down_or_all_of_a_robot_that_is_not_isolated(
-    nexus, angle, speed, *, isolated, candidates
+def test_candidates_are_the_rollers_that_can_come_down_or_all_of_a_robot_that_leans(
+    nexus, angle, speed, *, upright, candidates
 ):
     rollers = [FakeRoller() for _ in range(4 * nexus.rollers.count)]
     chosen = ContactCandidates(nexus, rollers)
-    chosen.update([0.0] * 4, [0.0] * 4, 0.01, isolated=True)
-    chosen.update([angle] * 4, [speed] * 4, 0.01, isolated=isolated)
+    chosen.update([0.0] * 4, [0.0] * 4, 0.01, upright=True)
+    chosen.update([angle] * 4, [speed] * 4, 0.01, upright=upright)
     wheel = [number for number in range(9) if rollers[number].collidable]
     assert wheel == candidates
     assert [roller.collidable for roller in rollers] == [r.collidable for r in rollers[:9]] * 4

@@ -62,6 +62,23 @@ def test_beside_an_obstacle_it_slides_as_in_the_open(nexus, yaw_deg):
     assert abs(aside) < 0.01
 
 
+def test_along_a_wall_it_slides_as_in_the_open(nexus):
+    wall = Box(size_m=(20.0, 0.2, 0.5), position_m=(0.0, 0.0))
+    robot = without_bearing_friction(nexus)
+    rig = Rig(robot, Pose2D(y=0.3), ground_friction=MU, obstacles=(wall,))
+    rig.advance(HELD, 100)
+    motion = rig.body.read().in_axes_at(0.0)
+    motion.velocity[3:5] = 1.5, -0.2
+    rig.body.write(motion)
+    while not rig.body.world.touches_more_than_the_ground():
+        before = rig.advance(HELD, 10)
+    after = rig.advance(HELD, 200)
+    assert after.position[1] < 0.3
+    # rims pass on no friction: what is left is that of the ground. 2 %: it bounces a little
+    expected = 0.2 * MU * GRAVITY / math.sqrt(2.0)
+    assert before.linear[0] - after.linear[0] == pytest.approx(expected, rel=0.02)
+
+
 def test_held_wheels_slide_down_a_slope_as_by_hand(robot):
     rig = Rig(without_bearing_friction(robot), slope_deg=30.0, ground_friction=MU)
     rig.advance(HELD, 500)

@@ -63,13 +63,13 @@ class RobotBody(ABC):
         world.check_detector(skeleton)
 
     @abstractmethod
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, isolated: bool) -> int:
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, upright: bool) -> int:
         """Return how many of `steps` steps can be simulated before the next call.
 
         Args:
             speeds: The lowest and the highest that each wheel should have in them [rad/s].
             steps: At least 1.
-            isolated: Whether the robot is upright and nothing but the ground can touch a roller.
+            upright: Whether no roller far from the bottom can touch the ground.
         """
 
     @abstractmethod
@@ -161,11 +161,11 @@ class AllRollersBody(RobotBody):
         self.joint_names = tuple(joint.getName() for joint in joints)
         """In the order of `Motion`."""
 
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, isolated: bool) -> int:
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, upright: bool) -> int:
         """Choose the contact candidates; see `RobotBody`."""
         angles = [wheel.getPosition(0) for wheel in self.wheels]
         fastest = [max(-low, high) for low, high in speeds]
-        self._candidates.update(angles, fastest, steps * self._dt, isolated=isolated)
+        self._candidates.update(angles, fastest, steps * self._dt, upright=upright)
         self._prepared = self.read()
         return steps
 

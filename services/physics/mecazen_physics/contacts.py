@@ -120,7 +120,7 @@ class ContactCandidates:
 
     This changes no contact, only the time it takes to find them (and their order, so the last
     bits of a sum): a roller whose arc is not near the bottom is above the ground. Every roller
-    is a candidate as soon as the robot leans or something else is close. The angle of a roller
+    is a candidate as soon as the robot leans. The angle of a roller
     is counted from the bottom, where roller 0 of a wheel at 0 is.
 
     Args:
@@ -141,7 +141,7 @@ class ContactCandidates:
         speeds: Sequence[float],
         duration: float,
         *,
-        isolated: bool,
+        upright: bool,
     ) -> None:
         """Choose the candidates of the next `duration` [s].
 
@@ -149,12 +149,12 @@ class ContactCandidates:
             angles: Of the wheels [rad].
             speeds: The magnitude of each wheel's present or commanded speed, the larger [rad/s].
             duration: Until the next update [s].
-            isolated: Whether the robot is upright and nothing but the ground can touch a roller.
+            upright: Whether the robot does not lean: else every roller is a candidate.
         """
         for rollers, candidates, angle, speed in zip(
             self._wheels, self._candidates, angles, speeds, strict=True
         ):
-            arc = self._arc + SPEED_MARGIN * speed * duration if isolated else math.inf
+            arc = self._arc + SPEED_MARGIN * speed * duration if upright else math.inf
             for index, roller in enumerate(rollers):
                 candidate = abs(math.remainder(angle + index * self._pitch, math.tau)) < arc
                 if candidate != candidates[index]:

@@ -29,10 +29,9 @@ HYSTERESIS = 1.5
 class DartRobot:
     """A robot at rest at `start`, its motors, and the people round it.
 
-    With `physics.rollers` = "near" its body has the rollers near the ground while nothing can
-    touch another: it is upright, with no obstacle or person close. Else it has all of them. The
-    motion passes from one body to the other. Other robots touch its base and the rims of its
-    wheels.
+    With `physics.rollers` = "near" its body has the rollers near the ground while it is upright,
+    and else all of them. The motion passes from one body to the other. Rollers touch the ground
+    only; obstacles, people and other robots touch the base and the rims of the wheels.
 
     Raises:
         UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low
@@ -58,16 +57,22 @@ class DartRobot:
         bare = msgspec.structs.replace(world, obstacles=())
         self._alone = DartWorld(robot, physics, bare, alone=True)
         self._among_others = DartWorld(robot, physics, world)
+        # what is not simulated stands here: anywhere else it would be in the way
+        self._store = DartWorld(robot, physics, bare)
         is_near = physics.rollers == "near"
-        at_first = self._among_others if is_near else self._alone
+        at_first = self._store if is_near else self._alone
         self._all = AllRollersBody(robot, start, physics, world, at_first)
-        self._isolated_body: RobotBody = self._all
+        self._upright_body: RobotBody = self._all
         if is_near:
-            self._isolated_body = NearRollersBody(robot, start, physics, world, self._alone)
+            self._upright_body = NearRollersBody(robot, start, physics, world, self._alone)
+        if world.obstacles:
+            self._add_rims()
         self._max_torque = robot.wheels.max_torque_nm
-        self.body: RobotBody = self._isolated_body
+        self.body: RobotBody = self._upright_body
         """The body that is simulated now."""
         self.isolated = True
+        """Whether it is upright, and nothing but the ground can touch it soon."""
+        self._upright = True
         self.joint_names = self._all.joint_names
         self._shared_world: DartWorld | None = None
         self._motors = Motors(robot, physics)
@@ -99,9 +104,11 @@ class DartRobot:
     def share(self, world: DartWorld | None) -> None:
         """Be in a world together with other robots from now on; in one's own with None."""
         self._shared_world = world
-        if world is not None:
-            for body in (self._isolated_body, self._all):
-                body.add_rims(self._robot, self._world)
+        self._add_rims()
+
+    def _add_rims(self) -> None:
+        for body in (self._upright_body, self._all):
+            body.add_rims(self._robot, self._world)
 
     def update_contact_candidates(self) -> None:
         """Find what may touch the robot soon, and take the body that suits it."""
@@ -113,20 +120,24 @@ class DartRobot:
             for number, person in self._people.items()
             if footprint.may_touch(self._person_footprint(person), margin)
         }
+        if self.close_people:
+            self._add_rims()
+        lean = self._state.tilt if self._upright else HYSTERESIS * self._state.tilt
+        self._upright = lean < MAX_TILT_RAD
         self.isolated = (
-            not self.close_people
-            and margin * self._state.tilt < MAX_TILT_RAD
+            self._upright
+            and self._shared_world is None
+            and not self.close_people
             and not any(footprint.may_touch(obstacle, margin) for obstacle in self._obstacles)
         )
         before = self.body.world
-        body = self._isolated_body if self.isolated else self._all
-        home = self._alone if self.isolated else self._among_others
+        body = self._upright_body if self._upright else self._all
+        home = self._alone if self.isolated else self._shared_world or self._among_others
         if body is not self.body:
             body.write(self.body.read())
-            # In a world of several robots it would be in their way.
-            self.body.move_to(self._among_others if self.isolated else self._alone)
+            self.body.move_to(self._store)
             self.body = body
-        body.move_to(self._shared_world or home)
+        body.move_to(home)
         body.align(self._state.yaw, self._state.angular[2])
         if body.world is not before:
             # The world that was left does not follow the people any more.
@@ -140,10 +151,10 @@ class DartRobot:
             called before each of them, if anything.
         """
         steps = min(steps, self._horizon)
-        shared = self._shared_world
-        strict = not self.isolated or (shared is not None and shared.touches_more_than_the_ground())
+        touches = not self.isolated and self.body.world.touches_more_than_the_ground()
+        strict = touches or not self._upright
         speeds, push = self._motors.apply(command, self.body, self._state, steps, strict=strict)
-        return self.body.prepare(speeds, steps, isolated=self.isolated), push
+        return self.body.prepare(speeds, steps, upright=self._upright), push
 
     def take_back(self, command: WheelCommand, steps: int) -> Push | None:
         """Go back by `steps` steps to the last call of `prepare`, to simulate them strictly.

@@ -79,9 +79,9 @@ class NearRollersBody(RobotBody):
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
 
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, isolated: bool) -> int:
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, upright: bool) -> int:
         """Bring back the wheels whose rollers move on; see `RobotBody`."""
-        del isolated
+        del upright
         pull = PULL_RAD_S2 * self._dt * steps
         ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
         widest = SPEED_MARGIN * self._dt * max(high - low for low, high in ahead)

@@ -142,9 +142,7 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
         overloads = [asked for robot in robots if (asked := robot.overload) is not None]
         if not _simulate(world, pushes, overloads, chunk):
             again = [robot.take_back(command, chunk) for robot, command in orders]
-            world.use_exact_friction(
-                exact=not world.aligned and not world.touches_more_than_the_ground()
-            )
+            world.use_exact_friction(exact=not world.aligned)
             _simulate(world, [push for push in again if push is not None], (), chunk)
         for robot in robots:
             robot.settle(chunk)
