@@ -28,7 +28,7 @@ def run(
         typer.Option(
             metavar="BENCHMARK",
             help="Measure one benchmark; may be given several times. Measured only on request, "
-            "since they take minutes: peers, experiments, flood, malformed, containers.",
+            "since they take minutes: peers, steps, experiments, flood, malformed, containers.",
             show_default=False,
         ),
     ] = None,

@@ -122,8 +122,9 @@ def _block(name: str, folder: Path) -> str:
     main = read(default_path(MACHINE, [], folder))
     if name == "machine":
         return f"{main.context()}\n"
-    path = default_path(MACHINE, [name], folder)
-    results = read(path) if path.exists() else main
+    # a benchmark by itself may be of another machine, which its table names
+    own = sorted(folder.glob(f"*-{name}.json"))
+    results = read(own[0]) if own else main
     if name not in results.benchmarks:
         return f"Not measured yet: `mecazen bench run --only {name}`.\n"
     tables = [group.markdown() for group in results.benchmarks[name].groups]
