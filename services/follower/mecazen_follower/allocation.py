@@ -12,6 +12,8 @@ Interval = tuple[float, float]
 """From the lowest to the highest value."""
 ROUNDING = 1e-12
 """A coefficient below this is one of rounding."""
+WORTHWHILE = 1e-6
+"""An axis that turns less of its speed into distance than this is left alone."""
 DISTANCE_WEIGHT = 10.0
 """Of a squared speed away from the person against one around them, while the robot accelerates.
 
@@ -145,7 +147,7 @@ def _farthest(c: float, s: float, box: Box, rims: float, sideways: float) -> flo
         (abs(s), sideways, box.y[1] - y if s > 0.0 else y - box.y[0]),
     ]
     for gain, cost, room in sorted(gains, key=lambda one: one[0] / one[1], reverse=True):
-        if gain > ROUNDING:
+        if gain > WORTHWHILE:
             step = min(room, left / cost)
             reached += gain * step
             left -= cost * step
