@@ -81,9 +81,6 @@ def session_config(
         "scouting/delay": 0,
         "transport/shared_memory/enabled": SHARED_MEMORY,
         "transport/link/tx/queue/size/data": QUEUED_BATCHES,
-        # of two peers one dials: with a link each way, one whose leases end apart is never
-        # whole again (eclipse-zenoh/zenoh, issue 2806)
-        "scouting/gossip/autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints
