@@ -40,7 +40,7 @@ class RobotBody(ABC):
     """A robot in a world of DART, as one of the two models of its rollers.
 
     Args:
-        world: Where the robot is; isolated, it stays there.
+        world: Where the robot is at first.
         skeleton: The robot's.
         joints: Of its wheels and of those of its rollers that are bodies.
         dt: The length of a step [s].
