@@ -107,7 +107,7 @@ def _steps(tick_s: float, dt_s: float) -> int:
     if steps < 1 or not math.isclose(steps * dt_s, tick_s, rel_tol=1e-9):
         most = math.ceil(tick_s / dt_s)
         allowed = [tick_s / number for number in (most, most - 1) if number > 0]
-        which = ", ".join(f"{step:.6g}" for step in allowed if step <= MAX_DT_S)
+        which = ", ".join(repr(step) for step in allowed if step <= MAX_DT_S)
         raise ConfigError(
             f"physics.dt_s = {dt_s:g} must divide sim.tick_s = {tick_s:g}; nearest: {which}"
         )
