@@ -33,7 +33,7 @@ from mecazen_tools.processes import private_router
         (("simulate", "back", "--set", "physics.dt_s=7"), ("physics.dt_s", "0.002")),
         (
             ("simulate", "back", "--set", "physics.dt_s=0.0019"),
-            ("sim.tick_s", "nearest: 0.00166667, 0.002"),
+            ("sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
         ),
         (("simulate", "back", "--set", "follower.estimator=magic"), ("magic", "kf_cv")),
         (("simulate", "back", "--set", "follower.view=top"), ("follower.view", "side_left")),
