@@ -64,6 +64,8 @@ def _each(path: str, limit: Limit) -> Limit:
     )
 
 
+_JOINTS = _each("joints", Limit("joint position", "m", FARTHEST_M, lambda joint: joint, _xyz))
+
 BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
     m.Twist: _twist(""),
     m.Odometry: (_position("pose.pose."), *_twist("twist.twist.")),
@@ -73,6 +75,8 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
         _each("poses", _position("pose.")),
         _each("poses", Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar)),
     ),
+    m.Skeleton: (_JOINTS,),
+    m.Skeletons: (_each("skeletons", _JOINTS),),
     m.FollowerState: (
         _each("estimate", _position("pose.pose.")),
         _each("goal", _position("")),

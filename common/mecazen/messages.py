@@ -17,11 +17,19 @@ from mecazen.geometry import Pose2D, Twist2D, of_three, rotate
 # msgspec's JSON refuses NaN and Infinity, its MessagePack does not: the bounds refuse both.
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
 Int32 = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31 - 1)]
+Float32 = Annotated[float, msgspec.Meta(ge=-3.4028234663852886e38, le=3.4028234663852886e38)]
+"""A number that ROS holds in 32 bits: whoever makes it rounds it, so that a recording has the
+same bits."""
+UInt8 = Annotated[int, msgspec.Meta(ge=0, le=255)]
 UInt32 = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Floats = tuple[Float, ...]
 Covariance = Annotated[tuple[Float, ...], msgspec.Meta(min_length=36, max_length=36)]
 """Row-major 6x6 over (x, y, z, rotation about x, y, z)."""
+Matrix3 = Annotated[tuple[Float, ...], msgspec.Meta(min_length=9, max_length=9)]
+"""Row-major 3x3."""
+Matrix34 = Annotated[tuple[Float, ...], msgspec.Meta(min_length=12, max_length=12)]
+"""Row-major 3x4."""
 
 NO_COVARIANCE: tuple[float, ...] = (0.0,) * 36
 
@@ -184,6 +192,101 @@ class JointState(Message):
     position: Floats = ()
     velocity: Floats = ()
     effort: Floats = ()
+
+
+class LaserScan(Message):
+    """A planar scan: beam `i` at the angle angle_min + i angle_increment about z [rad].
+
+    REP-117's infinities are not finite and so no numbers here; its test `range_min <= r <=
+    range_max` tells what is measured all the same. No return within range (+Inf in REP-117) is
+    range_max + 1; a beam without a valid measurement (NaN) is 0, as many drivers have it.
+    """
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/LaserScan"
+    header: Header = Header()
+    angle_min: Float32 = 0.0
+    angle_max: Float32 = 0.0
+    angle_increment: Float32 = 0.0
+    time_increment: Float32 = 0.0
+    scan_time: Float32 = 0.0
+    range_min: Float32 = 0.0
+    range_max: Float32 = 0.0
+    ranges: tuple[Float32, ...] = ()
+    intensities: tuple[Float32, ...] = ()
+
+
+class Image(Message):
+    """A picture, row by row from the top; `data` is base64 in JSON."""
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/Image"
+    header: Header = Header()
+    height: UInt32 = 0
+    width: UInt32 = 0
+    encoding: str = ""
+    is_bigendian: UInt8 = 0
+    step: UInt32 = 0
+    data: bytes = b""
+
+
+class RegionOfInterest(Message):
+    """A part of a picture; all zero is the whole."""
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/RegionOfInterest"
+    x_offset: UInt32 = 0
+    y_offset: UInt32 = 0
+    height: UInt32 = 0
+    width: UInt32 = 0
+    do_rectify: bool = False
+
+
+class CameraInfo(Message):
+    """How a camera projects: k and p in pixels, in its optical frame (z ahead, x right, y down)."""
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/CameraInfo"
+    header: Header = Header()
+    height: UInt32 = 0
+    width: UInt32 = 0
+    distortion_model: str = ""
+    d: Floats = ()
+    k: Matrix3 = (0.0,) * 9
+    r: Matrix3 = (0.0,) * 9
+    p: Matrix34 = (0.0,) * 12
+    binning_x: UInt32 = 0
+    binning_y: UInt32 = 0
+    roi: RegionOfInterest = RegionOfInterest()
+
+
+class Skeleton(Message):
+    """The body of a person: joints in header.frame_id, in the order of `mecazen.skeleton.JOINTS`.
+
+    The truth leaves `std` and `confidence` empty; a tracker leaves empty what it does not measure.
+    """
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Skeleton"
+    header: Header = Header()
+    id: str = ""
+    height: Float = 0.0
+    """Of the body [m]; 0 where it is not known."""
+    joints: tuple[Point, ...] = ()
+    std: Floats = ()
+    """Standard deviation of each joint along any axis [m]."""
+    confidence: tuple[UInt8, ...] = ()
+    """Of each joint, as in k4abt: 0 none (out of view), 1 low (occluded), 2 medium (seen)."""
+    angles: Floats = ()
+    """Sagittal angles in the order of `mecazen.skeleton.ANGLES` [rad]."""
+    phases: Floats = ()
+    """Share of the gait cycle since the last foot strike, left and right."""
+
+
+class Skeletons(Message):
+    """One frame of a body tracker: everybody seen, in any order; none if nobody was.
+
+    header.stamp is when the frame was taken; the message comes later by the tracker's latency.
+    """
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Skeletons"
+    header: Header = Header()
+    skeletons: tuple[Skeleton, ...] = ()
 
 
 class KeyValue(Message):

@@ -24,6 +24,8 @@ KINDS = [
     # writes a byte of its own, and one whose seed may be none, which ROS can't say
     if kind not in {Message, messages.Empty, messages.ResetRequest}
 ]
+SINGLE = 3.4028234663852886e38
+"""The bound of what ROS holds in 32 bits."""
 ROS = get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -38,11 +40,14 @@ def values(node: mi.Type) -> st.SearchStrategy[Any]:
         return items.map(tuple)
     if isinstance(node, mi.FloatType):
         low = -math.inf if node.ge is None else node.ge
-        return st.floats(low, node.le, allow_nan=False, allow_infinity=False)
+        width = 32 if node.le == SINGLE else 64
+        return st.floats(low, node.le, allow_nan=False, allow_infinity=False, width=width)
     if isinstance(node, mi.IntType):
         assert node.ge is not None
         high = node.le if node.lt is None else node.lt - 1
         return st.integers(int(node.ge), int(high)) | st.sampled_from([int(node.ge), int(high)])
+    if isinstance(node, mi.BytesType):
+        return st.binary(max_size=8)
     return {mi.StrType: st.text(max_size=8), mi.BoolType: st.booleans()}[type(node)]
 
 
@@ -56,7 +61,7 @@ def bits(value: Any) -> Any:
 
 
 def plain(message: Message) -> Any:
-    return bits(msgspec.to_builtins(message))
+    return bits(msgspec.to_builtins(message, builtin_types=(bytes,)))
 
 
 def from_others(value: Any) -> Any:

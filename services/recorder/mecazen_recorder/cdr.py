@@ -105,6 +105,8 @@ def _field_to_ros(desc: Any) -> Callable[[Any], Any] | None:
     item, item_detail = detail[0]
     if item == Nodetype.BASE:
         kind = item_detail[0]
+        if kind == "uint8":  # bytes
+            return lambda values: np.frombuffer(values, dtype=kind)
         return None if kind == "string" else lambda values: np.array(values, dtype=kind)
     convert = _to_ros(item_detail)
     return None if convert is None else lambda values: [convert(value) for value in values]
@@ -112,7 +114,7 @@ def _field_to_ros(desc: Any) -> Callable[[Any], Any] | None:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return value.tolist()
+        return value.tobytes() if value.dtype == np.uint8 else value.tolist()
     if isinstance(value, list):
         return [_plain(item) for item in value]
     if dataclasses.is_dataclass(value):
