@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from mecazen.schema import Finite, NonNegative, Positive, Section
+from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """The order of wheels everywhere."""
@@ -73,6 +73,15 @@ class Attachment(Section):
     mass_kg: Positive
 
 
+class Camera(Attachment):
+    """A camera; its optical centre is that of its housing, whose shape stays level."""
+
+    pitch_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
+    """Tilt of the view: up is positive, unlike a rotation about y."""
+    yaw_deg: AngleDeg = 0.0
+    """Pan of the view: to the left is positive."""
+
+
 class Payload(Section):
     """A load that is fixed on the base: a homogeneous box."""
 
@@ -90,7 +99,7 @@ class Robot(Section):
     base: Base
     wheels: Wheels
     rollers: Rollers
-    camera: Attachment
+    camera: Camera
     lidar: Attachment
     payload: Payload | None = None
 
