@@ -1,0 +1,1 @@
+"""The robot's lidar, body tracker and depth camera, by rays in one scene."""
