@@ -6,22 +6,16 @@ import analytic
 import mujoco
 import numpy as np
 import pytest
-from harness import ROBOTS
 from mecazen.geometry import Pose2D
-from mecazen.robot import WHEELS, Robot
+from mecazen.robot import WHEELS
 from mecazen.skeleton import INDEX, LIMBS
 from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_sensors.scene import Scene
-from people import HEIGHT, body, walking
-
-import tomllib
-
-import msgspec
+from people import HEIGHT, NEXUS, body, walking
 
 EXACT_M = 1e-6
 """Far more than rounding, which is 1e-15 of the largest coordinate, and than what a ray that
 nearly grazes makes of it: its square root; far less than the millimetre that is asked for."""
-NEXUS = msgspec.convert(tomllib.loads((ROBOTS / "nexus.toml").read_text()), Robot)
 
 
 def random_world(random):
@@ -117,8 +111,8 @@ def test_a_limb_longer_than_at_first_is_hit_at_its_ends():
         scene.place_person(0, joints, HEIGHT)
         for limb in LIMBS:
             for name in (limb.begin, limb.end):
-                joint = joints[INDEX[name]]
-                distances, _ = scene.cast(joint + (5.0, 0.0, 0.0), np.array([[-1.0, 0.0, 0.0]]))
+                origin = joints[INDEX[name]] + np.array((5.0, 0.0, 0.0))
+                distances, _ = scene.cast(origin, np.array([[-1.0, 0.0, 0.0]]))
                 assert distances[0] <= 5.0 - limb.radius * HEIGHT + EXACT_M
 
 

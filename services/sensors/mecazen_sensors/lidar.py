@@ -1,0 +1,83 @@
+"""A 2D lidar: the ranges of one turn, all at one time, level with the ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mecazen import messages as m
+from mecazen.geometry import Pose2D
+from mecazen.robot import Attachment
+
+from mecazen_sensors.config import LidarConfig
+from mecazen_sensors.scene import Floats, Scene
+
+STEPS_PER_M = 1024.0
+"""Ranges are whole numbers of these: a millimetre, as such sensors resolve, but exact in ROS's
+32 bits and short in JSON."""
+INVALID = 0.0
+"""The range of a beam without a valid measurement; see `LaserScan`."""
+
+
+def _single(value: float) -> float:
+    """Return `value` rounded to 32 bits."""
+    return float(np.float32(value))
+
+
+class Lidar:
+    """A lidar on a robot.
+
+    Noise is Gaussian, and a share of beams has no valid measurement (Thrun, Burgard & Fox,
+    Probabilistic Robotics, 2005, section 6.3, without its unexpected objects, which are shapes
+    here). As many numbers are drawn for each scan, whatever it sees.
+
+    Args:
+        config: Its figures.
+        mount: Where it sits on the robot, which is the one of number `robot` in the scene.
+        robot: That number.
+        seed: Of its noise.
+    """
+
+    def __init__(
+        self, config: LidarConfig, mount: Attachment, seed: int, *, robot: int = 0
+    ) -> None:
+        self._config, self._mount, self._robot = config, mount, robot
+        fov = math.radians(config.fov_deg)
+        gaps = config.beams if config.fov_deg == 360.0 else config.beams - 1  # the ends are one
+        self._first, self._step = _single(-fov / 2), _single(fov / gaps)
+        angles = self._first + self._step * np.arange(config.beams)
+        self._last = _single(angles[-1])
+        self._farthest = math.floor(config.max_range_m * STEPS_PER_M) / STEPS_PER_M
+        self._no_return = _single(config.max_range_m + 1.0)
+        self._beams = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+        self._directions = np.zeros((config.beams, 3))
+        self._random = np.random.Generator(np.random.PCG64(seed))
+
+    def scan(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.LaserScan:
+        """Return the scan of the robot at a true pose; `header.stamp` is `time`."""
+        config, mount = self._config, self._mount
+        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+        x, y, z = mount.position_m
+        origin = np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
+        np.matmul(self._beams, ((c, s), (-s, c)), out=self._directions[:, :2])
+        noise: Floats = self._random.standard_normal(config.beams)
+        lost = self._random.random(config.beams) < config.dropout_probability
+        ranges, hits = scene.cast(
+            origin, self._directions, self._robot, config.max_range_m, level=True
+        )
+        missed = hits < 0
+        ranges[missed] = 0.0
+        ranges += config.range_std_m * noise
+        ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
+        ranges[lost | (ranges < config.min_range_m)] = INVALID
+        ranges[missed] = self._no_return
+        return m.LaserScan(
+            header=m.Header(stamp=time, frame_id="lidar_link"),
+            angle_min=self._first,
+            angle_max=self._last,
+            angle_increment=self._step,
+            scan_time=_single(1.0 / config.rate_hz),
+            range_min=_single(config.min_range_m),
+            range_max=_single(config.max_range_m),
+            ranges=tuple(ranges.tolist()),
+        )
