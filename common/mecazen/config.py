@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
@@ -77,9 +77,25 @@ class StartConfig(Section):
         return Pose2D(self.x_m, self.y_m, math.radians(self.yaw_deg))
 
 
-class SensorConfig(Section):
-    """The robot's person sensor: target simulates it, and the follower knows its data sheet."""
+_FEATURES: dict[str, tuple[str, ...]] = {
+    "pose": ("pose",),
+    "body": ("skeleton", "tracker", "body"),
+    "legs": ("skeleton", "lidar", "legs"),
+    "fused": ("skeleton", "tracker", "body", "lidar", "legs"),
+}
 
+
+class SensorConfig(Section):
+    """How the robot perceives the person.
+
+    The settings from `rate_hz` on are the data sheet of the sensor "pose", which target
+    simulates; those of lidar and cameras are in `[sensors]`.
+    """
+
+    kind: Literal["pose", "body", "legs", "fused"] = "pose"
+    """The person's pose with noise; joints that a camera sees; legs in a lidar's scan; both."""
+    also: tuple[Literal["lidar", "tracker", "depth"], ...] = ()
+    """Sensors that run beside it, for others to take."""
     rate_hz: Positive = 25.0
     """Frames a second; divides the tick rate."""
     frame: Literal["base_link", "world"] = "base_link"
@@ -99,6 +115,11 @@ class SensorConfig(Section):
 
     def __post_init__(self) -> None:
         check_intervals("occlusions_s", self.occlusions_s)
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What rows of the graph need or offer in a scenario with it."""
+        return features(self.kind, self.also)
 
     def ticks_per_frame(self, tick_s: float) -> int:
         """Return the ticks from one frame to the next.
@@ -218,6 +239,11 @@ class Scenario(Section):
         self._check_processes()
         if len({robot.name for robot in self.robots}) != len(self.robots):
             raise ValueError("robots: each name at most once")
+        for robot in self.robots:
+            if robot.sensor and robot.sensor.features != self.sensor.features:
+                raise ValueError(
+                    f"robots: {robot.name}: sensor.kind and sensor.also are the same for all robots"
+                )
         places = {name: self.of(name) for name in self.names}
         for (one, a), (other, b) in combinations(places.items(), 2):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
@@ -281,11 +307,15 @@ class Scenario(Section):
 
     def _setting(self, key: str) -> Any:
         """Return the value of `section.key`; None where that service is not installed here."""
-        name, _, field = key.partition(".")
-        section = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
-        if isinstance(section, dict):
-            return section.get(field)
-        value = getattr(section, field, None if section is None and name in SERVICES else "none")
+        name, *fields = key.split(".")
+        value = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
+        if value is None and name in SERVICES:
+            return None
+        for field in fields:
+            if isinstance(value, dict):
+                value = value.get(field)
+            else:
+                value = getattr(value, field, "none")
         if not isinstance(value, int | float | None):
             raise ConfigError(f"{key}: a node's rate that is no number of the configuration")
         return value
@@ -318,6 +348,12 @@ class Scenario(Section):
         """Return the section of service `name`, its defaults where the file says nothing."""
         section = self.sections.get(name)
         return kind() if section is None else cast(SectionT, section)
+
+
+def features(kind: str, also: Iterable[str]) -> frozenset[str]:
+    """Return what sensors of a scenario ask of the graph; those of an unknown kind ask nothing."""
+    beside = ("skeleton",) if also else ()
+    return frozenset((*_FEATURES.get(kind, ()), *beside, *also))
 
 
 def wanted_view(scenario: Scenario) -> tuple[float, float]:

@@ -78,6 +78,10 @@ class Row:
     """Services after whose restart the node begins anew."""
     remap: Mapping[str, str] = field(default_factory=dict)
     """Keys on the bus, by the keys of its topics, where they differ."""
+    needs: str = ""
+    """The feature of a scenario without which it does not take part: `SensorConfig.features`."""
+    offers: Mapping[str, str] = field(default_factory=dict)
+    """Features without which it does not give an output, by the outputs' keys."""
 
     def __post_init__(self) -> None:
         """Check it, as anyone may write one.
@@ -105,6 +109,23 @@ class Row:
     def part_of(self) -> str:
         """The name of its service."""
         return self.service or self.name
+
+    def within(self, features: frozenset[str]) -> Row | None:
+        """Return what is left of it in a scenario with these features; None: it takes no part."""
+        if self.needs and self.needs not in features:
+            return None
+        left_out = {key for key, feature in self.offers.items() if feature not in features}
+        if not left_out:
+            return self
+        return replace(
+            self,
+            outputs=tuple(topic for topic in self.outputs if topic.key not in left_out),
+            rates={key: rate for key, rate in self.rates.items() if key not in left_out},
+        )
+
+    def feature(self, key: str) -> str:
+        """Return the feature without which it does not give an output; "" where it always does."""
+        return self.offers.get(key, self.needs)
 
     def on_bus(self, topic: Topic[Any]) -> Topic[Any]:
         """Return one of its topics with the key that it has on the bus."""
@@ -172,14 +193,68 @@ GRAPH: tuple[Row, ...] = (
         "target",
         "the walking person, and what the robot's sensor sees of them",
         inputs=(every(keys.GROUND_TRUTH), latest(keys.TARGET_CMD_VEL)),
-        outputs=(keys.TARGET_ODOM, keys.OBSERVATION),
-        rates={keys.OBSERVATION.key: "sensor.rate_hz"},
+        outputs=(keys.TARGET_ODOM, keys.TARGET_SKELETON, keys.OBSERVATION),
+        rates={
+            keys.TARGET_SKELETON.key: "target.body.rate_hz",
+            keys.OBSERVATION.key: "sensor.rate_hz",
+        },
+        offers={keys.TARGET_SKELETON.key: "skeleton", keys.OBSERVATION.key: "pose"},
+        priority=2,
+    ),
+    Row(
+        "lidar",
+        "scans the surroundings at the height of ankles",
+        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH)),
+        outputs=(keys.SCAN,),
+        rates={keys.SCAN.key: "sensors.lidar.rate_hz"},
+        service="sensors",
+        needs="lidar",
+        priority=2,
+    ),
+    Row(
+        "tracker",
+        "sees the joints of people, as a depth camera with a body-tracking SDK",
+        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH)),
+        outputs=(keys.SKELETONS,),
+        rates={keys.SKELETONS.key: "sensors.tracker.rate_hz"},
+        service="sensors",
+        needs="tracker",
+        priority=2,
+    ),
+    Row(
+        "depth",
+        "takes depth pictures",
+        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH)),
+        outputs=(keys.DEPTH, keys.CAMERA_INFO),
+        rates={
+            keys.DEPTH.key: "sensors.depth.rate_hz",
+            keys.CAMERA_INFO.key: "sensors.depth.rate_hz",
+        },
+        service="sensors",
+        needs="depth",
+    ),
+    Row(
+        "body",
+        "finds position and heading of persons from the joints that are seen",
+        inputs=(every(keys.SKELETONS),),
+        outputs=(keys.OBSERVATION,),
+        service="follower",
+        needs="body",
+        priority=2,
+    ),
+    Row(
+        "legs",
+        "finds persons by their legs in a scan",
+        inputs=(every(keys.SCAN),),
+        outputs=(keys.LEGS,),
+        service="follower",
+        needs="legs",
         priority=2,
     ),
     Row(
         "follower",
         "keeps the robot at its place beside the person",
-        inputs=(every(keys.ODOM), due(keys.OBSERVATION)),
+        inputs=(every(keys.ODOM), due(keys.OBSERVATION), due(keys.LEGS)),
         outputs=(keys.FOLLOWER_STATE, keys.CMD_VEL),
         priority=2,
         resets_with=("controller",),
@@ -248,7 +323,7 @@ class Graph:
         for row in self.rows:
             for key in (*(topic.key for topic in row.outputs), *(call.key for call in row.calls)):
                 other = self._givers.setdefault(key, row)
-                if other is not row:
+                if other is not row and row.feature(key) == other.feature(key):
                     raise ConfigError(f"{other.name} and {row.name} both give {key}")
 
     @property

@@ -50,7 +50,13 @@ TARGET_CMD_VEL = Topic(
     "target/cmd_vel", m.Twist, "moves a person that is driven by hand", open=True
 )
 TARGET_ODOM = Topic("target/odom", m.Odometry, "the person's true pose, in world")
-OBSERVATION = Topic("target/observation", m.Observation, "what the robot's sensor saw")
+TARGET_SKELETON = Topic("target/skeleton", m.Skeleton, "the person's true joints, in world")
+OBSERVATION = Topic("target/observation", m.Observation, "the person as the robot perceives them")
+SCAN = Topic("scan", m.LaserScan, "the lidar's ranges")
+SKELETONS = Topic("skeleton/observation", m.Skeletons, "the bodies that the tracker sees")
+LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the scan")
+DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]")
+CAMERA_INFO = Topic("camera/camera_info", m.CameraInfo, "how the depth camera projects")
 FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
 
 DIAGNOSTICS = Topic("diagnostics/*", m.DiagnosticArray, "a service's rates, counts and health")
@@ -65,6 +71,12 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     CMD_VEL,
     TARGET_CMD_VEL,
     TARGET_ODOM,
+    TARGET_SKELETON,
+    SCAN,
+    SKELETONS,
+    LEGS,
+    DEPTH,
+    CAMERA_INFO,
     OBSERVATION,
     FOLLOWER_STATE,
     DIAGNOSTICS,

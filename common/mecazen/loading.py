@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 import tomli_w
 
-from mecazen.config import RESERVED, BusConfig, Scenario
+from mecazen.config import RESERVED, BusConfig, Scenario, features
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
-from mecazen.graph import COLLECTOR, SERVICES, SHARED, TABLE
+from mecazen.graph import COLLECTOR, GRAPH, SERVICES, SHARED, TABLE
 from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
@@ -89,6 +89,7 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         _override(raw, key, value)
     _refuse_reserved(raw, path)
     _take_programs(raw, path)
+    _take_sensors(raw)
     kinds = {**installed_sections(), **_own_sections(raw)}
     # a scenario may hold sections of services that are not installed here
     known = tuple({**kinds, **dict.fromkeys(SERVICES)})
@@ -163,6 +164,20 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
     own = [name for name in programs if name not in TABLE and name not in listed]
     if own and isinstance(listed, list | tuple):
         raw["services"] = [*listed, *own]
+
+
+def _take_sensors(raw: dict[str, Any]) -> None:
+    """Have the services take part that the kind of sensor needs.
+
+    What is wrong with the types is said when they are converted.
+    """
+    sensor, listed = raw.get("sensor"), raw.get("services", Scenario.__struct_defaults__[0])
+    if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
+        return
+    also = sensor.get("also", ())
+    wanted = features(str(sensor.get("kind")), map(str, also) if isinstance(also, list) else ())
+    needed = dict.fromkeys(row.part_of for row in GRAPH if row.needs in wanted)
+    raw["services"] = [*listed, *(name for name in needed if name not in listed)]
 
 
 def _own_sections(raw: dict[str, Any]) -> dict[str, type[Section]]:

@@ -105,12 +105,14 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
     Raises:
         ConfigError: A node is unknown, gives what another gives, or not what others wait for.
     """
-    known = graph.services()
     rows: list[Row] = []
     for service in scenario.services:
-        for row in known.get(service) or (own_row(service, scenario),):
+        for row in _rows(service, scenario) or (own_row(service, scenario),):
             kind = (hosted or {}).get(row.name) or _program(row.name, scenario)
-            rows.append(row if kind is None else _placed(row, kind, scenario))
+            placed = row if kind is None else _placed(row, kind, scenario)
+            within = placed.within(scenario.sensor.features)
+            if within is not None:
+                rows.append(within)
     found = Graph(rows)
     names = {row.name for row in rows}
     for row in rows:
@@ -130,6 +132,12 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
     if taken:
         raise ConfigError(f"robots: the name {taken.pop()!r} begins a key of a node: take another")
     return found
+
+
+def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
+    """Return the rows of a service that take part in a scenario; none where it is not known."""
+    needed = {"", *scenario.sensor.features}
+    return tuple(row for row in graph.services().get(service, ()) if row.needs in needed)
 
 
 def _check_own(row: Row, program: str, found: Graph) -> None:
@@ -226,7 +234,7 @@ def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
     Raises:
         ConfigError: There is no such class.
     """
-    rows = graph.services().get(service) or (Row(service),)
+    rows = _rows(service, scenario) or (Row(service),)
     found = {row.name: find(row.name, scenario.programs) for row in rows if not row.owns_time}
     for name, kind in found.items():
         # a service that owns time has a world in it
