@@ -65,12 +65,10 @@ class Lidar:
         ranges, hits = scene.cast(
             origin, self._directions, self._robot, config.max_range_m, level=True
         )
-        missed = hits < 0
-        ranges[missed] = 0.0
         ranges += config.range_std_m * noise
         ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
         ranges[lost | (ranges < config.min_range_m)] = INVALID
-        ranges[missed] = self._no_return
+        ranges[hits < 0] = self._no_return
         return m.LaserScan(
             header=m.Header(stamp=time, frame_id="lidar_link"),
             angle_min=self._first,

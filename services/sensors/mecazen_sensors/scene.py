@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.skeleton import INDEX, LIMBS
+from mecazen.skeleton import INDEX, JOINTS, LIMBS
 from mecazen.world import Box, WorldConfig
 
 Floats = npt.NDArray[np.float64]
@@ -37,8 +37,12 @@ HIDDEN = 1
 SHOW_ALL = np.ones(mujoco.mjNGROUP, np.uint8)
 SHOW_LEVEL = (np.arange(mujoco.mjNGROUP) != HIDDEN).astype(np.uint8)
 
-_BEGINS = np.array([INDEX[limb.begin] for limb in LIMBS])
-_ENDS = np.array([INDEX[limb.end] for limb in LIMBS])
+_EYE = np.eye(len(JOINTS))
+_BEGINS: Floats = _EYE[[INDEX[limb.begin] for limb in LIMBS]]
+_ENDS: Floats = _EYE[[INDEX[limb.end] for limb in LIMBS]]
+_ALONG, _MIDDLES = _ENDS - _BEGINS, (_BEGINS + _ENDS) / 2
+"""Take limbs from joints: (12, 20) @ (20, 3)."""
+_ONES = np.ones(3)
 _RADII = np.array([limb.radius for limb in LIMBS])
 
 
@@ -70,7 +74,9 @@ class Scene:
         self._data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, self._data)
         first, number = self._model.body_geomadr[1:].tolist(), self._model.body_geomnum[1:].tolist()
-        self._robots = [slice(at, at + n) for at, n in zip(first, number[: len(robots)])]
+        self._robots = [
+            slice(at, at + n) for at, n in zip(first, number[: len(robots)], strict=False)
+        ]
         self._people = [slice(at, at + len(LIMBS)) for at in first[len(robots) :]]
         moving = len(shapes)
         self._model.body_bvhadr[1:] = -1
@@ -111,18 +117,17 @@ class Scene:
             height: Of the body, which its limbs' radii are shares of [m].
         """
         geoms = self._people[person]
-        begins, ends = joints[_BEGINS], joints[_ENDS]
-        along = ends - begins
-        lengths = np.sqrt(np.einsum("ij,ij->i", along, along))
-        half = lengths / 2
-        self._positions[geoms] = (begins + ends) / 2
+        along = _ALONG @ joints
+        along[:, 2] += 1e-12  # a sphere has no direction of its own: upwards
+        lengths = np.sqrt((along * along) @ _ONES)
+        axes = along / lengths[:, None]
+        self._positions[geoms] = _MIDDLES @ joints
         self._positions[geoms.stop, 2] = NOWHERE_M
-        axes = along / np.maximum(lengths, 1e-9)[:, None]
-        axes[lengths < 1e-9] = (0.0, 0.0, 1.0)
-        self._rotations[geoms] = _frames(axes)
+        _set_frames(self._rotations[geoms], axes)
         if height != self._heights[person]:
             self._heights[person] = height
             self._sizes[geoms, 0] = _RADII * height
+        half = lengths / 2
         self._sizes[geoms, 1] = half
         self._reach[geoms] = self._sizes[geoms, 0] + half * np.abs(axes[:, 2])
 
@@ -174,25 +179,24 @@ class Scene:
             rays,
             max_range,
         )
-        missed = (hits < 0) | (distances > max_range)
-        distances[missed], hits[missed] = np.inf, -1
+        hits[distances > max_range] = -1
+        distances[hits < 0] = np.inf
         return distances, hits
 
 
-def _frames(axes: Floats) -> Floats:
-    """Return rotations (n, 3, 3) whose z axes are the unit vectors `axes` (n, 3).
+def _set_frames(frames: Floats, axes: Floats) -> None:
+    """Set `frames` (n, 3, 3) to rotations whose z axes are the unit vectors `axes` (n, 3).
 
     Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
     """
     x, y, z = axes.T
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
-    b = x * y * a
-    frames = np.empty((len(axes), 3, 3))
-    frames[:, 0, 0], frames[:, 1, 0], frames[:, 2, 0] = 1.0 + sign * x * x * a, sign * b, -sign * x
-    frames[:, 0, 1], frames[:, 1, 1], frames[:, 2, 1] = b, sign + y * y * a, -y
+    ax, ay = a * x, a * y
+    b, flipped = x * ay, sign * x
+    frames[:, 0, 0], frames[:, 1, 0], frames[:, 2, 0] = 1.0 + flipped * ax, sign * b, -flipped
+    frames[:, 0, 1], frames[:, 1, 1], frames[:, 2, 1] = b, sign + y * ay, -y
     frames[:, :, 2] = axes
-    return frames
 
 
 def _geom(

@@ -1,0 +1,68 @@
+"""Where a camera looks, and what is in its view."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.geometry import Pose2D
+from mecazen.robot import Camera as Mount
+
+from mecazen_sensors.scene import Floats
+
+
+class Camera:
+    """A pinhole camera on a robot: its pose, and what it can see.
+
+    Args:
+        mount: Where it sits and looks.
+        horizontal_deg: Field of view from edge to edge, less than 180° as `vertical_deg`.
+        min_depth: Along its axis [m], as `max_depth`.
+    """
+
+    def __init__(
+        self,
+        mount: Mount,
+        horizontal_deg: float,
+        vertical_deg: float,
+        min_depth: float,
+        max_depth: float,
+    ) -> None:
+        self._place = mount.position_m
+        yaw, pitch = math.radians(mount.yaw_deg), math.radians(mount.pitch_deg)
+        c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+        self.axes = np.array(((cp * c, cp * s, sp), (-s, c, 0.0), (-sp * c, -sp * s, cp)))
+        """Unit vectors in base_link (3, 3): its rows point ahead, to the left and up."""
+        self.wide = math.tan(math.radians(horizontal_deg) / 2)
+        """Half the width of what is seen at a depth of 1."""
+        self.high = math.tan(math.radians(vertical_deg) / 2)
+        """Half the height."""
+        # a vector in base_link is in view if its products with six columns ...
+        ahead, left, up = self.axes
+        wide, high = self.wide * ahead, self.high * ahead
+        planes = ahead, -ahead, wide + left, wide - left, high + up, high - up
+        self._planes = np.stack(planes, axis=-1)
+        # ... are at least
+        self._least = np.array((min_depth, -max_depth, 0.0, 0.0, 0.0, 0.0))
+
+    def position(self, robot: Pose2D) -> Floats:
+        """Return the optical centre in the world (3,) [m], of a robot at a pose there."""
+        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+        x, y, z = self._place
+        return np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
+
+    def look(self, vectors: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Return depths [m] of points, and whether they are in view.
+
+        They are given as vectors (n, 3) from the optical centre in base_link.
+        """
+        products = vectors @ self._planes
+        inside: npt.NDArray[np.bool_] = np.logical_and.reduce(products >= self._least, axis=1)
+        return products[:, 0], inside
+
+
+def from_world(yaw: float) -> Floats:
+    """Return the matrix that takes rows of vectors in the world to a frame turned by `yaw`."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))

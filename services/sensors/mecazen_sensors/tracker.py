@@ -1,0 +1,262 @@
+"""A body tracker: the joints of people as an RGB-D camera with a body-tracking SDK reports them.
+
+A reported joint is the true one with an error of three parts: a bias that depends on the view
+alone, an Ornstein-Uhlenbeck process that drifts within a second, and white noise that grows
+with depth. White noise of a size that such sensors have makes a third of the error that gait
+studies find in joint angles; the rest is bias and occlusion.
+
+A joint is seen when the first thing that the ray to it hits is a limb that it belongs to. One
+that is not is noisier, lags behind, and is drawn to where the other leg has it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from mecazen import messages as m
+from mecazen.config import ticks_per_sample, whole_ticks
+from mecazen.geometry import Pose2D
+from mecazen.robot import Camera as Mount
+from mecazen.skeleton import INDEX, JOINTS
+
+from mecazen_sensors.body import (
+    BONES,
+    CHAINS,
+    FOREIGN,
+    IS_LEG,
+    LEGS_SWAPPED,
+    MIRRORED,
+    OTHER_LEG,
+    OWN,
+    scales,
+)
+from mecazen_sensors.camera import Camera, from_world
+from mecazen_sensors.config import TrackerConfig
+from mecazen_sensors.scene import Floats, Scene
+
+NOISE_SCALE = {"hip": 1.5, "knee": 1.5, "ankle": 1.5, "heel": 2.0, "foot": 2.0, "wrist": 1.5}
+"""Of white noise and drift, by joint; 1 for others. Feet and wrists are the least certain."""
+BIAS_SCALE = {"hip": 2.8, "knee": 1.3, "ankle": 1.5, "heel": 2.0, "foot": 2.0}
+"""Of the bias, tuned: hips, which no landmark shows, are placed worst."""
+BEHIND_RAD = math.radians(60.0)
+"""Bearing from straight behind a person within which it may be taken for the front."""
+RESOLUTION = 4
+"""Decimals of a reported position [m]."""
+
+COUNT = len(JOINTS)
+_LEFT_HIP, _RIGHT_HIP = INDEX["left_hip"], INDEX["right_hip"]
+_ONES = np.ones(3)
+
+
+class _Track:
+    """What the tracker remembers of one person."""
+
+    def __init__(self, bias: Floats, drift: Floats) -> None:
+        self.bias = bias  # (60, 5) over the basis of views, in base_link
+        self.drift = drift  # (20, 3), of unit variance
+        self.relative: Floats | None = None  # (20, 3): the joints about the pelvis, with lag
+        self.swapped = self.flipped = False
+        self.identity = ""
+        self.unseen = 0
+
+
+class _Rays(NamedTuple):
+    """What is seen of one person's joints."""
+
+    vectors: Floats
+    """From the camera in base_link (20, 3) [m]."""
+    depths: Floats
+    inside: list[bool]
+    """Whether they are in view, hidden or not."""
+    reached: list[bool]
+    """Whether nothing is before them."""
+    limbs: list[int]
+    """What is hit, as a number of `LIMBS` if it is of this person."""
+
+
+class Tracker:
+    """A body tracker on a robot.
+
+    As many numbers are drawn for each frame, whatever is seen.
+
+    Args:
+        config: Its figures.
+        mount: Where its camera sits on the robot, which is the one of number `robot` in the scene.
+        seed: Of its errors.
+        tick_s: The control period.
+        robot: That number.
+        people: How many are in the scene.
+
+    Raises:
+        ConfigError: The rate does not divide the tick rate, or the latency is not whole ticks.
+    """
+
+    def __init__(
+        self,
+        config: TrackerConfig,
+        mount: Mount,
+        seed: int,
+        tick_s: float,
+        *,
+        robot: int = 0,
+        people: int = 1,
+    ) -> None:
+        self._config, self._robot = config, robot
+        self._camera = Camera(
+            mount,
+            config.horizontal_fov_deg,
+            config.vertical_fov_deg,
+            config.min_range_m,
+            config.max_range_m,
+        )
+        self._place = np.array(mount.position_m)
+        self._tick_ns = round(tick_s * 1e9)
+        self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
+        self._latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
+        self._frames: deque[m.Skeletons] = deque()
+        frame_s = self._period * tick_s
+        self._keep = math.exp(-frame_s / config.drift_time_s)
+        self._fresh = math.sqrt(1.0 - self._keep**2)
+        self._follow = 1.0 - math.exp(-frame_s / config.hidden_lag_s)
+        self._unswap = 1.0 - math.exp(-frame_s / config.swap_time_s)
+        self._flip = 1.0 - math.exp(-frame_s * config.flip_rate_hz)
+        self._unflip = 1.0 - math.exp(-frame_s / config.flip_time_s)
+        self._memory = config.identity_memory_s / frame_s
+        scale, bias = scales(NOISE_SCALE), scales(BIAS_SCALE) * config.bias_std_m
+        self._drift_std, self._white_std = scale * config.drift_std_m, scale * config.white_std_m
+        self._bias_variance = bias * bias
+        self._pull = config.hidden_pull * IS_LEG
+        self._random = np.random.Generator(np.random.PCG64(seed))
+        weights = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)  # of three orders of harmonics
+        self._tracks = [
+            _Track(
+                self._random.standard_normal((3 * COUNT, 5)) * weights,
+                self._random.standard_normal((COUNT, 3)),
+            )
+            for _ in range(people)
+        ]
+        self._names = 0
+
+    def captures(self, tick: int) -> bool:
+        """Return whether a frame is taken at `tick`, so that the scene must be as it is then."""
+        return (tick + self._latency) % self._period == 0
+
+    def observe(
+        self, tick: int, scene: Scene, robot: Pose2D, people: Sequence[Floats]
+    ) -> m.Skeletons | None:
+        """Return the frame that arrives at `tick`; None at ticks without one.
+
+        It is called at every tick, counted from 0.
+
+        Args:
+            tick: The tick.
+            scene: With everybody in place if a frame is taken now.
+            robot: True pose in the world.
+            people: The joints of each person in the world (20, 3) [m], as in the scene.
+        """
+        if self.captures(tick):
+            self._frames.append(self._capture(tick, scene, robot, people))
+        if tick % self._period:
+            return None
+        if tick < self._latency:  # taken before the start
+            return m.Skeletons(header=m.Header(frame_id="base_link"))
+        return self._frames.popleft()
+
+    def _capture(
+        self, tick: int, scene: Scene, robot: Pose2D, people: Sequence[Floats]
+    ) -> m.Skeletons:
+        normals = self._random.standard_normal((len(self._tracks), 2, COUNT, 3))
+        chances = self._random.random((len(self._tracks), 2)).tolist()
+        camera = self._camera.position(robot)
+        rays = np.concatenate(people) - camera
+        distances = np.sqrt((rays * rays) @ _ONES)
+        ways, hits = scene.cast(camera, rays / distances[:, None], self._robot)
+        vectors = rays @ from_world(robot.yaw)
+        depths, inside = self._camera.look(vectors)
+        reached, numbers, seen = (ways >= distances).tolist(), hits.tolist(), inside.tolist()
+        time = m.Time.from_ns(tick * self._tick_ns)
+        header = m.Header(stamp=time, frame_id="base_link")
+        skeletons = []
+        for number, track in enumerate(self._tracks):
+            rows = slice(number * COUNT, (number + 1) * COUNT)
+            first = scene.limbs(number).start
+            limbs = [n - first if 0 <= n - first < FOREIGN else FOREIGN for n in numbers[rows]]
+            view = _Rays(vectors[rows], depths[rows], seen[rows], reached[rows], limbs)
+            skeleton = self._report(track, view, normals[number], chances[number], header)
+            if skeleton is not None:
+                skeletons.append(skeleton)
+        return m.Skeletons(header=header, skeletons=tuple(skeletons))
+
+    def _report(
+        self, track: _Track, rays: _Rays, normals: Floats, chances: list[float], header: m.Header
+    ) -> m.Skeleton | None:
+        """Return what is told of a person; None if nothing is, as its pelvis is not seen."""
+        config = self._config
+        vectors, depths, inside, reached, limbs = rays
+        track.drift = self._keep * track.drift + self._fresh * normals[0]
+        if not inside[0] or (limbs[0] == FOREIGN and not reached[0]):
+            track.unseen += 1
+            return None
+        if not track.identity or track.unseen > self._memory:
+            self._names += 1
+            track.identity, track.relative = str(self._names), None
+            track.swapped = track.flipped = False
+        track.unseen = 0
+        visible = [
+            i and (r or limb in own)
+            for i, r, limb, own in zip(inside, reached, limbs, OWN, strict=True)
+        ]
+        hidden = ~np.array(visible)
+        relative = vectors - vectors[0]
+        to_left = (vectors[_LEFT_HIP] - vectors[_RIGHT_HIP]).tolist()
+        x, y, _ = vectors[0].tolist()
+        # bearing of the camera about the person, 0 where the person looks to
+        bearing = math.atan2(-y, -x) - math.atan2(-to_left[0], to_left[1])
+        c, s = math.cos(bearing), math.sin(bearing)
+        crossing = any(limb in other for limb, other in zip(limbs, OTHER_LEG, strict=True))
+        self._confuse(track, chances, crossing, c < -math.cos(BEHIND_RAD))
+
+        if hidden.any():
+            pull = (self._pull * hidden)[:, None]
+            relative += hidden[:, None] * (CHAINS @ (pull * (BONES @ relative)))
+            if track.relative is not None:
+                lag = ((1.0 - self._follow) * hidden)[:, None]
+                relative += lag * (track.relative - relative)
+        track.relative = relative
+
+        factor = 1.0 + (config.hidden_factor - 1.0) * hidden
+        near = depths / config.white_range_m
+        white = self._white_std * (1.0 + near * near) * factor
+        drift = self._drift_std * factor
+        found = (track.bias @ (1.0, c, s, c * c - s * s, 2.0 * s * c)).reshape(COUNT, 3)
+        found += relative + (vectors[0] + self._place)
+        found += drift[:, None] * track.drift + white[:, None] * normals[1]
+        std = np.sqrt(self._bias_variance + drift * drift + white * white)
+        confidence = [2 if v else int(i) for v, i in zip(visible, inside, strict=True)]
+        if track.swapped or track.flipped:
+            order = LEGS_SWAPPED if track.swapped else list(range(COUNT))
+            order = [order[n] for n in MIRRORED] if track.flipped else order
+            found, std, confidence = found[order], std[order], [confidence[n] for n in order]
+        return m.Skeleton(
+            header=header,
+            id=track.identity,
+            joints=tuple([m.Point(*point) for point in found.round(RESOLUTION).tolist()]),
+            std=tuple(std.round(RESOLUTION).tolist()),
+            confidence=tuple(confidence),
+        )
+
+    def _confuse(self, track: _Track, chances: list[float], crossing: bool, behind: bool) -> None:
+        """Take left for right, or not any more: Markov chains of two states each."""
+        swap, flip = chances
+        if track.swapped:
+            track.swapped = swap >= self._unswap
+        else:
+            track.swapped = crossing and swap < self._config.swap_probability
+        if track.flipped:
+            track.flipped = flip >= self._unflip
+        else:
+            track.flipped = behind and flip < self._flip
