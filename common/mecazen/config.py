@@ -22,6 +22,7 @@ from mecazen.graph import OBSERVERS, SERVICES, SHARED
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
+from mecazen.sensors import SensorsConfig
 from mecazen.world import WorldConfig
 
 SectionT = TypeVar("SectionT", bound=Section)
@@ -216,6 +217,7 @@ class Scenario(Section):
     world: WorldConfig = WorldConfig()
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
+    sensors: SensorsConfig = SensorsConfig()
     bus: BusConfig = BusConfig()
     processes: tuple[tuple[str, ...], ...] = ()
     """Services that share a process, by groups; any other has one of its own."""

@@ -195,7 +195,7 @@ GRAPH: tuple[Row, ...] = (
         inputs=(every(keys.GROUND_TRUTH), latest(keys.TARGET_CMD_VEL)),
         outputs=(keys.TARGET_ODOM, keys.TARGET_SKELETON, keys.OBSERVATION),
         rates={
-            keys.TARGET_SKELETON.key: "target.body.rate_hz",
+            keys.TARGET_SKELETON.key: "sensors.skeleton_rate_hz",
             keys.OBSERVATION.key: "sensor.rate_hz",
         },
         offers={keys.TARGET_SKELETON.key: "skeleton", keys.OBSERVATION.key: "pose"},

@@ -35,6 +35,10 @@ FLIP_PROBABILITY = 0.03
 """Chance of a tracker to take front for back."""
 
 
+NO_HEADING = 100.0
+"""Variance of a heading that is not observed [rad²], or more."""
+
+
 class Measurement(NamedTuple):
     """An observed pose of a person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
@@ -128,6 +132,7 @@ class Association:
         *,
         unseen: float,
         lost: bool,
+        begins: bool = True,
     ) -> Choice | None:
         """Return the person's measurement; None if none of the frame is theirs.
 
@@ -139,6 +144,7 @@ class Association:
             seen: The frame's measurements, each with a known covariance.
             unseen: Time since the person was last seen [s].
             lost: Whether that is too long for the estimate to be more than a guess.
+            begins: Whether the frame may begin the person's track anew.
         """
         if not seen:
             return None
@@ -158,7 +164,9 @@ class Association:
         found = nearest(rest, person.pose)
         self._contradicted = self._contradicted.again(time)
         near = found.pose.distance(person.pose) < APART_M
-        if lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time)):
+        if begins and (
+            lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))
+        ):
             return self._restart(found)
         new = [Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M]
         self._others = [*self._others, *new][-CROWD:]

@@ -49,8 +49,9 @@ class Following:
         sensor: SensorConfig,
         drive: Drive = UNLIMITED,
         view: float = math.inf,
+        hold: float = 0.0,
     ) -> None:
-        self.people = PersonTracker(config, sensor)
+        self.people = PersonTracker(config, sensor, hold)
         self._controller = config.make_controller(drive, view)
         self._sees_all = math.isinf(view)
         self._side = 1.0

@@ -6,16 +6,17 @@ import math
 from itertools import repeat
 
 from mecazen import messages as m
-from mecazen.config import Scenario
+from mecazen.config import Scenario, SensorConfig
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import TABLE
-from mecazen.keys import CMD_VEL, FOLLOWER_STATE, OBSERVATION, ODOM
+from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.wire import NS_PER_S
+from msgspec.structs import replace
 
 from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
@@ -45,6 +46,7 @@ class FollowerNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.section(FollowerConfig, "follower")
+        self.sensor = data_sheet(scenario)
         person, robot = scenario.world.person.radius_m, math.hypot(*scenario.robot.footprint)
         least = person + robot + CLEARANCE_M
         if self.config.standoff_m < least:
@@ -57,10 +59,12 @@ class FollowerNode(Node):
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
         del seed
-        sensor, drive = self.scenario.sensor, Drive.of(self.scenario)
+        sensor, drive = self.sensor, Drive.of(self.scenario)
         view = kept_view(math.radians(sensor.fov_deg))
-        self.following = Following(self.config, sensor, drive, view)
-        self.robot = PoseHistory(round((HISTORY_S + self.scenario.sensor.latency_s) * NS_PER_S))
+        # scans wait for the frames of a camera, which come later
+        hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
+        self.following = Following(self.config, sensor, drive, view, hold_s)
+        self.robot = PoseHistory(round((HISTORY_S + sensor.latency_s) * NS_PER_S))
         self.state: m.FollowerState | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
@@ -73,6 +77,9 @@ class FollowerNode(Node):
         robot = odom.pose.pose.to_planar()
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
+        scan = inputs.get(LEGS)
+        if scan is not None:
+            self._add_legs(tick.time_ns, inputs, scan)
         try:
             frame = self._frame(tick.time_ns, inputs.get(OBSERVATION))
             step = self.following.step(time_s, period_s, robot, frame)
@@ -82,6 +89,16 @@ class FollowerNode(Node):
         self.state = _state(odom.header, self.config.estimator, step)
         # the state before the command: who has the command of a tick has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
+
+    def _add_legs(self, now_ns: int, inputs: Inputs, message: m.Observation) -> None:
+        """Take persons by their legs as well; where there is a camera, they are found by it."""
+        try:
+            frame = self._frame(now_ns, message)
+        except ValueError as refusal:
+            inputs.refuse(LEGS, str(refusal))
+            return
+        if frame is not None:
+            self.following.people.add(frame._replace(begins=self.sensor.kind == "legs"))
 
     def _frame(self, now_ns: int, message: m.Observation | None) -> Frame | None:
         """Return everybody in a frame in odom, if it shows anybody.
@@ -116,7 +133,7 @@ class FollowerNode(Node):
         """
         if self.robot.span_ns[0] <= stamp_ns <= now_ns:
             return stamp_ns / NS_PER_S
-        return now_ns / NS_PER_S - self.scenario.sensor.latency_s
+        return now_ns / NS_PER_S - self.sensor.latency_s
 
     def diagnostics(self) -> dict[str, object]:
         """Return how well it follows, and the filter's consistency."""
@@ -125,6 +142,23 @@ class FollowerNode(Node):
             values["tracking"] = self.state.tracking
             values["distance_error_m"] = round(self.state.distance_error, 3)
         return values
+
+
+def data_sheet(scenario: Scenario) -> SensorConfig:
+    """Return rate, latency and field of view of the sensor by which the person is found."""
+    sensor, of = scenario.sensor, scenario.sensors
+    if sensor.kind == "pose":
+        return sensor
+    if sensor.kind == "legs":
+        fov_deg = of.lidar.fov_deg
+        return replace(sensor, rate_hz=of.lidar.rate_hz, latency_s=0.0, fov_deg=fov_deg)
+    camera = of.tracker
+    return replace(
+        sensor,
+        rate_hz=camera.rate_hz,
+        latency_s=camera.latency_s,
+        fov_deg=camera.horizontal_fov_deg,
+    )
 
 
 def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from mecazen.config import SensorConfig
 from mecazen.geometry import Pose2D
 
-from mecazen_follower.association import Association, Measurement, nearest
+from mecazen_follower.association import NO_HEADING, Association, Measurement, nearest
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.estimators.base import as_tuple
@@ -18,6 +18,9 @@ from mecazen_follower.noise import ReportedNoise
 
 MISSED_FRAMES = 1.5
 """Periods of the sensor without an observation: a frame has been missed."""
+
+GUESS_RAD = math.radians(45.0)
+"""Standard deviation of the heading of somebody whose heading is not observed."""
 
 
 class TrackingState(StrEnum):
@@ -71,6 +74,8 @@ class Frame(NamedTuple):
 
     captured: float
     measurements: Sequence[Measurement]
+    begins: bool = True
+    """Whether the person may be found by it, and not only followed."""
 
 
 class PersonTracker:
@@ -82,9 +87,11 @@ class PersonTracker:
     Args:
         config: The follower's.
         sensor: Its data sheet.
+        hold: For so long a frame is held back, so that those of several sensors are taken in the
+            order of their captures [s].
     """
 
-    def __init__(self, config: FollowerConfig, sensor: SensorConfig) -> None:
+    def __init__(self, config: FollowerConfig, sensor: SensorConfig, hold: float = 0.0) -> None:
         self.estimator = config.make_estimator()
         missed = MISSED_FRAMES / sensor.rate_hz
         coast_after = max(config.coast_after_s, missed)
@@ -95,13 +102,19 @@ class PersonTracker:
         self._latency = sensor.latency_s
         self._time: float | None = None
         """The estimator's."""
-        self._captured = -math.inf
-        """When the newest frame with anybody was."""
+        self._captured = {True: -math.inf, False: -math.inf}
+        """When the newest frame with anybody was, of those that begin and of others."""
+        self._hold = hold
+        self._waiting: list[Frame] = []
 
     def forget(self) -> None:
         """Discard the person: what was known is of another place."""
         self.estimator.reset()
         self._association.reset()
+
+    def add(self, frame: Frame) -> None:
+        """Give a frame for the next step, beside the one that it takes."""
+        self._waiting.append(frame)
 
     def step(self, time: float, frame: Frame | None, expected: Pose2D) -> Estimate | None:
         """Return the person at `time` [s]; None before they were seen.
@@ -115,21 +128,37 @@ class PersonTracker:
             ValueError: A measurement is invalid, see `Estimator.update`. The call may be
                 repeated without it.
         """
-        seen = frame is not None and self._see(time, frame, expected)
+        if frame is not None:
+            self._waiting.append(frame)
+        seen = False
+        for due in self._due(time):
+            seen |= self._see(time, due, expected)
         self.tracker.update(time, seen)
         at = self._predict(time - self._latency)
         return self.estimator.ahead(max(time - at, 0.0))
 
+    def _due(self, time: float) -> list[Frame]:
+        """Take out the frames that are held back no longer, in the order of their captures."""
+        until = time - self._hold + 1e-9
+        due = [frame for frame in self._waiting if frame.captured <= until]
+        if due:
+            self._waiting = [frame for frame in self._waiting if frame.captured > until]
+            due.sort(key=lambda frame: (frame.captured, not frame.begins))
+        return due
+
     def _see(self, time: float, frame: Frame, expected: Pose2D) -> bool:
         """Correct the estimate; return whether the frame shows the person."""
-        captured, measurements = frame
+        captured, measurements, begins = frame
+        lost = self.tracker.state is TrackingState.LOST
         known = [
             one._replace(covariance=as_tuple(self.estimator.noise(one.pose, one.covariance)))
             for one in measurements
         ]
-        if not known or captured <= self._captured:
+        if not known or captured <= self._captured[begins] or captured < self._captured[not begins]:
             return False  # nobody, or older than what is known
-        self._captured = captured
+        if not begins and (lost or self.estimator.estimate is None):
+            return False
+        self._captured[begins] = captured
         self._latency = max(self._latency, time - captured)
         self._predict(captured)
         person = self.estimator.estimate
@@ -137,14 +166,18 @@ class PersonTracker:
             pose = expected if person is None else person.pose
             self.estimator.update(*nearest(known, pose)[:2])
             return True
-        known = [one._replace(covariance=self._noise.corrected(one.covariance)) for one in known]
+        known = [
+            _headed(one._replace(covariance=self._noise.corrected(one.covariance)), person, expected)
+            for one in known
+        ]
         choice = self._association.choose(
             captured,
             person,
             expected,
             known,
             unseen=self.tracker.unseen,
-            lost=self.tracker.state is TrackingState.LOST,
+            lost=lost,
+            begins=begins,
         )
         if choice is None:
             return False
@@ -153,7 +186,8 @@ class PersonTracker:
             self._time = captured
         pose, covariance, _ = choice.measurement
         self.estimator.update(pose, covariance)
-        self._noise.learn(captured, pose, covariance)
+        if begins:
+            self._noise.learn(captured, pose, covariance)
         return True
 
     def _predict(self, time: float) -> float:
@@ -164,3 +198,17 @@ class PersonTracker:
             self.estimator.predict(time - self._time)
             self._time = time
         return self._time
+
+
+def _headed(one: Measurement, person: Estimate | None, expected: Pose2D) -> Measurement:
+    """Return a measurement without a heading with the one that it does not contradict.
+
+    Before the person is known it is as if the robot were at its place, give or take `GUESS_RAD`.
+    """
+    xs, ys, (xw, yw, variance) = one.covariance
+    if variance < NO_HEADING:
+        return one
+    if person is not None:
+        return one._replace(pose=one.pose._replace(yaw=person.pose.yaw))
+    guess = one.pose._replace(yaw=expected.yaw)
+    return one._replace(pose=guess, covariance=(xs, ys, (xw, yw, GUESS_RAD**2)))

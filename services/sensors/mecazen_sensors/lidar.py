@@ -9,7 +9,7 @@ from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.robot import Attachment
 
-from mecazen_sensors.config import LidarConfig
+from mecazen.sensors import LidarConfig
 from mecazen_sensors.scene import Floats, Scene
 
 STEPS_PER_M = 1024.0

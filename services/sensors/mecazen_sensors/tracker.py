@@ -35,7 +35,7 @@ from mecazen_sensors.body import (
     scales,
 )
 from mecazen_sensors.camera import Camera, from_world
-from mecazen_sensors.config import TrackerConfig
+from mecazen.sensors import TrackerConfig
 from mecazen_sensors.scene import Floats, Scene
 
 NOISE_SCALE = {"hip": 1.5, "knee": 1.5, "ankle": 1.5, "heel": 2.0, "foot": 2.0, "wrist": 1.5}

@@ -105,7 +105,6 @@ class DepthConfig(Section):
     Tölgyessy 2021, Sensors 21:413; their share is an assumption.
     """
 
-    enabled: bool = False
     rate_hz: Positive = 5.0
     """Pictures a second; divides the tick rate."""
     width: Annotated[int, msgspec.Meta(ge=16, le=1280)] = 320
@@ -128,8 +127,11 @@ class DepthConfig(Section):
 
 
 class SensorsConfig(Section):
-    """The robot's sensors."""
+    """The robot's sensors, which those who take from them know too."""
 
+    skeleton_rate_hz: Positive = 50.0
+    """How often the person's body moves, for those who look at it; divides the tick rate, and
+    captures fall on it."""
     lidar: LidarConfig = LidarConfig()
     tracker: TrackerConfig = TrackerConfig()
     depth: DepthConfig = DepthConfig()

@@ -1,0 +1,1 @@
+"""Perception: from what sensors see to where persons are."""

@@ -1,0 +1,68 @@
+"""The nodes of perception: what sensors see becomes observations of persons."""
+
+from __future__ import annotations
+
+from mecazen import messages as m
+from mecazen.config import Scenario
+from mecazen.covariance import ros_covariance
+from mecazen.geometry import Pose2D
+from mecazen.graph import TABLE
+from mecazen.keys import LEGS, OBSERVATION, SCAN, SKELETONS
+from mecazen.node import Inputs, Node, Outputs, Tick
+
+from mecazen_follower.perception.body import poses_of
+from mecazen_follower.perception.legs import persons
+
+
+class Body(Node):
+    """Finds position and heading of persons from the joints that are seen."""
+
+    ROW = TABLE["body"]
+
+    def reset(self, seed: int) -> None:
+        """Do nothing: each frame stands for itself."""
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return everybody whose trunk is in view."""
+        del tick
+        frame = inputs[SKELETONS]
+        found = poses_of(frame.skeletons)
+        return {
+            OBSERVATION: m.Observation(
+                header=frame.header,
+                poses=tuple(
+                    m.PoseWithCovariance(
+                        pose=m.Pose.planar(pose), covariance=ros_covariance(covariance)
+                    )
+                    for pose, covariance, _ in found
+                ),
+                ids=tuple(identity for _, _, identity in found),
+            )
+        }
+
+
+class Legs(Node):
+    """Finds persons by their legs in a scan."""
+
+    ROW = TABLE["legs"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        x, y, _ = scenario.robot.lidar.position_m
+        self.lidar = Pose2D(x, y)
+
+    def reset(self, seed: int) -> None:
+        """Do nothing: each scan stands for itself."""
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return where persons may be, in base_link."""
+        del tick
+        scan = inputs[SCAN]
+        found = [
+            m.PoseWithCovariance(
+                pose=m.Pose.planar(self.lidar.compose(pose)), covariance=ros_covariance(covariance)
+            )
+            for pose, covariance in persons(scan)
+        ]
+        header = m.Header(stamp=scan.header.stamp, frame_id="base_link")
+        return {LEGS: m.Observation(header=header, poses=tuple(found))}

@@ -1,0 +1,94 @@
+"""The nodes of the sensors: what is where becomes what is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from mecazen import messages as m
+from mecazen.config import Scenario, whole_ticks
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D
+from mecazen.graph import TABLE
+from mecazen.keys import GROUND_TRUTH, SCAN, SKELETONS, TARGET_SKELETON
+from mecazen.node import Inputs, Node, Outputs, Tick
+
+from mecazen_sensors.lidar import Lidar
+from mecazen_sensors.scene import Floats, Scene
+from mecazen_sensors.tracker import Tracker
+
+
+class _Sensor(Node):
+    """What sees the person, obstacles and the ground from the robot."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.scene = Scene(scenario.world, (scenario.robot,))
+
+    def _place(self, inputs: Inputs) -> tuple[Pose2D, Floats]:
+        """Put everybody where they are; return the robot's pose and the person's joints."""
+        robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
+        body = inputs[TARGET_SKELETON]
+        joints = np.array([(joint.x, joint.y, joint.z) for joint in body.joints])
+        self.scene.place_robot(0, robot)
+        self.scene.place_person(0, joints, body.height)
+        return robot, joints
+
+    def _check_captures(self, key: str, ticks: int, latency: int = 0) -> None:
+        """Refuse a sensor that would look while the body does not move.
+
+        Raises:
+            ConfigError: Its captures do not fall on the ticks of the skeleton.
+        """
+        rate_hz = self.scenario.sensors.skeleton_rate_hz
+        period = self.scenario.ticks_per("sensors.skeleton_rate_hz")
+        if ticks % period or latency % period:
+            raise ConfigError(
+                f"{key}: period and latency must be whole multiples of the skeleton's period: "
+                f"sensors.skeleton_rate_hz = {rate_hz:g}"
+            )
+
+
+class LidarNode(_Sensor):
+    """Scans the surroundings."""
+
+    ROW = TABLE["lidar"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.period = scenario.ticks_per("sensors.lidar.rate_hz")
+        self._check_captures("sensors.lidar", self.period)
+
+    def reset(self, seed: int) -> None:
+        """Begin a run with noise from `seed`."""
+        self.lidar = Lidar(self.scenario.sensors.lidar, self.scenario.robot.lidar, seed)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return a scan when one is due."""
+        if tick.number % self.period:
+            return {}
+        robot, _ = self._place(inputs)
+        return {SCAN: self.lidar.scan(self.scene, robot, tick.time)}
+
+
+class TrackerNode(_Sensor):
+    """Sees the joints of the person."""
+
+    ROW = TABLE["tracker"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        tick_s, config = scenario.sim.tick_s, scenario.sensors.tracker
+        latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
+        self._check_captures("sensors.tracker", scenario.ticks_per("sensors.tracker.rate_hz"), latency)
+
+    def reset(self, seed: int) -> None:
+        """Begin a run with errors from `seed`."""
+        of = self.scenario
+        self.tracker = Tracker(of.sensors.tracker, of.robot.camera, seed, of.sim.tick_s)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the frame that arrives, if one does."""
+        robot, joints = Pose2D(), np.empty(0)
+        if self.tracker.captures(tick.number):
+            robot, joints = self._place(inputs)
+        frame = self.tracker.observe(tick.number, self.scene, robot, (joints,))
+        return {} if frame is None else {SKELETONS: frame}
