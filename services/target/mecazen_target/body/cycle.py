@@ -17,8 +17,9 @@ from mecazen_target.body.style import Style
 
 SAMPLES = 100
 """Of the pelvis over the cycle; of a leg over its stance, and as many over its swing."""
-_HARMONICS = 6  # of the pelvis
-_CLEARANCE = 0.012  # at least, in the middle of the swing [m]
+_HARMONICS = 8  # of the pelvis
+_CLEARANCE = 0.01  # at least, in the middle of the swing [m]
+_TIED = 0.4  # share of the swing over which each end is tied to the stance
 _FLAT = (0.11 / 0.62, 0.34 / 0.62)  # of the stance: the foot is flat, as curves have it within 2 deg
 
 
@@ -164,8 +165,8 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
             phase = math.fmod(leg_phase + 1.0 - side * style.offset, 1.0)
             x, z, left = hip(side, phase)
             want = step(side, math.fmod(leg_phase, 1.0), left)
-            s = _smooth(u)
-            pitch += (1.0 - s) * (off - pitches[0]) + s * (strike - pitches[-1])  # noqa: PLW2901
+            early, final = _ties(u)
+            pitch += early * (off - pitches[0]) + final * (strike - pitches[-1])  # noqa: PLW2901
             roll_x, roll_z = segments.roll(pitch)
             pelvis_x, pelvis_z = ahead.at(phase - late), height.at(phase - late)
             swing.append(
@@ -178,11 +179,12 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         first, last = swing[0], swing[-1]
         tied = Leg([], [], [])
         for u, (pitch, lift, progress) in zip(parts, swing, strict=True):
-            s, bump = _smooth(u), 16.0 * (u * (1.0 - u)) ** 2
-            lift -= (1.0 - s) * first[1] + s * last[1]  # noqa: PLW2901
+            early, final = _ties(u)
+            bump = 16.0 * (u * (1.0 - u)) ** 2
+            lift -= early * first[1] + final * last[1]  # noqa: PLW2901
             tied.pitch.append(pitch)
             tied.lift.append(max(lift, _CLEARANCE * bump))
-            tied.progress.append(progress - (1.0 - s) * first[2] - s * (last[2] - 1.0))
+            tied.progress.append(progress - early * first[2] - final * (last[2] - 1.0))
         return stance, tied
 
     grid = [i / SAMPLES - late for i in range(SAMPLES + 1)]
@@ -196,6 +198,11 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         [height.at(phase) for phase in grid],
         (leg(0), leg(1)),
     )
+
+
+def _ties(u: float) -> tuple[float, float]:
+    """Return how much of what is off at the beginning and at the end of a swing is taken off."""
+    return 1.0 - _smooth(u / _TIED), _smooth((u - 1.0) / _TIED + 1.0)
 
 
 def _smooth(u: float) -> float:
