@@ -18,8 +18,9 @@ from mecazen_target.body.style import Style
 SAMPLES = 100
 """Of the pelvis over the cycle; of a leg over its stance, and as many over its swing."""
 _HARMONICS = 8  # of the pelvis
-_CLEARANCE = 0.01  # at least, in the middle of the swing [m]
+_CLEARANCE = 0.007  # about the least in the middle of the swing [m]
 _TIED = 0.4  # share of the swing over which each end is tied to the stance
+_RAMP = 0.06  # share of the stance over which the foot leaves the ground
 _FLAT = (0.11 / 0.62, 0.34 / 0.62)  # of the stance: the foot is flat, as curves have it within 2 deg
 
 
@@ -110,10 +111,10 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         reach = segments.thigh * math.sin(thigh) + segments.shank * math.sin(shank)
         return _Step(shank + ankle, reach, math.sqrt(down * down - left * left))
 
-    def stance_pitch(side: int, part: float, pitch: float) -> float:
+    def stance_pitch(part: float, pitch: float) -> float:
         if part < _FLAT[0]:
-            return max(pitch, 0.0)
-        return 0.0 if part < _FLAT[1] else min(pitch, 0.0)
+            return max(pitch, 0.0) * _smooth((_FLAT[0] - part) / _RAMP)
+        return min(pitch, 0.0) * _smooth((part - _FLAT[1]) / _RAMP)
 
     def ends(side: int) -> tuple[float, float]:
         """Return the pitch of a foot at heel strike and at toe-off."""
@@ -133,7 +134,7 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
             weight = _smooth(min(leg_phase, share - leg_phase) / max(share - 0.5, 0.05))
             x, z, left = hip(side, phase)
             want = step(side, leg_phase, left)
-            roll_x, roll_z = segments.roll(stance_pitch(side, leg_phase / share, want.pitch))
+            roll_x, roll_z = segments.roll(stance_pitch(leg_phase / share, want.pitch))
             base = stride * (share / 2 - leg_phase) + own_leads[side]
             total += weight
             forward += weight * (base + roll_x - want.reach - x)
@@ -152,7 +153,7 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         share = shares[side]
         parts = [i / SAMPLES for i in range(SAMPLES + 1)]
         stance = Leg(
-            [stance_pitch(side, u, step(side, share * u, 0.0).pitch) for u in parts],
+            [stance_pitch(u, step(side, share * u, 0.0).pitch) for u in parts],
             [0.0] * len(parts),
             [0.0] * len(parts),
         )
@@ -183,7 +184,7 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
             bump = 16.0 * (u * (1.0 - u)) ** 2
             lift -= early * first[1] + final * last[1]  # noqa: PLW2901
             tied.pitch.append(pitch)
-            tied.lift.append(max(lift, _CLEARANCE * bump))
+            tied.lift.append(_larger(lift, _CLEARANCE * bump, 0.006 * bump))
             tied.progress.append(progress - early * first[2] - final * (last[2] - 1.0))
         return stance, tied
 
@@ -198,6 +199,11 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         [height.at(phase) for phase in grid],
         (leg(0), leg(1)),
     )
+
+
+def _larger(a: float, b: float, width: float) -> float:
+    """Return the larger of two values, without a kink where they are about `width` apart."""
+    return (a + b + math.sqrt((a - b) ** 2 + width * width)) / 2
 
 
 def _ties(u: float) -> tuple[float, float]:

@@ -23,7 +23,10 @@ _PERIOD_S = (0.6, 1.2)  # shortest; of the steps that end a walk
 _TURN_RAD, _ASIDE_M, _BACK_M = 0.8, 0.5, 0.6  # at most, in a stride
 _HOME = (0.03, 0.1)  # a foot is where it stands: within [m], [rad]
 _ASTRAY = (0.1, 0.35)  # from there on a person who stands takes a step
+_STEP_M = 0.04  # height of steps that are not forward
 _REACH = 0.9999  # of the leg's length
+_HURRY_M = (0.03, 0.02)  # a pelvis pulled down by the first makes steps quicker, by 1 per second
+_MOST_HURRY = 2.0
 _LOWEST = 0.7  # of the standing height: a pelvis lower than this lets a foot slip instead
 
 
@@ -36,8 +39,8 @@ class _Leg:
         self.swings = False
         self.lifted = 0.0
         """Phase at which the swing began."""
-        self.error = (0.0, 0.0, 0.0, 0.0)
-        """Of x, y [m], yaw and pitch [rad] then, from the cycle's, in the frame of the path."""
+        self.error = Pose2D()
+        """Difference then from the cycle's place, in the frame of the path."""
         self.pitch = 0.0
         self.lift = 0.0
 
@@ -66,6 +69,7 @@ class Walker:
         self._pose = motion.pose
         self._phase = 0.0
         self._walks = False
+        self._pulled = 0.0
         self._twists = [(0.0, 0.0, 0.0)] * 2
         self._activities = [0.0, 0.0]
         self._gait.set_speed(0.0)
@@ -92,7 +96,8 @@ class Walker:
         if self._walks:
             self._gait.set_speed(speed)
             period = _period(motion.twist, self._gait.stride) if moves else _PERIOD_S[1]
-            self._phase = math.fmod(self._phase + dt_s / period, 1.0)
+            hurry = 1.0 + max(self._pulled - _HURRY_M[0], 0.0) / _HURRY_M[1]
+            self._phase = math.fmod(self._phase + min(hurry, _MOST_HURRY) * dt_s / period, 1.0)
         self._frame()
         for side in (0, 1):
             self._move(side)
@@ -145,8 +150,7 @@ class Walker:
         x, y, yaw = self._pose.between(leg.base)
         late = self._phase_of(side) - phase
         nominal = self._nominal(side, -share / 2 - late)
-        pitch = self._shown() * self._gait.swing(side, 0.0).pitch
-        leg.error = (x - nominal.x, y - nominal.y, wrap(yaw - nominal.yaw), leg.pitch - pitch)
+        leg.error = Pose2D(x - nominal.x, y - nominal.y, wrap(yaw - nominal.yaw))
 
     def _shown(self) -> float:
         """Return the share in which the cycle of a forward walk is seen."""
@@ -167,11 +171,12 @@ class Walker:
         part = (phase - leg.lifted) / (1.0 - leg.lifted)
         foot = gait.swing(side, part)
         rest = 1.0 - part * part * part * (10.0 - part * (15.0 - 6.0 * part))
-        x, y, yaw, pitch = leg.error
+        x, y, yaw = leg.error
         place = self._nominal(side, share * (foot.progress - 0.5))
         relative = Pose2D(place.x + rest * x, place.y + rest * y, place.yaw + rest * yaw)
         leg.base = self._pose.compose(relative)
-        leg.pitch, leg.lift = self._shown() * foot.pitch + rest * pitch, foot.lift
+        shown, bump = self._shown(), 16.0 * _STEP_M * (part * (1.0 - part)) ** 2
+        leg.pitch, leg.lift = shown * foot.pitch, bump + shown * (foot.lift - bump)
 
     def _posture(self) -> Posture:
         segments, activity = self.segments, self._activities[1]
@@ -188,9 +193,11 @@ class Walker:
         feet = [self._foot(leg) for leg in self._legs]
         hips = [(x - sign * out * s, y + sign * out * c, sign * up) for sign in (1, -1)]
         longest = _REACH * (segments.thigh + segments.shank)
+        free = height
         for (hx, hy, hz), (ankle, _, _) in zip(hips, feet, strict=True):
             room = longest * longest - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
             height = min(height, ankle[2] + math.sqrt(max(room, 0.0)) - hz)
+        self._pulled = free - height
         height = max(height, _LOWEST * segments.standing)
         neck = height + segments.trunk
         joints: list[Point] = [
