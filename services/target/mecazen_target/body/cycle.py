@@ -57,7 +57,7 @@ class Leg(NamedTuple):
     lift: list[float]
     """Of the foot's lowest point [m]; 0 in stance."""
     progress: list[float]
-    """Of the swing: 0 where the foot stood, 1 where it will; 0 in stance."""
+    """In the world, from 0 where the foot stood to 1 where it will; 0 in stance."""
 
 
 class Cycle(NamedTuple):
@@ -174,7 +174,7 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
                 (
                     pitch,
                     pelvis_z + z - want.drop - roll_z,
-                    (pelvis_x + x + want.reach - roll_x - own_leads[side]) / (stride * share) + 0.5,
+                    (pelvis_x + x + want.reach - roll_x - own_leads[side]) / stride + leg_phase - share / 2,
                 )
             )
         first, last = swing[0], swing[-1]

@@ -39,22 +39,23 @@ class _Leg:
         self.swings = False
         self.lifted = 0.0
         """Phase at which the swing began."""
-        self.error = Pose2D()
-        """Difference then from the cycle's place, in the frame of the path."""
+        self.left = base
+        """Where it began."""
         self.pitch = 0.0
         self.lift = 0.0
+        self.bend = 0.0
+        """How much shorter than straight the leg must be [m]: straight ones would bend too fast."""
 
 
 class Walker:
     """A body on its path, step by step.
 
-    The path's pose is the body's frame: x forward, y left. With the period T of a stride, a foot
-    in its middle of stance is below this frame; so it is put down where the frame will be after
-    half the stance, twist unchanged: at exp(twist·T·share/2) in SE(2), as in M. H. Raibert, Legged
-    Robots That Balance (1986), p. 46. There it stays while it rolls from heel to ball. In swing it
-    goes from exp(-twist·T·share/2) to there with the progress, the lift and the pitch of the
-    solved cycle; what it was off at the beginning fades away. So any twist, also of turning on the
-    spot, or sideways, is walked. A lag of the twist keeps all of it continuous.
+    The path's pose is the body's frame: x forward, y left. In the middle of its stance a foot is
+    below this frame. So it is put down where the frame will be after half the stance if the twist
+    stays as it is (M. H. Raibert, Legged Robots That Balance, 1986, p. 46), by the exponential map
+    of SE(2), and any twist is walked, also sideways or on the spot. There it stays while it rolls
+    from heel to ball. In swing it goes from there to the next place with the progress, the lift and
+    the pitch of the solved cycle. A lag of the twist, on which that depends, keeps it continuous.
     """
 
     def __init__(self, body: Body) -> None:
@@ -145,12 +146,8 @@ class Walker:
         )
 
     def _lift_off(self, side: int, phase: float) -> None:
-        leg, share = self._legs[side], self._gait.shares[side]
-        leg.swings, leg.lifted = True, phase
-        x, y, yaw = self._pose.between(leg.base)
-        late = self._phase_of(side) - phase
-        nominal = self._nominal(side, -share / 2 - late)
-        leg.error = Pose2D(x - nominal.x, y - nominal.y, wrap(yaw - nominal.yaw))
+        leg = self._legs[side]
+        leg.swings, leg.lifted, leg.left = True, phase, leg.base
 
     def _shown(self) -> float:
         """Return the share in which the cycle of a forward walk is seen."""
@@ -167,16 +164,20 @@ class Walker:
             self._lift_off(side, share)
         if not leg.swings:
             leg.pitch, leg.lift = self._shown() * gait.stance_pitch(side, phase / share), 0.0
+            leg.bend = 0.0
             return
         part = (phase - leg.lifted) / (1.0 - leg.lifted)
         foot = gait.swing(side, part)
-        rest = 1.0 - part * part * part * (10.0 - part * (15.0 - 6.0 * part))
-        x, y, yaw = leg.error
-        place = self._nominal(side, share * (foot.progress - 0.5))
-        relative = Pose2D(place.x + rest * x, place.y + rest * y, place.yaw + rest * yaw)
-        leg.base = self._pose.compose(relative)
+        x, y, yaw = leg.left
+        goal = self._pose.compose(self._nominal(side, share / 2 + 1.0 - phase))
+        leg.base = Pose2D(
+            x + foot.progress * (goal.x - x),
+            y + foot.progress * (goal.y - y),
+            yaw + foot.progress * wrap(goal.yaw - yaw),
+        )
         shown, bump = self._shown(), 16.0 * _STEP_M * (part * (1.0 - part)) ** 2
         leg.pitch, leg.lift = shown * foot.pitch, bump + shown * (foot.lift - bump)
+        leg.bend = bump * (1.0 - shown)
 
     def _posture(self) -> Posture:
         segments, activity = self.segments, self._activities[1]
@@ -194,8 +195,8 @@ class Walker:
         hips = [(x - sign * out * s, y + sign * out * c, sign * up) for sign in (1, -1)]
         longest = _REACH * (segments.thigh + segments.shank)
         free = height
-        for (hx, hy, hz), (ankle, _, _) in zip(hips, feet, strict=True):
-            room = longest * longest - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
+        for (hx, hy, hz), (ankle, _, _), leg in zip(hips, feet, self._legs, strict=True):
+            room = (longest - leg.bend) ** 2 - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
             height = min(height, ankle[2] + math.sqrt(max(room, 0.0)) - hz)
         self._pulled = free - height
         height = max(height, _LOWEST * segments.standing)
