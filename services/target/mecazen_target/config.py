@@ -112,9 +112,50 @@ class Gait(Section):
     """Step length [m]; typically 0.3 at 0.2 m/s and 0.7 at 1.3 m/s."""
 
 
+class Limp(Section):
+    """One leg is spared: it stands for a shorter time, and its step is longer."""
+
+    side: Turn = "right"
+    stance_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.12)] = 0.08
+    """Difference of the stance shares, the other leg's minus the affected one's."""
+    step_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.2
+    """Difference of the step lengths, the affected leg's minus the other's, over their mean."""
+
+
+class StiffKnee(Section):
+    """The knee flexes less in swing."""
+
+    side: Literal["left", "right", "both"] = "both"
+    flexion: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.5
+    """Share that is left of the flexion above 15 deg."""
+
+
+class Shuffle(Section):
+    """Short steps at a high cadence."""
+
+    step_length: Annotated[float, msgspec.Meta(ge=0.3, le=1.0)] = 0.5
+    """Relative to healthy people's at the same speed."""
+
+
+class Body(Section):
+    """The person's body and how it walks; `mecazen_target.body`."""
+
+    height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
+    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1000.0)] = 50.0
+    """Of the skeleton."""
+    limp: Limp | None = None
+    stiff_knee: StiffKnee | None = None
+    shuffle: Shuffle | None = None
+    motion_file: Path | None = None
+    """Recorded walk (.bvh, .c3d, .mot, .trc) whose cycle replaces the normative curves."""
+    factors_file: Path | None = None
+    """Table in the form of `body/norm.toml` that replaces it."""
+
+
 class TargetConfig(Section):
     """The person."""
 
     path: Walk | Driven = UTrack()
     """Where the person walks; `kind` selects the struct."""
     gait: Gait | None = None
+    body: Body | None = None

@@ -1,0 +1,1 @@
+"""The person's body: a skeleton that walks, on feet that stay where they stand."""

@@ -1,0 +1,291 @@
+"""The person walks: feet are put down where they will stand, and stay there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+
+from mecazen_target.body.cycle import Sway
+from mecazen_target.body.lookup import SLOWEST, Lookup
+from mecazen_target.body.norm import TABLE, read_norm
+from mecazen_target.body.posture import Point, Posture, sagittal_angles
+from mecazen_target.body.segments import Segments
+from mecazen_target.body.style import Style, reference
+from mecazen_target.config import Body
+from mecazen_target.motion import Motion
+
+_LAG_S = 0.08  # of each of two lags in series, of the twist and of the change to standing
+_STILL_M_S, _STILL_RAD_S = 0.01, 0.02  # below both the person stands
+_START_PHASE = 0.75  # of the leg that makes the first step, the other one is under the body
+_PERIOD_S = (0.6, 1.2)  # shortest; of the steps that end a walk
+_TURN_RAD, _ASIDE_M, _BACK_M = 0.8, 0.5, 0.6  # at most, in a stride
+_HOME = (0.03, 0.1)  # a foot is where it stands: within [m], [rad]
+_ASTRAY = (0.1, 0.35)  # from there on a person who stands takes a step
+_STEP_M = 0.04  # height of steps that are not forward
+_REACH = 0.9999  # of the leg's length
+_HURRY_M = (0.03, 0.02)  # a pelvis pulled down by the first makes steps quicker, by 1 per second
+_MOST_HURRY = 2.0
+_LOWEST = 0.7  # of the standing height: a pelvis lower than this lets a foot slip instead
+
+
+class _Leg:
+    """A leg's state."""
+
+    def __init__(self, base: Pose2D) -> None:
+        self.base = base
+        """The point below the ankle of the flat foot, in the world."""
+        self.swings = False
+        self.lifted = 0.0
+        """Phase at which the swing began."""
+        self.left = base
+        """Where it began."""
+        self.pitch = 0.0
+        self.lift = 0.0
+        self.bend = 0.0
+        """How much shorter than straight the leg must be [m]: straight ones would bend too fast."""
+
+
+class Walker:
+    """A body on its path, step by step.
+
+    The path's pose is the body's frame: x forward, y left. In the middle of its stance a foot is
+    below this frame. So it is put down where the frame will be after half the stance if the twist
+    stays as it is (M. H. Raibert, Legged Robots That Balance, 1986, p. 46), by the exponential map
+    of SE(2), and any twist is walked, also sideways or on the spot. There it stays while it rolls
+    from heel to ball. In swing it goes from there to the next place with the progress, the lift and
+    the pitch of the solved cycle. A lag of the twist, on which that depends, keeps it continuous.
+    """
+
+    def __init__(self, body: Body) -> None:
+        norm = read_norm(body.factors_file or TABLE)
+        self.segments = Segments.of(body.height_m)
+        self.style = Style(body, norm.factors, reference(norm))
+        self._gait = Lookup(self.style, self.segments)
+        self.reset(Motion(Pose2D()))
+
+    def reset(self, motion: Motion) -> Posture:
+        """Stand at the pose of `motion` and return the posture."""
+        self._pose = motion.pose
+        self._phase = 0.0
+        self._walks = False
+        self._pulled = 0.0
+        self._twists = [(0.0, 0.0, 0.0)] * 2
+        self._activities = [0.0, 0.0]
+        self._gait.set_speed(0.0)
+        self._frame()
+        self._legs = [_Leg(motion.pose.compose(self._nominal(side, 0.0))) for side in (0, 1)]
+        return self._posture()
+
+    def step(self, motion: Motion, dt_s: float) -> Posture:
+        """Advance by `dt_s` [s] to `motion` and return the posture there."""
+        self._pose = motion.pose
+        x, y, yaw = motion.twist
+        speed = math.hypot(x, y)
+        moves = speed > _STILL_M_S or abs(yaw) > _STILL_RAD_S
+        self._start_or_stop(motion.twist, moves)
+        keep = math.exp(-dt_s / _LAG_S)
+        wanted: tuple[float, ...] = motion.twist
+        for i in (0, 1):
+            self._twists[i] = wanted = tuple(
+                w + keep * (t - w) for t, w in zip(self._twists[i], wanted, strict=True)
+            )
+        activity = float(self._walks)
+        for i in (0, 1):
+            self._activities[i] = activity = activity + keep * (self._activities[i] - activity)
+        if self._walks:
+            self._gait.set_speed(speed)
+            period = _period(motion.twist, self._gait.stride) if moves else _PERIOD_S[1]
+            hurry = 1.0 + max(self._pulled - _HURRY_M[0], 0.0) / _HURRY_M[1]
+            self._phase = math.fmod(self._phase + min(hurry, _MOST_HURRY) * dt_s / period, 1.0)
+        self._frame()
+        for side in (0, 1):
+            self._move(side)
+        return self._posture()
+
+    def _phase_of(self, side: int) -> float:
+        return math.fmod(self._phase + side * self._gait.offset, 1.0)
+
+    def _frame(self) -> None:
+        """Set what all of a step needs of the twist."""
+        x, y, yaw = self._twists[1]
+        speed = math.hypot(x, y)
+        self._gait.set_speed(speed)
+        self._twist = Twist2D(x, y, yaw)
+        self._period = _period(self._twist, self._gait.stride)
+        self._ahead = min(max(x, -speed), speed) / max(speed, SLOWEST)
+        """1 when walking forward, 0 when standing, turning or walking sideways."""
+
+    def _start_or_stop(self, twist: Twist2D, moves: bool) -> None:
+        offs = [self._off(side) for side in (0, 1)]
+        if self._walks:
+            home = all(d < _HOME[0] and turn < _HOME[1] for d, turn in offs)
+            up = self._legs[0].swings or self._legs[1].swings
+            self._walks = moves or up or not home
+        elif moves or any(d > _ASTRAY[0] or turn > _ASTRAY[1] for d, turn in offs):
+            self._walks = True
+            if self._activities[1] > 0.01:
+                return  # still in the middle of a cycle
+            aside = twist.y + 0.3 * twist.yaw
+            first = 0 if aside > 0.02 or (not moves and offs[0] > offs[1]) else 1
+            self._phase = math.fmod(_START_PHASE + 1.0 - first * self._gait.offset, 1.0)
+            self._lift_off(first, _START_PHASE)
+
+    def _off(self, side: int) -> tuple[float, float]:
+        """Return how far a foot is from where it stands: distance [m] and turn [rad]."""
+        x, y, yaw = self._pose.between(self._legs[side].base)
+        home = self._nominal(side, 0.0)
+        return math.hypot(x - home.x, y - home.y), abs(wrap(yaw))
+
+    def _nominal(self, side: int, cycles: float) -> Pose2D:
+        """Return where a foot stands, in the frame of the path, that is below it in `cycles`."""
+        aside = self.segments.step_width / 2 + 0.25 * abs(self._twist.y) * self._period
+        return Pose2D().integrate(self._twist, self._period * cycles).compose(
+            Pose2D(self._gait.leads[side] * self._ahead, aside * (1 - 2 * side))
+        )
+
+    def _lift_off(self, side: int, phase: float) -> None:
+        leg = self._legs[side]
+        leg.swings, leg.lifted, leg.left = True, phase, leg.base
+
+    def _shown(self) -> float:
+        """Return the share in which the cycle of a forward walk is seen."""
+        return self._activities[1] * max(self._ahead, 0.0)
+
+    def _move(self, side: int) -> None:
+        """Move a foot to its place at the phase."""
+        leg, gait, phase = self._legs[side], self._gait, self._phase_of(side)
+        share = gait.shares[side]
+        if leg.swings and phase < leg.lifted:
+            leg.swings = False
+            leg.base = self._pose.compose(self._nominal(side, share / 2 - phase))
+        elif not leg.swings and phase >= share:
+            self._lift_off(side, share)
+        if not leg.swings:
+            leg.pitch, leg.lift = self._shown() * gait.stance_pitch(side, phase / share), 0.0
+            leg.bend = 0.0
+            return
+        part = (phase - leg.lifted) / (1.0 - leg.lifted)
+        foot = gait.swing(side, part)
+        x, y, yaw = leg.left
+        goal = self._pose.compose(self._nominal(side, share / 2 + 1.0 - phase))
+        leg.base = Pose2D(
+            x + foot.progress * (goal.x - x),
+            y + foot.progress * (goal.y - y),
+            yaw + foot.progress * wrap(goal.yaw - yaw),
+        )
+        shown, bump = self._shown(), 16.0 * _STEP_M * (part * (1.0 - part)) ** 2
+        leg.pitch, leg.lift = shown * foot.pitch, bump + shown * (foot.lift - bump)
+        leg.bend = bump * (1.0 - shown)
+
+    def _posture(self) -> Posture:
+        segments, activity = self.segments, self._activities[1]
+        factors, cycle = self._gait.factors, math.tau * self._phase
+        swing = activity * self._ahead
+        sway = Sway.at(factors, self._phase)
+        ahead, height = self._gait.pelvis(self._phase)
+        x, y, heading = self._pose.compose(Pose2D(swing * ahead, activity * sway.left))
+        yaw = heading + swing * sway.yaw
+        c, s = math.cos(yaw), math.sin(yaw)
+        half, roll = segments.hips / 2, activity * sway.roll
+        out, up = half * math.cos(roll), half * math.sin(roll)
+        height = segments.standing + activity * (height - segments.standing)
+        feet = [self._foot(leg) for leg in self._legs]
+        hips = [(x - sign * out * s, y + sign * out * c, sign * up) for sign in (1, -1)]
+        longest = _REACH * (segments.thigh + segments.shank)
+        free = height
+        for (hx, hy, hz), (ankle, _, _), leg in zip(hips, feet, self._legs, strict=True):
+            room = (longest - leg.bend) ** 2 - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
+            height = min(height, ankle[2] + math.sqrt(max(room, 0.0)) - hz)
+        self._pulled = free - height
+        height = max(height, _LOWEST * segments.standing)
+        neck = height + segments.trunk
+        joints: list[Point] = [
+            (x, y, height),
+            (x, y, height + segments.trunk / 2),
+            (x, y, neck),
+            (x, y, neck + segments.head),
+        ]
+        trunk = heading - swing * math.radians(factors.trunk_rotation_deg) * -math.cos(cycle)
+        for side, (hip, foot) in enumerate(zip(hips, feet, strict=True)):
+            arm = -swing * math.radians(factors.arm_swing_deg)
+            joints += self._arm((x, y, neck), trunk, 1 - 2 * side, arm, cycle + math.pi * side)
+            hip = (hip[0], hip[1], height + hip[2])  # noqa: PLW2901
+            forward = yaw + 0.5 * wrap(self._legs[side].base.yaw - yaw)
+            joints += [hip, *self._leg(hip, foot[0], forward), *foot[1:]]
+        return Posture(
+            np.array(joints),
+            sagittal_angles(joints),
+            (self._phase_of(0), self._phase_of(1)),
+            (not self._legs[0].swings, not self._legs[1].swings),
+        )
+
+    def _foot(self, leg: _Leg) -> tuple[Point, Point, Point]:
+        """Return ankle, heel and ball of a foot in the world."""
+        segments, (x, y, yaw), lift = self.segments, leg.base, leg.lift
+        dx, dy = math.cos(yaw), math.sin(yaw)
+        forward, up = segments.roll(leg.pitch)
+        length = segments.heel + segments.ball
+        along, rise = length * math.cos(leg.pitch), length * math.sin(leg.pitch)
+        if leg.pitch >= 0.0:
+            heel, ball = (-segments.heel, lift), (along - segments.heel, lift + rise)
+        else:
+            heel, ball = (segments.ball - along, lift - rise), (segments.ball, lift)
+        return (
+            (x + forward * dx, y + forward * dy, up + lift),
+            (x + heel[0] * dx, y + heel[0] * dy, heel[1]),
+            (x + ball[0] * dx, y + ball[0] * dy, ball[1]),
+        )
+
+    def _leg(self, hip: Point, ankle: Point, forward: float) -> tuple[Point, Point]:
+        """Return the knee, which points to the yaw `forward`, and the ankle, within reach."""
+        thigh, shank = self.segments.thigh, self.segments.shank
+        d = [a - h for a, h in zip(ankle, hip, strict=True)]
+        distance = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        longest = _REACH * (thigh + shank)
+        u = [a / distance for a in d]
+        if distance > longest:
+            distance = longest
+            ankle = (hip[0] + u[0] * distance, hip[1] + u[1] * distance, hip[2] + u[2] * distance)
+        along = (thigh * thigh - shank * shank + distance * distance) / (2.0 * distance)
+        aside = math.sqrt(max(thigh * thigh - along * along, 0.0))
+        fx, fy = math.cos(forward), math.sin(forward)
+        share = fx * u[0] + fy * u[1]
+        nx, ny, nz = fx - share * u[0], fy - share * u[1], -share * u[2]
+        aside /= math.sqrt(nx * nx + ny * ny + nz * nz)
+        return (
+            (
+                hip[0] + along * u[0] + aside * nx,
+                hip[1] + along * u[1] + aside * ny,
+                hip[2] + along * u[2] + aside * nz,
+            ),
+            ankle,
+        )
+
+    def _arm(
+        self, neck: Point, yaw: float, sign: int, swing: float, cycle: float
+    ) -> tuple[Point, Point, Point]:
+        """Return shoulder, elbow and wrist; arms swing against the leg of their side."""
+        segments = self.segments
+        dx, dy = math.cos(yaw), math.sin(yaw)
+        aside = sign * segments.shoulders / 2
+        x, y, z = neck[0] - aside * dy, neck[1] + aside * dx, neck[2]
+        upper = swing * math.cos(cycle)
+        lower = upper + 0.25 + 0.4 * (upper + abs(swing))
+        points = [(x, y, z)]
+        for length, angle in ((segments.upper_arm, upper), (segments.forearm, lower)):
+            reach = length * math.sin(angle)
+            x, y, z = x + reach * dx, y + reach * dy, z - length * math.cos(angle)
+            points.append((x, y, z))
+        return points[0], points[1], points[2]
+
+
+def _period(twist: Twist2D, stride: float) -> float:
+    """Return the period of a stride [s], shorter where strides of that length are awkward."""
+    x, y, yaw = twist
+    period = stride / max(math.hypot(x, y), SLOWEST)
+    for rate, most in ((abs(yaw), _TURN_RAD), (abs(y), _ASIDE_M), (-x, _BACK_M)):
+        if rate * period > most:
+            period = most / rate
+    return max(period, _PERIOD_S[0])
