@@ -141,8 +141,6 @@ class Body(Section):
     """The person's body and how it walks; `mecazen_target.body`."""
 
     height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
-    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1000.0)] = 50.0
-    """Of the skeleton."""
     limp: Limp | None = None
     stiff_knee: StiffKnee | None = None
     shuffle: Shuffle | None = None
@@ -158,4 +156,4 @@ class TargetConfig(Section):
     path: Walk | Driven = UTrack()
     """Where the person walks; `kind` selects the struct."""
     gait: Gait | None = None
-    body: Body | None = None
+    body: Body = Body()

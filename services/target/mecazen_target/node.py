@@ -8,10 +8,19 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import TABLE
-from mecazen.keys import GROUND_TRUTH, OBSERVATION, TARGET_CMD_VEL, TARGET_ODOM, Topic
+from mecazen.keys import (
+    GROUND_TRUTH,
+    OBSERVATION,
+    TARGET_CMD_VEL,
+    TARGET_ODOM,
+    TARGET_SKELETON,
+    Topic,
+)
 from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_target import config
+from mecazen_target.body.posture import Posture
+from mecazen_target.body.walker import Walker
 from mecazen_target.motion import Driven, Motion, with_gait
 from mecazen_target.paths import make_path, start_pose
 from mecazen_target.sensor import Frame, Sensor
@@ -31,6 +40,9 @@ class TargetNode(Node):
         except ValueError as error:
             raise ConfigError(f"target.path: {error}") from None
         Sensor(scenario.sensor, 0, scenario.sim.tick_s)  # refuses what does not suit the tick
+        self.sees_pose = "pose" in scenario.sensor.features
+        self.walker = Walker(self.config.body) if "skeleton" in scenario.sensor.features else None
+        self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
 
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""
@@ -40,6 +52,9 @@ class TargetNode(Node):
         self.tick = 0
         self.motion = self.motion_at(0)
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
+        self.posed = 0
+        if self.walker is not None:
+            self.walker.reset(self.motion)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the person's pose, and in ticks that bring a frame what the sensor saw."""
@@ -50,11 +65,26 @@ class TargetNode(Node):
         outputs: dict[Topic[Any], m.Message] = {
             TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
         }
-        robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
-        frame = self.sensor.observe(tick.number, robot, person.pose)
-        if frame is not None:
-            outputs[OBSERVATION] = self._message(frame)
+        if self.walker is not None and tick.number % self.skeleton_period == 0:
+            duration_s = (tick.number - self.posed) * self.scenario.sim.tick_s
+            self.posed = tick.number
+            outputs[TARGET_SKELETON] = self._skeleton(tick, self.walker.step(person, duration_s))
+        if self.sees_pose:
+            robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
+            frame = self.sensor.observe(tick.number, robot, person.pose)
+            if frame is not None:
+                outputs[OBSERVATION] = self._message(frame)
         return outputs
+
+    def _skeleton(self, tick: Tick, posture: Posture) -> m.Skeleton:
+        return m.Skeleton(
+            header=m.Header(stamp=tick.time, frame_id="world"),
+            id="1",
+            height=self.config.body.height_m,
+            joints=tuple([m.Point(*joint) for joint in posture.joints.tolist()]),
+            angles=posture.angles,
+            phases=posture.phases,
+        )
 
     def motion_at(self, tick: int) -> Motion:
         """Return the motion at a tick, which is not before the last one."""
