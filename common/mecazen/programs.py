@@ -7,6 +7,7 @@ import importlib.util
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -106,18 +107,19 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
         ConfigError: A node is unknown, gives what another gives, or not what others wait for.
     """
     rows: list[Row] = []
+    features = scenario.sensor.features
     for service in scenario.services:
         for row in _rows(service, scenario) or (own_row(service, scenario),):
             kind = (hosted or {}).get(row.name) or _program(row.name, scenario)
             placed = row if kind is None else _placed(row, kind, scenario)
-            within = placed.within(scenario.sensor.features)
+            within = placed.within(features)
             if within is not None:
                 rows.append(within)
     found = Graph(rows)
     names = {row.name for row in rows}
     for row in rows:
         for key in (i.topic.key for i in row.inputs if i.rule != "latest"):
-            giver = _TABLE.giver(key)
+            giver = _table(features).giver(key)
             if giver is not None and giver.name in names and found.giver(key) is None:
                 program = scenario.programs.get(giver.name, giver.name)
                 raise ConfigError(
@@ -194,7 +196,11 @@ def _refuse_circles(found: Graph, *, lockstep: bool) -> None:
         ) from None
 
 
-_TABLE = Graph(graph.GRAPH)
+@lru_cache
+def _table(features: frozenset[str]) -> Graph:
+    """Return all nodes of the table that could take part in a scenario with these features."""
+    within = (row.within(features) for row in graph.GRAPH)
+    return Graph(row for row in within if row is not None)
 
 
 def _program(name: str, scenario: Scenario) -> Kind | None:

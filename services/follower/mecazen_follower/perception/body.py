@@ -23,7 +23,7 @@ SWAY_STD_M = 0.015
 2004, 4 to 7 cm from side to side."""
 TWIST_STD_RAD = math.radians(4.0)
 """Of pelvis and shoulders about the direction of walking, once a stride and against each other."""
-CORRELATED = 6.0
+CORRELATED = 25.0
 """So much the variance is larger than that of one frame: most of a tracker's error lasts for
 many, while the filter takes each for a new one. Found by the NEES of the U-track."""
 
