@@ -232,6 +232,7 @@ GRAPH: tuple[Row, ...] = (
         },
         service="sensors",
         needs="depth",
+        priority=2,
     ),
     Row(
         "body",

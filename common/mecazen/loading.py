@@ -92,7 +92,7 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
     _take_sensors(raw)
     kinds = {**installed_sections(), **_own_sections(raw)}
     # a scenario may hold sections of services that are not installed here
-    known = tuple({**kinds, **dict.fromkeys(SERVICES)})
+    known = tuple({**kinds, **dict.fromkeys(SERVICES)}.keys() - set(Scenario.__struct_fields__))
     sections = {name: raw.pop(name) for name in known if name in raw}
     decoded = {
         name: _convert(section, kinds[name], name, origin)

@@ -1,12 +1,12 @@
 """The table of nodes: consistent in itself, and what it says of a scenario."""
 
 from collections import Counter
-from typing import get_type_hints
+from typing import get_args, get_type_hints
 
 import msgspec
 import pytest
 from mecazen import keys
-from mecazen.config import Scenario, SimConfig
+from mecazen.config import Scenario, SensorConfig, SimConfig
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph, Row, every, latest
 from mecazen.keys import CMD_VEL, ODOM
@@ -14,12 +14,13 @@ from mecazen.loading import installed_sections
 from mecazen.programs import graph_of
 
 GRAPH_OF_ALL = Graph(GRAPH)
-AWAITED = {i.topic for row in GRAPH for i in row.inputs if i.rule != "latest"}
 
 
 def test_names_are_unique_and_each_table_of_names_follows():
     assert not [name for name, count in Counter(row.name for row in GRAPH).items() if count > 1]
-    assert set(TABLE) >= set(SERVICES) >= set(SHARED) >= set(OBSERVERS) > set()
+    assert set(SERVICES) == {row.part_of for row in GRAPH}
+    assert set(SERVICES) >= set(SHARED) >= set(OBSERVERS) > set()
+    assert set(TABLE) == {row.name for row in GRAPH}
 
 
 def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
@@ -27,9 +28,14 @@ def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
     assert [t.key for t in taken if not (t.open or GRAPH_OF_ALL.giver(t.key))] == []
 
 
-def test_every_awaited_key_has_one_giver():
-    givers = Counter(topic for row in GRAPH for topic in row.outputs)
-    assert {givers[topic] for topic in AWAITED} == {1}
+@pytest.mark.parametrize("kind", get_args(get_type_hints(SensorConfig)["kind"]))
+def test_every_awaited_key_of_a_kind_of_sensor_has_one_giver(kind):
+    within = [row.within(SensorConfig(kind=kind).features) for row in GRAPH]
+    givers = Counter(topic for row in within if row for topic in row.outputs)
+    awaited = {i.topic for row in within if row for i in row.inputs if i.rule == "every"}
+    assert {givers[topic] for topic in awaited} == {1}
+    assert max(givers.values()) == 1
+    assert givers[keys.OBSERVATION] + givers[keys.LEGS] > 0
 
 
 def test_every_key_of_the_tables_is_given_or_answered_once():
@@ -48,7 +54,7 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
     for row in GRAPH:
         assert set(row.rates) <= {topic.key for topic in row.outputs}
         for rate in row.rates.values():
-            section, _, setting = str(rate).partition(".")
+            section, setting = str(rate).split(".")[:2]
             assert section in {*sections, *SERVICES}
             if section in sections:  # else that service is not installed here
                 assert setting in sections[section].__struct_fields__
