@@ -221,4 +221,4 @@ def test_a_new_run_forgets_the_person():
 
 
 def test_the_truth_is_never_read():
-    assert [i.topic for i in FollowerNode.ROW.inputs] == [keys.ODOM, keys.OBSERVATION]
+    assert [i.topic for i in FollowerNode.ROW.inputs] == [keys.ODOM, keys.OBSERVATION, keys.LEGS]

@@ -5,7 +5,7 @@ Rerun's archetypes accept any kind of sequence, and detecting the kind takes mos
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -70,9 +70,15 @@ def points(positions: Array) -> Components:
 
 def line(positions: Array) -> Components:
     """Return a line through positions (N, 3) [m]."""
-    offsets = pa.array([0, len(positions)], type=pa.int32())
-    strips = pa.ListArray.from_arrays(offsets, _vector_array(positions, 3), type=_STRIPS)
-    return [rr.DescribedComponentBatch(_Batch(strips), _LINES)]
+    return lines([positions])
+
+
+def lines(strips: Sequence[Array]) -> Components:
+    """Return several lines, each through positions (N, 3) [m]."""
+    offsets = pa.array(np.cumsum([0, *map(len, strips)]), type=pa.int32())
+    flat = np.concatenate(strips) if strips else np.empty((0, 3))
+    array = pa.ListArray.from_arrays(offsets, _vector_array(flat, 3), type=_STRIPS)
+    return [rr.DescribedComponentBatch(_Batch(array), _LINES)]
 
 
 def scalars(values: Iterable[float]) -> Components:

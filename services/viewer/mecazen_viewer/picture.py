@@ -15,7 +15,7 @@ from mecazen.geometry import Pose2D
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 
-from mecazen_viewer import covariance, plots, things, urdf
+from mecazen_viewer import covariance, plots, senses, things, urdf
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import transform
 from mecazen_viewer.entities import Entity
@@ -62,7 +62,12 @@ class Picture:
         """Return the static entities that belong to the robot, without its body."""
         person, base = self._scenario.world.person, self._scenario.robot.base
         yield from things.marks(base.length_m, base.width_m)
-        yield from things.person(person.radius_m, person.height_m)
+        yield things.arrow(person.height_m)
+        if "skeleton" in self._scenario.sensor.features:
+            camera, tracker = self._scenario.robot.camera, self._scenario.sensors.tracker
+            yield from senses.styles(camera, tracker, person.height_m)
+        else:
+            yield from things.person(person.radius_m, person.height_m)
         if self._name:
             yield things.label(self._name)
         yield from plots.styles(plots.LINES)
@@ -121,6 +126,30 @@ class Picture:
             return
         if (robot := self._robot.at(time_ns)) is not None:
             yield from plots.errors(self._standoff, pose.between(robot))
+
+    def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> Iterator[Entity]:
+        """Move the person's limbs."""
+        del time_ns
+        yield senses.body(skeleton)
+
+    def on_skeletons(self, frame: m.Skeletons, time_ns: int) -> Iterator[Entity]:
+        """Show the bones that are seen, placed with the robot's pose at their capture."""
+        del time_ns
+        robot = self._robot.at(frame.header.stamp.ns)
+        if robot is not None:
+            yield senses.skeletons(frame.skeletons, robot)
+
+    def on_scan(self, scan: m.LaserScan, time_ns: int) -> Iterator[Entity]:
+        """Show the points of a scan."""
+        del time_ns
+        robot = self._robot.at(scan.header.stamp.ns)
+        if robot is not None:
+            yield senses.scan(scan, self._scenario.robot.lidar.position_m, robot)
+
+    def on_depth(self, image: m.Image, time_ns: int) -> Iterator[Entity]:
+        """Show the depth picture."""
+        del time_ns
+        yield senses.depth(image)
 
     def on_observation(self, frame: m.Observation, time_ns: int) -> Iterator[Entity]:
         """Show the observation, placed with the robot's pose at its capture."""

@@ -52,6 +52,10 @@ class ViewerService(Observer):
             self.show(robot, keys.ODOM, Picture.on_odom)
             self.show(robot, keys.TARGET_ODOM, Picture.on_target_odom)
             self.show(robot, keys.OBSERVATION, Picture.on_observation)
+            self.show(robot, keys.TARGET_SKELETON, Picture.on_skeleton)
+            self.show(robot, keys.SKELETONS, Picture.on_skeletons)
+            self.show(robot, keys.SCAN, Picture.on_scan)
+            self.show(robot, keys.DEPTH, Picture.on_depth)
             self.show(robot, keys.FOLLOWER_STATE, Picture.on_follower_state)
             self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel)
         for part, robot in scenario.parts:

@@ -77,8 +77,13 @@ def ground(centre: tuple[int, int]) -> Entity:
     return e.GROUND, rr.LineStrips3D(strips, colors=colours, radii=GRID_RADIUS)
 
 
+def arrow(height: float) -> Entity:
+    """Return the red arrow of a person of a height [m], which tells where they face."""
+    return f"{e.PERSON}/arrow", _arrow(PERSON_ARROW_M, e.RED, ARROW * height, 2.0 * ARROW_RADIUS)
+
+
 def person(radius: float, height: float) -> Iterator[Entity]:
-    """Return a body of `radius` and `height` [m] that faces along x, and its red arrow."""
+    """Return a body of `radius` and `height` [m] that faces along x."""
     hip, shoulder, head = (share * height for share in (HIP, SHOULDER, HEAD_RADIUS))
     leg, trunk, arm = 0.32 * radius, 0.58 * radius, 0.22 * radius
     limbs = [  # radius, length, y and z of the lower end, colour
@@ -94,7 +99,6 @@ def person(radius: float, height: float) -> Iterator[Entity]:
     yield f"{e.PERSON}/body", rr.Capsules3D(**shapes, colors=colours, fill_mode="solid")
     sphere: dict[str, Any] = {"radii": [head], "centers": [(0.0, 0.0, height - head)]}
     yield f"{e.PERSON}/head", rr.Ellipsoids3D(**sphere, colors=[SKIN], fill_mode="solid")
-    yield f"{e.PERSON}/arrow", _arrow(PERSON_ARROW_M, e.RED, ARROW * height, 2.0 * ARROW_RADIUS)
 
 
 def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:

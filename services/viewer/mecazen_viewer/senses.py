@@ -1,0 +1,127 @@
+"""What sensors see, and the body that they look at, as entities of the scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from mecazen import messages as m
+from mecazen.geometry import Pose2D
+from mecazen.limits import FARTHEST_M
+from mecazen.robot import Camera
+from mecazen.sensors import TrackerConfig
+from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
+
+from mecazen_viewer import components
+from mecazen_viewer import entities as e
+from mecazen_viewer.entities import Entity
+from mecazen_viewer.things import CLOTHES, SKIN, TROUSERS, Array
+
+BONE_RADIUS = rr.Radius.ui_points(1.2)
+BEAM_RADIUS = rr.Radius.ui_points(1.6)
+FRUSTUM_M = 0.6
+"""Depth to which a camera's field of view is drawn."""
+_LOOKS = {"trunk": CLOTHES, "arm": CLOTHES, "head": SKIN, "thigh": TROUSERS, "shank": TROUSERS}
+_BONES = [(INDEX[parent], INDEX[joint]) for joint, parent in PARENTS.items() if parent is not None]
+_ENDS = [(INDEX[limb.begin], INDEX[limb.end]) for limb in LIMBS]
+
+
+def styles(camera: Camera, tracker: TrackerConfig, height: float) -> Iterator[Entity]:
+    """Return the static looks of body, skeleton, scan and camera.
+
+    The body is `height` [m] tall; the camera's field of view is drawn in base_link.
+    """
+    colours = [
+        next((look for part, look in _LOOKS.items() if limb.name.endswith(part)), CLOTHES)
+        for limb in LIMBS
+    ]
+    radii = [limb.radius * height for limb in LIMBS]
+    yield e.BODY, rr.LineStrips3D.from_fields(colors=colours, radii=radii)
+    yield e.SKELETON, rr.LineStrips3D.from_fields(colors=[e.ORANGE], radii=BONE_RADIUS)
+    yield e.SCAN, rr.Points3D.from_fields(colors=[e.SKY], radii=BEAM_RADIUS)
+    yield e.FRUSTUM, _frustum(camera, tracker)
+
+
+def body(skeleton: m.Skeleton) -> Entity:
+    """Return the true body: a thick line for each limb, in world."""
+    joints = _joints(skeleton)
+    strips = [joints[[begin, end]] for begin, end in _ENDS]
+    strips = [
+        _sphere(strip) if limb.begin == limb.end else strip
+        for strip, limb in zip(strips, LIMBS, strict=True)
+    ]
+    return e.BODY, components.lines(strips)
+
+
+def skeletons(seen: Sequence[m.Skeleton], robot: Pose2D) -> Entity:
+    """Return the bones of everybody seen, of whom joints are in view, in world."""
+    strips: list[Array] = []
+    for one in seen:
+        joints = _placed(_joints(one), robot)
+        known = one.confidence or (2,) * len(JOINTS)
+        strips += [joints[[a, b]] for a, b in _BONES if known[a] and known[b]]
+    return e.SKELETON, components.lines(strips)
+
+
+def scan(message: m.LaserScan, lidar: Sequence[float], robot: Pose2D) -> Entity:
+    """Return the points of a scan in world; the lidar is at (3,) [m] in base_link."""
+    ranges = np.array(message.ranges)
+    (valid,) = np.nonzero((ranges >= message.range_min) & (ranges <= message.range_max))
+    angles = message.angle_min + message.angle_increment * valid
+    along = ranges[valid]
+    places = np.stack(
+        (along * np.cos(angles), along * np.sin(angles), np.zeros(len(valid))), axis=-1
+    )
+    return e.SCAN, components.points(_placed(places + np.array(lidar), robot))
+
+
+def depth(image: m.Image) -> Entity:
+    """Return a depth picture.
+
+    Raises:
+        ValueError: It is none of 16 bits, or its data are of another size.
+    """
+    if image.encoding != "16UC1" or len(image.data) != 2 * image.width * image.height:
+        raise ValueError(f"depth picture: {image.encoding!r}, {len(image.data)} bytes")
+    pixels = np.frombuffer(image.data, "<u2").reshape(image.height, image.width)
+    return e.DEPTH, rr.DepthImage(pixels, meter=1000.0)
+
+
+def _joints(skeleton: m.Skeleton) -> Array:
+    if len(skeleton.joints) != len(JOINTS):
+        raise ValueError(f"a skeleton has {len(JOINTS)} joints, not {len(skeleton.joints)}")
+    joints: Array = np.array([(joint.x, joint.y, joint.z) for joint in skeleton.joints])
+    if np.abs(joints).max() > FARTHEST_M:
+        raise ValueError("joints out of range")
+    return joints
+
+
+def _sphere(strip: Array) -> Array:
+    """Return a line so short that with its round ends it is a sphere."""
+    return np.add(strip, ((0.0, 0.0, -0.01), (0.0, 0.0, 0.01)))
+
+
+def _placed(points: Array, robot: Pose2D) -> Array:
+    """Return points (N, 3) in base_link as points in world."""
+    c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+    turn = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+    placed: Array = points @ turn + (robot.x, robot.y, 0.0)
+    return placed
+
+
+def _frustum(camera: Camera, tracker: TrackerConfig) -> rr.LineStrips3D:
+    yaw, pitch = math.radians(camera.yaw_deg), math.radians(camera.pitch_deg)
+    c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+    ahead, left, up = np.array(((cp * c, cp * s, sp), (-s, c, 0.0), (-sp * c, -sp * s, cp)))
+    wide = math.tan(math.radians(tracker.horizontal_fov_deg) / 2)
+    high = math.tan(math.radians(tracker.vertical_fov_deg) / 2)
+    apex = np.array(camera.position_m)
+    corners = [
+        apex + FRUSTUM_M * (ahead + i * wide * left + j * high * up)
+        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    strips: list[Any] = [[*corners, corners[0]], *([apex, corner] for corner in corners)]
+    return rr.LineStrips3D(strips, colors=[e.GREY], radii=rr.Radius.ui_points(0.7))
