@@ -74,13 +74,13 @@ class TrackerConfig(Section):
     """Its correlation time."""
     bias_std_m: NonNegative = 0.02
     """Error of a joint of the trunk that depends on the view alone: deviation over runs."""
-    hidden_factor: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 3.0
+    hidden_factor: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 2.5
     """How many times larger noise and drift are of a joint that is not seen."""
-    hidden_lag_s: NonNegative = 0.12
+    hidden_lag_s: Positive = 0.1
     """Time constant with which a joint that is not seen follows."""
-    hidden_pull: Probability = 0.35
+    hidden_pull: Probability = 0.3
     """How far a leg's joint that is not seen is taken to where the other leg has its own."""
-    swap_probability: Probability = 0.02
+    swap_probability: Probability = 0.01
     """Chance of a frame in which a leg hides the other's knee or ankle to confuse them from then
     on: about 1 % of all frames of a walk seen from the side."""
     swap_time_s: Positive = 0.2
