@@ -93,8 +93,6 @@ class Scene:
         for geoms in self._robots:
             self._reach[geoms] = np.max(self._model.geom_rbound[geoms])
         self._heights = [0.0] * people
-        self.geoms: int = self._model.ngeom
-        """How many shapes there are; their numbers are below it."""
 
     def limbs(self, person: int) -> slice:
         """Return the numbers of a person's geoms, in the order of `mecazen.skeleton.LIMBS`."""
