@@ -213,7 +213,7 @@ class Tracker:
             i and (r or limb in own)
             for i, r, limb, own in zip(inside, reached, limbs, OWN, strict=True)
         ]
-        hidden = ~np.array(visible)
+        hidden = np.array([0.0 if v else 1.0 for v in visible])
         relative = vectors - vectors[0]
         to_left = (vectors[_LEFT_HIP] - vectors[_RIGHT_HIP]).tolist()
         x, y, _ = vectors[0].tolist()
@@ -223,7 +223,7 @@ class Tracker:
         crossing = any(limb in other for limb, other in zip(limbs, OTHER_LEG, strict=True))
         self._confuse(track, chances, crossing, c < -math.cos(BEHIND_RAD))
 
-        if hidden.any():
+        if not all(visible):
             pull = (self._pull * hidden)[:, None]
             relative += hidden[:, None] * (CHAINS @ (pull * (BONES @ relative)))
             if track.relative is not None:
