@@ -65,6 +65,7 @@ def _each(path: str, limit: Limit) -> Limit:
 
 
 _JOINTS = _each("joints", Limit("joint position", "m", FARTHEST_M, lambda joint: joint, _xyz))
+_DEVIATIONS = Limit("deviation of a joint", "m", FARTHEST_M, attrgetter("std"), tuple)
 
 BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
     m.Twist: _twist(""),
@@ -75,8 +76,8 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
         _each("poses", _position("pose.")),
         _each("poses", Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar)),
     ),
-    m.Skeleton: (_JOINTS,),
-    m.Skeletons: (_each("skeletons", _JOINTS),),
+    m.Skeleton: (_JOINTS, _DEVIATIONS),
+    m.Skeletons: (_each("skeletons", _JOINTS), _each("skeletons", _DEVIATIONS)),
     m.FollowerState: (
         _each("estimate", _position("pose.pose.")),
         _each("goal", _position("")),

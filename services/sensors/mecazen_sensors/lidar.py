@@ -50,7 +50,7 @@ class Lidar:
         self._farthest = math.floor(config.max_range_m * STEPS_PER_M) / STEPS_PER_M
         self._no_return = _single(config.max_range_m + 1.0)
         self._beams = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-        self._directions = np.zeros((config.beams, 3))
+        self._directions = np.empty((config.beams, 3))
         self._random = np.random.Generator(np.random.PCG64(seed))
 
     def scan(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.LaserScan:
@@ -59,7 +59,7 @@ class Lidar:
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         x, y, z = mount.position_m
         origin = np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
-        np.matmul(self._beams, ((c, s), (-s, c)), out=self._directions[:, :2])
+        np.matmul(self._beams, ((c, s, 0.0), (-s, c, 0.0)), out=self._directions)
         noise: Floats = self._random.standard_normal(config.beams)
         lost = self._random.random(config.beams) < config.dropout_probability
         ranges, hits = scene.cast(

@@ -9,9 +9,9 @@ geom's size, `geom_aabb` and `bvh_aabb`. A limb that is longer than at first wou
 them and let rays through. So what moves has no bounds (`body_bvhadr` = -1): its geoms are
 tested exactly. What stands keeps them, which makes a scan a third cheaper.
 
-Two more things let a ray's distance differ from that of another implementation. `cutoff` rules
-out by bounds too, so what it leaves may be hit beyond it: here such a hit is none. And a ray
-that grazes a silhouette, closer to it than rounding is exact, hits or not.
+`cutoff` rules out by bounds as well, so what it leaves may be hit beyond it. Where a scan of 12 m
+differed from a closed form, in one of some hundred hits, it was by such hits alone: here they
+are none. What is left is a ray that grazes a silhouette, closer to it than rounding is exact.
 """
 
 from __future__ import annotations
@@ -78,6 +78,7 @@ class Scene:
             slice(at, at + n) for at, n in zip(first, number[: len(robots)], strict=False)
         ]
         self._people = [slice(at, at + len(LIMBS)) for at in first[len(robots) :]]
+        self._bodies = range(1, 1 + len(robots))  # after the world, before people
         moving = len(shapes)
         self._model.body_bvhadr[1:] = -1
         self._positions: Floats = self._data.geom_xpos
@@ -93,8 +94,6 @@ class Scene:
         for geoms in self._robots:
             self._reach[geoms] = np.max(self._model.geom_rbound[geoms])
         self._heights = [0.0] * people
-        self.geoms: int = self._model.ngeom
-        """How many shapes there are; their numbers are below it."""
 
     def limbs(self, person: int) -> slice:
         """Return the numbers of a person's geoms, in the order of `mecazen.skeleton.LIMBS`."""
@@ -172,7 +171,7 @@ class Scene:
             directions.ravel(),
             shown,
             1,
-            -1 if robot is None else 1 + robot,
+            -1 if robot is None else self._bodies[robot],
             hits,
             distances,
             None,

@@ -1,0 +1,112 @@
+"""A depth camera: pictures in millimetres, by a ray for each pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mecazen import messages as m
+from mecazen.geometry import Pose2D
+from mecazen.robot import Camera as Mount
+
+from mecazen_sensors.camera import Camera, from_world
+from mecazen_sensors.config import DepthConfig
+from mecazen_sensors.scene import Floats, Scene
+
+FRAME = "camera_depth_optical_frame"
+"""z ahead, x to the right, y down (REP-103)."""
+
+
+class DepthCamera:
+    """A depth camera on a robot.
+
+    A pixel is the depth along the axis, 0 where there is none: beyond the range, or lost. Noise
+    is Gaussian and grows with the square of depth. A pixel at an edge, where a neighbour is much
+    nearer, sees both: it is somewhere between the two ("flying"), or lost.
+
+    As many numbers are drawn for each picture, whatever it shows.
+
+    Args:
+        config: Its figures.
+        mount: Where it sits on the robot, which is the one of number `robot` in the scene.
+        seed: Of its noise.
+        robot: That number.
+    """
+
+    def __init__(self, config: DepthConfig, mount: Mount, seed: int, *, robot: int = 0) -> None:
+        self._config, self._robot = config, robot
+        self._camera = Camera(
+            mount,
+            config.horizontal_fov_deg,
+            config.vertical_fov_deg,
+            config.min_range_m,
+            config.max_range_m,
+        )
+        width, height = config.width, config.height
+        self._focal = width / 2 / self._camera.wide, height / 2 / self._camera.high
+        left = (width / 2 - 0.5 - np.arange(width)) / self._focal[0]
+        up = (height / 2 - 0.5 - np.arange(height)) / self._focal[1]
+        ahead, y, z = np.broadcast_arrays(1.0, left[None, :], up[:, None])
+        vectors = np.stack((ahead, y, z), axis=-1).reshape(-1, 3)
+        lengths = np.linalg.norm(vectors, axis=1)
+        self._rays: Floats = vectors / lengths[:, None] @ self._camera.axes
+        self._depths_per_range: Floats = 1.0 / lengths
+        # no pixel's ray is longer than that of a corner
+        self._farthest = config.max_range_m * float(np.max(lengths))
+        self._random = np.random.Generator(np.random.PCG64(seed))
+
+    def picture(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.Image:
+        """Return the picture that the robot takes at a true pose; `header.stamp` is `time`."""
+        config = self._config
+        shape = config.height, config.width
+        noise: Floats = self._random.standard_normal(shape)
+        chance: Floats = self._random.random(shape)
+        directions = self._rays @ from_world(-robot.yaw)
+        camera = self._camera.position(robot)
+        ranges, _ = scene.cast(camera, directions, self._robot, self._farthest)
+        depths = (ranges * self._depths_per_range).reshape(shape)
+        far = 2.0 * config.max_range_m  # stands for what returns nothing
+        depths[depths > far] = far
+        near = _nearest(depths)
+        edge = depths - near > config.edge_step_m
+        lost = edge & (chance < config.edge_probability)
+        flying = edge & (chance > 1.0 - config.edge_probability)
+        if config.edge_probability > 0.0:
+            mixture = (chance - 1.0) / config.edge_probability + 1.0  # even over 0 to 1
+            depths = np.where(flying, near + mixture * (depths - near), depths)
+        depths += config.noise_m * depths * depths * noise
+        seen = (depths >= config.min_range_m) & (depths <= config.max_range_m) & ~lost
+        pixels = np.where(seen, np.rint(depths * 1000.0), 0.0).astype("<u2")
+        return m.Image(
+            header=m.Header(stamp=time, frame_id=FRAME),
+            height=config.height,
+            width=config.width,
+            encoding="16UC1",
+            step=2 * config.width,
+            data=pixels.tobytes(),
+        )
+
+    def info(self, time: m.Time) -> m.CameraInfo:
+        """Return how the camera projects: a pinhole without distortion."""
+        (fx, fy), width, height = self._focal, self._config.width, self._config.height
+        # the middle of pixel (0, 0) is at (0, 0)
+        cx, cy = width / 2 - 0.5, height / 2 - 0.5
+        return m.CameraInfo(
+            header=m.Header(stamp=time, frame_id=FRAME),
+            height=height,
+            width=width,
+            distortion_model="plumb_bob",
+            d=(0.0,) * 5,
+            k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
+            r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+            p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
+        )
+
+
+def _nearest(depths: npt.NDArray[np.float64]) -> Floats:
+    """Return the least depth of each pixel and its four neighbours."""
+    near = depths.copy()
+    np.minimum(near[1:], depths[:-1], out=near[1:])
+    np.minimum(near[:-1], depths[1:], out=near[:-1])
+    np.minimum(near[:, 1:], depths[:, :-1], out=near[:, 1:])
+    np.minimum(near[:, :-1], depths[:, 1:], out=near[:, :-1])
+    return near

@@ -1,0 +1,68 @@
+"""From where a camera sees the whole of a person."""
+
+import math
+
+import numpy as np
+import pytest
+from mecazen.geometry import Pose2D
+from mecazen.robot import Camera as Mount
+from mecazen_sensors.camera import Camera, from_world
+from people import NEXUS
+
+PERSON_M = 1.75
+NEAR_M = 0.005
+"""Half of the last digit that the distances are given with."""
+
+
+def mounted(height, pitch_deg=0.0, yaw_deg=0.0):
+    place = (0.0, 0.0, height)
+    return Mount(
+        size_m=(0.02, 0.09, 0.02),
+        position_m=place,
+        mass_kg=0.1,
+        pitch_deg=pitch_deg,
+        yaw_deg=yaw_deg,
+    )
+
+
+def sees(mount, *points):
+    camera = Camera(mount, 75.0, 65.0, 0.01, 5.0)
+    return camera.look(np.array(points) - mount.position_m)[1].tolist()
+
+
+def fits(mount, distance):
+    return all(sees(mount, (distance, 0.0, 0.0), (distance, 0.0, PERSON_M)))
+
+
+@pytest.mark.parametrize(("height", "pitch_deg", "nearest"), [(0.2, 22.15, 1.10), (0.8, 2.2, 1.37)])
+def test_a_person_fits_into_the_picture_from_this_distance(height, pitch_deg, nearest):
+    assert fits(mounted(height, pitch_deg), nearest + NEAR_M)
+    assert not fits(mounted(height, pitch_deg), nearest - NEAR_M)
+    for other in (pitch_deg - 1.0, pitch_deg + 1.0):
+        assert not fits(mounted(height, other), nearest + NEAR_M)
+
+
+def test_a_low_level_camera_sees_the_legs_only():
+    low = mounted(0.2)
+    assert sees(low, (1.0, 0.0, 0.835), (1.0, 0.0, 0.845)) == [True, False]
+
+
+def test_a_camera_looks_where_it_is_panned_and_tilted_to():
+    mount = mounted(0.5, pitch_deg=30.0, yaw_deg=90.0)
+    up = 2.0 * math.tan(math.radians(30.0))
+    camera = Camera(mount, 75.0, 65.0, 0.5, 3.0)
+    depths, inside = camera.look(np.array(((0.0, 2.0, up), (2.0, 0.0, up), (0.0, 3.0, 1.5 * up))))
+    assert depths[0] == pytest.approx(math.hypot(2.0, up))
+    assert inside.tolist() == [True, False, False]
+
+
+def test_the_robot_carries_its_camera():
+    camera = Camera(NEXUS.camera, 75.0, 65.0, 0.5, 3.0)
+    robot = Pose2D(1.0, 2.0, math.pi / 2)
+    assert camera.position(robot) == pytest.approx((1.0, 2.16, 0.1525))
+    ahead = np.array(((0.0, 1.0, 0.0),))
+    assert (ahead @ from_world(robot.yaw))[0] == pytest.approx((1.0, 0.0, 0.0))
+
+
+def test_robot_files_without_an_angle_have_a_level_camera():
+    assert (NEXUS.camera.pitch_deg, NEXUS.camera.yaw_deg) == (0.0, 0.0)
