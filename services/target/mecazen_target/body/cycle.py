@@ -21,31 +21,43 @@ _HARMONICS = 8  # of the pelvis
 _CLEARANCE = 0.007  # about the least in the middle of the swing [m]
 _TIED = 0.4  # share of the swing over which each end is tied to the stance
 _RAMP = 0.06  # share of the stance over which the foot leaves the ground
-_FLAT = (0.11 / 0.62, 0.34 / 0.62)  # of the stance: the foot is flat, as curves have it within 2 deg
+_FLAT = (
+    0.11 / 0.62,
+    0.34 / 0.62,
+)  # of the stance: the foot is flat, as curves have it within 2 deg
 
 
-class Sway(NamedTuple):
-    """The pelvis's motion that is prescribed."""
+class Swings(NamedTuple):
+    """Amplitudes of what swings once a cycle, and is prescribed: [m] and [rad]."""
 
-    left: float
-    """[m]."""
-    yaw: float
-    """Rotation to the left [rad]."""
-    roll: float
-    """Obliquity, the left side up [rad]."""
+    sway: float
+    pelvis_yaw: float
+    pelvis_roll: float
+    trunk_yaw: float
+    arm: float
 
     @classmethod
-    def at(cls, factors: Factors, phase: float) -> Sway:
-        """Return it at a phase of the left leg.
+    def of(cls, factors: Factors) -> Swings:
+        """Return the amplitudes of a row of the table."""
+        return cls(
+            factors.sway_m,
+            math.radians(factors.pelvis_rotation_deg),
+            math.radians(factors.pelvis_obliquity_deg),
+            math.radians(factors.trunk_rotation_deg),
+            math.radians(factors.arm_swing_deg),
+        )
 
-        It is furthest over the standing foot; the leading leg's side is ahead; the loaded side is
-        highest at 15 % (Perry & Burnfield).
+    def pelvis(self, phase: float) -> tuple[float, float, float]:
+        """Return the pelvis's place to the left, its yaw and its roll (left side up) at a phase.
+
+        The phase is the left leg's. The pelvis is furthest over the standing foot; the leading
+        leg's side is ahead; the loaded side is highest at 15 % (Perry & Burnfield).
         """
         cycle = math.tau * phase
-        return cls(
-            factors.sway_m * math.cos(cycle - 0.6 * math.pi),
-            -math.radians(factors.pelvis_rotation_deg) * math.cos(cycle),
-            math.radians(factors.pelvis_obliquity_deg) * math.cos(cycle - 0.3 * math.pi),
+        return (
+            self.sway * math.cos(cycle - 0.6 * math.pi),
+            -self.pelvis_yaw * math.cos(cycle),
+            self.pelvis_roll * math.cos(cycle - 0.3 * math.pi),
         )
 
 
@@ -68,7 +80,7 @@ class Cycle(NamedTuple):
     stance_shares: tuple[float, float]
     leads: tuple[float, float]
     """Forward places of the standing feet at half stance, from the path's pose [m]."""
-    factors: Factors
+    swings: Swings
     forward: list[float]
     """Of the pelvis from the path's pose over the left leg's phase, SAMPLES + 1 values [m]."""
     height: list[float]
@@ -89,18 +101,18 @@ class _Step(NamedTuple):
 
 def solve(style: Style, segments: Segments, speed: float) -> Cycle:
     """Return the cycle at a `speed` [m/s]."""
-    stride, factors = style.stride(speed), style.factors(speed)
+    stride, swings = style.stride(speed), Swings.of(style.factors(speed))
     shares = (style.stance_share(0, speed), style.stance_share(1, speed))
     own_leads = (style.lead(0, speed), style.lead(1, speed))
     half, inwards = segments.hips / 2, (segments.hips - segments.step_width) / 2
 
     def hip(side: int, phase: float) -> tuple[float, float, float]:
         """Return a hip's forward and upward place from the pelvis, and its left one from the foot."""
-        sway, sign = Sway.at(factors, phase), 1 - 2 * side
+        (sway, yaw, roll), sign = swings.pelvis(phase), 1 - 2 * side
         return (
-            -sign * half * math.sin(sway.yaw),
-            sign * half * math.sin(sway.roll),
-            sign * inwards + sway.left,
+            -sign * half * math.sin(yaw),
+            sign * half * math.sin(roll),
+            sign * inwards + sway,
         )
 
     def step(side: int, leg_phase: float, left: float) -> _Step:
@@ -174,7 +186,9 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
                 (
                     pitch,
                     pelvis_z + z - want.drop - roll_z,
-                    (pelvis_x + x + want.reach - roll_x - own_leads[side]) / stride + leg_phase - share / 2,
+                    (pelvis_x + x + want.reach - roll_x - own_leads[side]) / stride
+                    + leg_phase
+                    - share / 2,
                 )
             )
         first, last = swing[0], swing[-1]
@@ -194,7 +208,7 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         stride,
         shares,
         (middle + own_leads[0], middle + own_leads[1]),
-        factors,
+        swings,
         [ahead.at(phase) + middle for phase in grid],
         [height.at(phase) for phase in grid],
         (leg(0), leg(1)),
