@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mecazen_target.body.cycle import SAMPLES, Swings, solve
@@ -79,7 +80,7 @@ class Lookup:
         )
 
 
-def _at(values: list[float], part: float) -> float:
+def _at(values: Sequence[float], part: float) -> float:
     """Return a table's value at a part of it in [0, 1]."""
     place = part * SAMPLES
     i = min(int(place), SAMPLES - 1)

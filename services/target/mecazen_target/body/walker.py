@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_target.body.lookup import SLOWEST, Lookup
 from mecazen_target.body.norm import TABLE, read_norm
@@ -83,11 +83,11 @@ class Walker:
         moves = speed > _STILL_M_S or abs(yaw) > _STILL_RAD_S
         self._start_or_stop(motion.twist, moves)
         keep = math.exp(-dt_s / _LAG_S)
-        wanted = (x, y, yaw, float(self._walks))
+        wanted = [x, y, yaw, float(self._walks)]
         for lag in self._lags:
             for i, value in enumerate(wanted):
                 lag[i] = value + keep * (lag[i] - value)
-            wanted = tuple(lag)
+            wanted = lag
         if self._walks:
             period = _PERIOD_S[1]
             if moves:
