@@ -10,6 +10,7 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_target.body.lookup import SLOWEST, Lookup
 from mecazen_target.body.norm import TABLE, read_norm
 from mecazen_target.body.posture import Point, Posture, sagittal_angles
+from mecazen_target.body.recording import read_recording
 from mecazen_target.body.segments import Segments
 from mecazen_target.body.style import Style, reference
 from mecazen_target.config import Body
@@ -60,7 +61,10 @@ class Walker:
     def __init__(self, body: Body) -> None:
         norm = read_norm(body.factors_file or TABLE)
         self.segments = Segments.of(body.height_m)
-        self.style = Style(body, norm.factors, reference(norm))
+        gait = reference(norm)
+        if body.motion_file is not None:
+            gait = read_recording(body.motion_file, self.segments)
+        self.style = Style(body, norm.factors, gait)
         self._gait = Lookup(self.style, self.segments)
         self.reset(Motion(Pose2D()))
 
