@@ -141,7 +141,7 @@ class Body(Section):
     """The person's body and how it walks; `mecazen_target.body`."""
 
     height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
-    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=1000.0)] = 50.0
+    rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=1000.0)] = 50.0
     """Of the skeleton."""
     limp: Limp | None = None
     stiff_knee: StiffKnee | None = None
