@@ -25,6 +25,9 @@ _HOME = (0.03, 0.1)  # a foot is where it stands: within [m], [rad]
 _ASTRAY = (0.1, 0.35)  # from there on a person who stands takes a step
 _STEP_M = 0.04  # height of steps that are not forward
 _REACH = 0.9999  # of the leg's length
+# a leg that passes through being straight bends too fast: after changes of the twist by the second
+# and more, the pelvis stays so far below where a leg is straight, until they have settled
+_SOFT_M, _SOFT_M_S, _SETTLE_S = 0.02, 0.4, 0.3
 _HURRY_M = (0.03, 0.02)  # a pelvis pulled down by the first makes steps quicker, by 1 per second
 _MOST_HURRY = 2.0
 _LOWEST = 0.7  # of the standing height: a pelvis lower than this lets a foot slip instead
@@ -43,8 +46,6 @@ class _Leg:
         """Where it began."""
         self.pitch = 0.0
         self.lift = 0.0
-        self.bend = 0.0
-        """How much shorter than straight the leg must be [m]: straight ones would bend too fast."""
 
 
 class Walker:
@@ -73,7 +74,7 @@ class Walker:
         self._pose = motion.pose
         self._phase = 0.0
         self._walks = False
-        self._pulled = 0.0
+        self._pulled = self._unsteady = 0.0
         self._lags = [[0.0] * 4, [0.0] * 4]
         self._frame()
         self._legs = [_Leg(motion.pose.compose(self._nominal(side, 0.0))) for side in (0, 1)]
@@ -92,6 +93,9 @@ class Walker:
             for i, value in enumerate(wanted):
                 lag[i] = value + keep * (lag[i] - value)
             wanted = lag
+        first, second = self._lags
+        change = max(abs(p - q) for p, q in zip(first, second, strict=True))
+        self._unsteady = max(change, self._unsteady * math.exp(-dt_s / _SETTLE_S))
         if self._walks:
             period = _PERIOD_S[1]
             if moves:
@@ -165,7 +169,6 @@ class Walker:
             self._lift_off(side, share)
         if not leg.swings:
             leg.pitch, leg.lift = self._shown() * gait.stance_pitch(side, phase / share), 0.0
-            leg.bend = 0.0
             return
         part = (phase - leg.lifted) / (1.0 - leg.lifted)
         foot = gait.swing(side, part)
@@ -178,7 +181,6 @@ class Walker:
         )
         shown, bump = self._shown(), 16.0 * _STEP_M * (part * (1.0 - part)) ** 2
         leg.pitch, leg.lift = shown * foot.pitch, bump + shown * (foot.lift - bump)
-        leg.bend = bump * (1.0 - shown)
 
     def _posture(self) -> Posture:
         segments, activity = self.segments, self._activity
@@ -196,9 +198,11 @@ class Walker:
         hips = [(x - sign * out * s, y + sign * out * c, sign * up) for sign in (1, -1)]
         longest = _REACH * (segments.thigh + segments.shank)
         free = height
-        for (hx, hy, hz), (ankle, _, _), leg in zip(hips, feet, self._legs, strict=True):
-            room = (longest - leg.bend) ** 2 - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
-            height = min(height, ankle[2] + math.sqrt(max(room, 0.0)) - hz)
+        width = _SOFT_M * min(self._unsteady / _SOFT_M_S, 1.0)
+        for (hx, hy, hz), (ankle, _, _) in zip(hips, feet, strict=True):
+            room = longest * longest - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
+            above = height - (ankle[2] + math.sqrt(max(room, 0.0)) - hz)
+            height -= (above + math.sqrt(above * above + width * width)) / 2
         self._pulled = free - height
         height = max(height, _LOWEST * segments.standing)
         neck = height + segments.trunk
