@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import msgspec
+
 from mecazen.schema import NonNegative, Positive, Probability, Section
 
 FieldOfView = Annotated[float, msgspec.Meta(gt=0.0, lt=180.0)]
@@ -129,7 +130,7 @@ class DepthConfig(Section):
 class SensorsConfig(Section):
     """The robot's sensors, which those who take from them know too."""
 
-    skeleton_rate_hz: Positive = 50.0
+    skeleton_rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=1000.0)] = 50.0
     """How often the person's body moves, for those who look at it; divides the tick rate, and
     captures fall on it."""
     lidar: LidarConfig = LidarConfig()

@@ -23,7 +23,17 @@ GUARD_S = 120.0
 STOP_S = 10.0
 """The limit for stopping everything, which takes 3 s on an idle machine."""
 
-BUILT = ("router", "physics", "controller", "target", "follower", "viewer", "recorder", "score", "sensors")
+BUILT = (
+    "router",
+    "physics",
+    "controller",
+    "target",
+    "follower",
+    "viewer",
+    "recorder",
+    "score",
+    "sensors",
+)
 """Services of docker-compose.yml, one for each image."""
 
 

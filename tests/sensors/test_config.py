@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 from mecazen.robot import Camera
-from mecazen_sensors.config import SensorsConfig
+from mecazen.sensors import SensorsConfig
 
 
 def test_every_setting_can_be_left_out():

@@ -8,9 +8,9 @@ import pytest
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan, Time
 from mecazen.robot import Attachment
+from mecazen.sensors import LidarConfig
 from mecazen.wire import decode, encode
 from mecazen.world import Box, Cylinder, WorldConfig
-from mecazen.sensors import LidarConfig
 from mecazen_sensors.lidar import STEPS_PER_M, Lidar
 from mecazen_sensors.scene import Scene
 from people import HEIGHT, NEXUS, body

@@ -16,7 +16,7 @@ from mecazen.geometry import Pose2D
 from mecazen.messages import Time
 from mecazen.wire import encode
 from mecazen.world import Box, WorldConfig
-from mecazen_sensors.config import DepthConfig, LidarConfig, TrackerConfig
+from mecazen.sensors import DepthConfig, LidarConfig, TrackerConfig
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar
 from mecazen_sensors.scene import Scene

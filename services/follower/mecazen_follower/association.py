@@ -164,9 +164,7 @@ class Association:
         found = nearest(rest, person.pose)
         self._contradicted = self._contradicted.again(time)
         near = found.pose.distance(person.pose) < APART_M
-        if begins and (
-            lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))
-        ):
+        if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
             return self._restart(found)
         new = [Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M]
         self._others = [*self._others, *new][-CROWD:]

@@ -167,7 +167,9 @@ class PersonTracker:
             self.estimator.update(*nearest(known, pose)[:2])
             return True
         known = [
-            _headed(one._replace(covariance=self._noise.corrected(one.covariance)), person, expected)
+            _headed(
+                one._replace(covariance=self._noise.corrected(one.covariance)), person, expected
+            )
             for one in known
         ]
         choice = self._association.choose(

@@ -7,9 +7,9 @@ import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.robot import Camera as Mount
+from mecazen.sensors import DepthConfig
 
 from mecazen_sensors.camera import Camera, from_world
-from mecazen_sensors.config import DepthConfig
 from mecazen_sensors.scene import Floats, Scene
 
 FRAME = "camera_depth_optical_frame"

@@ -8,8 +8,8 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.robot import Attachment
-
 from mecazen.sensors import LidarConfig
+
 from mecazen_sensors.scene import Floats, Scene
 
 STEPS_PER_M = 1024.0

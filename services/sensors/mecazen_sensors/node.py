@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-from mecazen import messages as m
 from mecazen.config import Scenario, whole_ticks
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.graph import TABLE
-from mecazen.keys import GROUND_TRUTH, SCAN, SKELETONS, TARGET_SKELETON
+from mecazen.keys import (
+    CAMERA_INFO,
+    DEPTH,
+    GROUND_TRUTH,
+    SCAN,
+    SKELETONS,
+    TARGET_SKELETON,
+)
 from mecazen.node import Inputs, Node, Outputs, Tick
 
+from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar
 from mecazen_sensors.scene import Floats, Scene
 from mecazen_sensors.tracker import Tracker
@@ -78,7 +85,9 @@ class TrackerNode(_Sensor):
         super().__init__(scenario)
         tick_s, config = scenario.sim.tick_s, scenario.sensors.tracker
         latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
-        self._check_captures("sensors.tracker", scenario.ticks_per("sensors.tracker.rate_hz"), latency)
+        self._check_captures(
+            "sensors.tracker", scenario.ticks_per("sensors.tracker.rate_hz"), latency
+        )
 
     def reset(self, seed: int) -> None:
         """Begin a run with errors from `seed`."""
@@ -92,3 +101,26 @@ class TrackerNode(_Sensor):
             robot, joints = self._place(inputs)
         frame = self.tracker.observe(tick.number, self.scene, robot, (joints,))
         return {} if frame is None else {SKELETONS: frame}
+
+
+class DepthNode(_Sensor):
+    """Takes depth pictures."""
+
+    ROW = TABLE["depth"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.period = scenario.ticks_per("sensors.depth.rate_hz")
+        self._check_captures("sensors.depth", self.period)
+
+    def reset(self, seed: int) -> None:
+        """Begin a run with noise from `seed`."""
+        self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return a picture when one is due, and how it was projected."""
+        if tick.number % self.period:
+            return {}
+        robot, _ = self._place(inputs)
+        image = self.camera.picture(self.scene, robot, tick.time)
+        return {DEPTH: image, CAMERA_INFO: self.camera.info(tick.time)}

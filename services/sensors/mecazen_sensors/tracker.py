@@ -21,6 +21,7 @@ from mecazen import messages as m
 from mecazen.config import ticks_per_sample, whole_ticks
 from mecazen.geometry import Pose2D
 from mecazen.robot import Camera as Mount
+from mecazen.sensors import TrackerConfig
 from mecazen.skeleton import INDEX, JOINTS
 
 from mecazen_sensors.body import (
@@ -35,7 +36,6 @@ from mecazen_sensors.body import (
     scales,
 )
 from mecazen_sensors.camera import Camera, from_world
-from mecazen.sensors import TrackerConfig
 from mecazen_sensors.scene import Floats, Scene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 2.0, "foot": 2.0, "wrist": 1.5}

@@ -116,9 +116,9 @@ class Limp(Section):
     """One leg is spared: it stands for a shorter time, and its step is longer."""
 
     side: Turn = "right"
-    stance_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.12)] = 0.08
+    stance_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.12)] = 0.06
     """Difference of the stance shares, the other leg's minus the affected one's."""
-    step_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.2
+    step_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.4)] = 0.15
     """Difference of the step lengths, the affected leg's minus the other's, over their mean."""
 
 

@@ -13,9 +13,7 @@ from mecazen.skeleton import INDEX
 from mecazen_follower.association import NO_HEADING
 
 _TRUNK = tuple(INDEX[name] for name in ("pelvis", "spine", "neck"))
-_LINES = tuple(
-    (INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]) for joint in ("hip", "shoulder")
-)
+_LINES = tuple((INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]) for joint in ("hip", "shoulder"))
 """Joints that lie across the direction in which the person faces."""
 
 SWAY_STD_M = 0.015

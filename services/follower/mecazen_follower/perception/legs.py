@@ -39,9 +39,7 @@ def persons(scan: LaserScan) -> list[tuple[Pose2D, PlanarCovariance]]:
     legs, together = _legs(scan)
     found = [_person(*centre, PAIR_STD_M) for centre in together]
     left = set(range(len(legs)))
-    pairs = [
-        (math.dist(legs[i], legs[j]), i, j) for i in range(len(legs)) for j in range(i)
-    ]
+    pairs = [(math.dist(legs[i], legs[j]), i, j) for i in range(len(legs)) for j in range(i)]
     for distance, i, j in sorted(pairs):
         if distance <= STRIDE_M and {i, j} <= left:
             left -= {i, j}

@@ -9,6 +9,7 @@ foot from that pelvis. So swing has the curves' angles, and stance nearly.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mecazen_target.body.norm import PELVIS_TILT, Factors, Fourier
@@ -21,194 +22,194 @@ _HARMONICS = 8  # of the pelvis
 _CLEARANCE = 0.007  # about the least in the middle of the swing [m]
 _TIED = 0.4  # share of the swing over which each end is tied to the stance
 _RAMP = 0.06  # share of the stance over which the foot leaves the ground
-_FLAT = (0.11 / 0.62, 0.34 / 0.62)  # of the stance: the foot is flat, as curves have it within 2 deg
+_FLAT = (
+    0.11 / 0.62,
+    0.34 / 0.62,
+)  # of the stance: the foot is flat, as curves have it within 2 deg
 
 
-class Sway(NamedTuple):
-    """The pelvis's motion that is prescribed."""
+class Swings(NamedTuple):
+    """Amplitudes of what swings once a cycle, and is prescribed: [m] and [rad]."""
 
-    left: float
-    """[m]."""
-    yaw: float
-    """Rotation to the left [rad]."""
-    roll: float
-    """Obliquity, the left side up [rad]."""
+    sway: float
+    pelvis_yaw: float
+    pelvis_roll: float
+    trunk_yaw: float
+    arm: float
 
     @classmethod
-    def at(cls, factors: Factors, phase: float) -> Sway:
-        """Return it at a phase of the left leg.
+    def of(cls, factors: Factors) -> Swings:
+        """Return the amplitudes of a row of the table."""
+        return cls(
+            factors.sway_m,
+            math.radians(factors.pelvis_rotation_deg),
+            math.radians(factors.pelvis_obliquity_deg),
+            math.radians(factors.trunk_rotation_deg),
+            math.radians(factors.arm_swing_deg),
+        )
 
-        It is furthest over the standing foot; the leading leg's side is ahead; the loaded side is
-        highest at 15 % (Perry & Burnfield).
+    def pelvis(self, phase: float) -> tuple[float, float, float]:
+        """Return the pelvis's place to the left, its yaw and its roll (left side up) at a phase.
+
+        The phase is the left leg's. The pelvis is furthest over the standing foot; the leading
+        leg's side is ahead; the loaded side is highest at 15 % (Perry & Burnfield).
         """
         cycle = math.tau * phase
-        return cls(
-            factors.sway_m * math.cos(cycle - 0.6 * math.pi),
-            -math.radians(factors.pelvis_rotation_deg) * math.cos(cycle),
-            math.radians(factors.pelvis_obliquity_deg) * math.cos(cycle - 0.3 * math.pi),
+        return (
+            self.sway * math.cos(cycle - 0.6 * math.pi),
+            -self.pelvis_yaw * math.cos(cycle),
+            self.pelvis_roll * math.cos(cycle - 0.3 * math.pi),
         )
 
 
 class Leg(NamedTuple):
     """A leg over its stance (SAMPLES + 1 values), or its swing."""
 
-    pitch: list[float]
+    pitch: Sequence[float]
     """Of the foot, toes up [rad]."""
-    lift: list[float]
+    lift: Sequence[float]
     """Of the foot's lowest point [m]; 0 in stance."""
-    progress: list[float]
+    progress: Sequence[float]
     """In the world, from 0 where the foot stood to 1 where it will; 0 in stance."""
 
 
 class Cycle(NamedTuple):
     """A steady gait at one speed."""
 
-    speed: float
     stride: float
     stance_shares: tuple[float, float]
     leads: tuple[float, float]
     """Forward places of the standing feet at half stance, from the path's pose [m]."""
-    factors: Factors
-    forward: list[float]
+    swings: Swings
+    forward: Sequence[float]
     """Of the pelvis from the path's pose over the left leg's phase, SAMPLES + 1 values [m]."""
-    height: list[float]
+    height: Sequence[float]
     """Of the pelvis [m]."""
     legs: tuple[tuple[Leg, Leg], tuple[Leg, Leg]]
     """Stance and swing of the left leg and of the right one."""
 
 
-class _Step(NamedTuple):
-    """What the curves want of a leg at one phase."""
+class _Solver:
+    """Solves a cycle; the frame is the path's pose, the phase the left leg's unless said."""
 
-    pitch: float
-    reach: float
-    """Forward from hip to ankle [m]."""
-    drop: float
-    """Down from hip to ankle [m]."""
+    def __init__(self, style: Style, segments: Segments, speed: float) -> None:
+        self._style, self._segments, self._speed = style, segments, speed
+        self.stride, self.swings = style.stride(speed), Swings.of(style.factors(speed))
+        self.shares = style.stance_share(0, speed), style.stance_share(1, speed)
+        self._leads = style.lead(0, speed), style.lead(1, speed)
+        # between the samples, where neither leg's weight is exactly 0
+        places = [self._wanted((i + 0.5) / SAMPLES) for i in range(SAMPLES)]
+        self._forward = Fourier([x for x, _ in places], _HARMONICS)
+        self._height = Fourier([z for _, z in places], _HARMONICS)
+        # feet are that far back that the pelvis is at the path's pose in the mean
+        self.leads = self._leads[0] - self._forward.mean, self._leads[1] - self._forward.mean
 
+    def pelvis(self, phase: float) -> tuple[float, float]:
+        """Return the pelvis's forward place and its height [m]."""
+        phase -= 0.5 / SAMPLES
+        return self._forward.at(phase) - self._forward.mean, self._height.at(phase)
 
-def solve(style: Style, segments: Segments, speed: float) -> Cycle:
-    """Return the cycle at a `speed` [m/s]."""
-    stride, factors = style.stride(speed), style.factors(speed)
-    shares = (style.stance_share(0, speed), style.stance_share(1, speed))
-    own_leads = (style.lead(0, speed), style.lead(1, speed))
-    half, inwards = segments.hips / 2, (segments.hips - segments.step_width) / 2
+    def _hip(self, side: int, phase: float) -> tuple[float, float, float]:
+        """Return a hip's forward and upward place from the pelvis, and its left one from the foot.
 
-    def hip(side: int, phase: float) -> tuple[float, float, float]:
-        """Return a hip's forward and upward place from the pelvis, and its left one from the foot."""
-        sway, sign = Sway.at(factors, phase), 1 - 2 * side
-        return (
-            -sign * half * math.sin(sway.yaw),
-            sign * half * math.sin(sway.roll),
-            sign * inwards + sway.left,
-        )
+        All in [m].
+        """
+        segments, (sway, yaw, roll), sign = self._segments, self.swings.pelvis(phase), 1 - 2 * side
+        half = sign * segments.hips / 2
+        inwards = sign * (segments.hips - segments.step_width) / 2
+        return -half * math.sin(yaw), half * math.sin(roll), inwards + sway
 
-    def step(side: int, leg_phase: float, left: float) -> _Step:
-        flexion, knee, ankle = style.angles(side, speed, leg_phase)
+    def _step(self, side: int, leg_phase: float, left: float = 0.0) -> tuple[float, float, float]:
+        """Return what the curves want: the foot's pitch [rad], the ankle before and below the hip.
+
+        The hip is `left` of the ankle [m].
+        """
+        segments = self._segments
+        flexion, knee, ankle = self._style.angles(side, self._speed, leg_phase)
         thigh = flexion - PELVIS_TILT
         shank = thigh - knee
         down = segments.thigh * math.cos(thigh) + segments.shank * math.cos(shank)
         reach = segments.thigh * math.sin(thigh) + segments.shank * math.sin(shank)
-        return _Step(shank + ankle, reach, math.sqrt(down * down - left * left))
+        return shank + ankle, reach, math.sqrt(down * down - left * left)
 
-    def stance_pitch(part: float, pitch: float) -> float:
-        if part < _FLAT[0]:
-            return max(pitch, 0.0) * _smooth((_FLAT[0] - part) / _RAMP)
-        return min(pitch, 0.0) * _smooth((part - _FLAT[1]) / _RAMP)
-
-    def ends(side: int) -> tuple[float, float]:
-        """Return the pitch of a foot at heel strike and at toe-off."""
-        return (
-            max(step(side, 0.0, 0.0).pitch, 0.0),
-            min(step(side, shares[side], 0.0).pitch, 0.0),
-        )
-
-    def wanted(phase: float) -> tuple[float, float]:
-        """Return the pelvis's forward place from the path's pose, and its height."""
+    def _wanted(self, phase: float) -> tuple[float, float]:
+        """Return the forward place and the height of the pelvis that the standing legs want."""
         total = forward = height = 0.0
-        for side in (0, 1):
-            share = shares[side]
-            leg_phase = math.fmod(phase + side * style.offset, 1.0)
+        for side, share in enumerate(self.shares):
+            leg_phase = math.fmod(phase + side * self._style.offset, 1.0)
             if leg_phase >= share:
                 continue
             weight = _smooth(min(leg_phase, share - leg_phase) / max(share - 0.5, 0.05))
-            x, z, left = hip(side, phase)
-            want = step(side, leg_phase, left)
-            roll_x, roll_z = segments.roll(stance_pitch(leg_phase / share, want.pitch))
-            base = stride * (share / 2 - leg_phase) + own_leads[side]
+            x, z, left = self._hip(side, phase)
+            pitch, reach, drop = self._step(side, leg_phase, left)
+            roll_x, roll_z = self._segments.roll(_stance_pitch(leg_phase / share, pitch))
+            base = self.stride * (share / 2 - leg_phase) + self._leads[side]
             total += weight
-            forward += weight * (base + roll_x - want.reach - x)
-            height += weight * (roll_z + want.drop - z)
+            forward += weight * (base + roll_x - reach - x)
+            height += weight * (roll_z + drop - z)
         return forward / total, height / total
 
-    # between the samples, where no leg's weight is exactly 0
-    phases = [(i + 0.5) / SAMPLES for i in range(SAMPLES)]
-    places = [wanted(phase) for phase in phases]
-    ahead = Fourier([x for x, _ in places], _HARMONICS)
-    height = Fourier([z for _, z in places], _HARMONICS)
-    middle = -ahead.mean
-    late = 0.5 / SAMPLES
+    def leg(self, side: int) -> tuple[Leg, Leg]:
+        """Return a leg's stance and its swing."""
+        share, parts = self.shares[side], [i / SAMPLES for i in range(SAMPLES + 1)]
+        stance = [_stance_pitch(u, self._step(side, share * u)[0]) for u in parts]
+        phases = [share + (1.0 - share) * u for u in parts]
+        pitches = [self._step(side, math.fmod(phase, 1.0))[0] for phase in phases]
+        pitches = _tied(pitches, stance[-1], stance[0])
+        lifts, progresses = [], []
+        for leg_phase, pitch in zip(phases, pitches, strict=True):
+            phase = math.fmod(leg_phase + 1.0 - side * self._style.offset, 1.0)
+            hip_x, hip_z, left = self._hip(side, phase)
+            _, reach, drop = self._step(side, math.fmod(leg_phase, 1.0), left)
+            roll_x, roll_z = self._segments.roll(pitch)
+            pelvis_x, pelvis_z = self.pelvis(phase)
+            lifts.append(pelvis_z + hip_z - drop - roll_z)
+            base = pelvis_x + hip_x + reach - roll_x - self.leads[side]
+            progresses.append(base / self.stride + leg_phase - share / 2)
+        bumps = [16.0 * (u * (1.0 - u)) ** 2 for u in parts]
+        lifts = [
+            _larger(lift, _CLEARANCE * bump, 0.006 * bump)
+            for lift, bump in zip(_tied(lifts, 0.0, 0.0), bumps, strict=True)
+        ]
+        nothing = [0.0] * len(parts)
+        return Leg(stance, nothing, nothing), Leg(pitches, lifts, _tied(progresses, 0.0, 1.0))
 
-    def leg(side: int) -> tuple[Leg, Leg]:
-        share = shares[side]
-        parts = [i / SAMPLES for i in range(SAMPLES + 1)]
-        stance = Leg(
-            [stance_pitch(u, step(side, share * u, 0.0).pitch) for u in parts],
-            [0.0] * len(parts),
-            [0.0] * len(parts),
-        )
-        swing: list[tuple[float, float, float]] = []
-        strike, off = ends(side)
-        pitches = [step(side, share + (1.0 - share) * u, 0.0).pitch for u in parts[:-1]]
-        pitches.append(step(side, 0.0, 0.0).pitch)
-        for u, pitch in zip(parts, pitches, strict=True):
-            leg_phase = share + (1.0 - share) * u
-            phase = math.fmod(leg_phase + 1.0 - side * style.offset, 1.0)
-            x, z, left = hip(side, phase)
-            want = step(side, math.fmod(leg_phase, 1.0), left)
-            early, final = _ties(u)
-            pitch += early * (off - pitches[0]) + final * (strike - pitches[-1])  # noqa: PLW2901
-            roll_x, roll_z = segments.roll(pitch)
-            pelvis_x, pelvis_z = ahead.at(phase - late), height.at(phase - late)
-            swing.append(
-                (
-                    pitch,
-                    pelvis_z + z - want.drop - roll_z,
-                    (pelvis_x + x + want.reach - roll_x - own_leads[side]) / stride + leg_phase - share / 2,
-                )
-            )
-        first, last = swing[0], swing[-1]
-        tied = Leg([], [], [])
-        for u, (pitch, lift, progress) in zip(parts, swing, strict=True):
-            early, final = _ties(u)
-            bump = 16.0 * (u * (1.0 - u)) ** 2
-            lift -= early * first[1] + final * last[1]  # noqa: PLW2901
-            tied.pitch.append(pitch)
-            tied.lift.append(_larger(lift, _CLEARANCE * bump, 0.006 * bump))
-            tied.progress.append(progress - early * first[2] - final * (last[2] - 1.0))
-        return stance, tied
 
-    grid = [i / SAMPLES - late for i in range(SAMPLES + 1)]
+def solve(style: Style, segments: Segments, speed: float) -> Cycle:
+    """Return the cycle at a `speed` [m/s]."""
+    solver = _Solver(style, segments, speed)
+    forward, height = zip(*(solver.pelvis(i / SAMPLES) for i in range(SAMPLES + 1)), strict=True)
     return Cycle(
-        speed,
-        stride,
-        shares,
-        (middle + own_leads[0], middle + own_leads[1]),
-        factors,
-        [ahead.at(phase) + middle for phase in grid],
-        [height.at(phase) for phase in grid],
-        (leg(0), leg(1)),
+        solver.stride,
+        solver.shares,
+        solver.leads,
+        solver.swings,
+        forward,
+        height,
+        (solver.leg(0), solver.leg(1)),
     )
+
+
+def _stance_pitch(part: float, pitch: float) -> float:
+    """Return the foot's pitch at a part of the stance where the curves want `pitch` [rad]."""
+    if part < _FLAT[0]:
+        return max(pitch, 0.0) * _smooth((_FLAT[0] - part) / _RAMP)
+    return min(pitch, 0.0) * _smooth((part - _FLAT[1]) / _RAMP)
+
+
+def _tied(values: Sequence[float], first: float, last: float) -> list[float]:
+    """Return the values of a swing, moved near its ends so that they begin and end as given."""
+    n = len(values) - 1
+    begin, end = first - values[0], last - values[-1]
+    return [
+        value + begin * (1.0 - _smooth(i / n / _TIED)) + end * _smooth((i / n - 1.0) / _TIED + 1.0)
+        for i, value in enumerate(values)
+    ]
 
 
 def _larger(a: float, b: float, width: float) -> float:
     """Return the larger of two values, without a kink where they are about `width` apart."""
     return (a + b + math.sqrt((a - b) ** 2 + width * width)) / 2
-
-
-def _ties(u: float) -> tuple[float, float]:
-    """Return how much of what is off at the beginning and at the end of a swing is taken off."""
-    return 1.0 - _smooth(u / _TIED), _smooth((u - 1.0) / _TIED + 1.0)
 
 
 def _smooth(u: float) -> float:

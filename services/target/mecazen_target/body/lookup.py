@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from mecazen_target.body.cycle import SAMPLES, Cycle, solve
-from mecazen_target.body.norm import Factors
+from mecazen_target.body.cycle import SAMPLES, Swings, solve
 from mecazen_target.body.segments import Segments
 from mecazen_target.body.style import Style
 
@@ -27,24 +27,34 @@ class Lookup:
         count = round((FASTEST - SLOWEST) / _STEP) + 1
         self._cycles = [solve(style, segments, SLOWEST + i * _STEP) for i in range(count)]
         self.offset = style.offset
+        self._speed = -1.0
         self.set_speed(0.0)
+
+    def _place(self, speed: float) -> tuple[int, float]:
+        place = (min(max(speed, SLOWEST), FASTEST) - SLOWEST) / _STEP
+        i = min(int(place), len(self._cycles) - 2)
+        return i, place - i
+
+    def stride_at(self, speed: float) -> float:
+        """Return the stride length [m] at a speed [m/s], without choosing it."""
+        i, b = self._place(speed)
+        return (1.0 - b) * self._cycles[i].stride + b * self._cycles[i + 1].stride
 
     def set_speed(self, speed: float) -> None:
         """Choose the speed [m/s]; below the slowest and above the fastest solved it is these."""
-        place = (min(max(speed, SLOWEST), FASTEST) - SLOWEST) / _STEP
-        i = min(int(place), len(self._cycles) - 2)
-        b = place - i
+        if speed == self._speed:
+            return  # as on most ticks
+        self._speed = speed
+        i, b = self._place(speed)
+        a = 1.0 - b
         low, high = self._cycles[i], self._cycles[i + 1]
         self._low, self._high, self._share = low, high, b
-        a = 1.0 - b
-        self.shares = (
-            a * low.stance_shares[0] + b * high.stance_shares[0],
-            a * low.stance_shares[1] + b * high.stance_shares[1],
-        )
-        self.leads = a * low.leads[0] + b * high.leads[0], a * low.leads[1] + b * high.leads[1]
+        (p, q), (r, s) = low.stance_shares, high.stance_shares
+        self.shares = a * p + b * r, a * q + b * s
+        (p, q), (r, s) = low.leads, high.leads
+        self.leads = a * p + b * r, a * q + b * s
         self.stride = a * low.stride + b * high.stride
-        columns = zip(low.factors, high.factors, strict=True)
-        self.factors = Factors._make([a * p + b * q for p, q in columns])
+        self.swings = Swings._make([a * p + b * q for p, q in zip(low.swings, high.swings)])  # noqa: B905
 
     def pelvis(self, phase: float) -> tuple[float, float]:
         """Return the pelvis's forward place and its height at the left leg's phase [m]."""
@@ -70,7 +80,7 @@ class Lookup:
         )
 
 
-def _at(values: list[float], part: float) -> float:
+def _at(values: Sequence[float], part: float) -> float:
     """Return a table's value at a part of it in [0, 1]."""
     place = part * SAMPLES
     i = min(int(place), SAMPLES - 1)

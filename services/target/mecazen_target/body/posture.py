@@ -42,28 +42,28 @@ def sagittal_angles(joints: Sequence[Point]) -> tuple[float, ...]:
     that a laboratory's markers include. The knee's is the shank's from the thigh's; the ankle's is
     the sole's from the normal to the shank. Flexion and dorsiflexion are positive.
     """
-    across = _unit(_minus(joints[_LEGS[0][0]], joints[_LEGS[1][0]]))
+    across = _minus(joints[_LEGS[0][0]], joints[_LEGS[1][0]])
+    width = math.sqrt(_dot(across, across))
+    trunk = _minus(joints[_SPINE], joints[_PELVIS])
+    forward = _cross(across, trunk)
+    up = _cross(forward, across)  # forward and up are as long as |trunk| and |trunk| · width
     angles = []
     for hip, knee, ankle, heel, ball in _LEGS:
         thigh = _minus(joints[knee], joints[hip])
         shank = _minus(joints[ankle], joints[knee])
         sole = _minus(joints[ball], joints[heel])
-        trunk = _minus(joints[_PELVIS], joints[_SPINE])
-        flexion = _turned(trunk, thigh, across)
-        axis = _unit(_without(across, thigh))
-        below = _unit(shank)
-        along = _dot(sole, below)
-        aside = _without(sole, below)
-        ankle_angle = -math.atan2(along, math.sqrt(_dot(aside, aside)))
-        angles += [flexion + PELVIS_TILT, -_turned(thigh, shank, axis), ankle_angle]
+        angles += [
+            math.atan2(_dot(thigh, forward) * width, -_dot(thigh, up)) + PELVIS_TILT,
+            _between(thigh, shank),
+            _between(sole, shank) - math.pi / 2,
+        ]
     return tuple(angles)
 
 
-def _turned(a: Point, b: Point, axis: Point) -> float:
-    """Return the angle from `a` to `b` about an axis to the left, positive as `b` goes forward."""
-    b = _without(b, axis)
-    a = _without(a, axis)
-    return -math.atan2(_dot(_cross(a, b), axis), _dot(a, b))
+def _between(a: Point, b: Point) -> float:
+    """Return the angle between two vectors [rad], from 0 to pi."""
+    cross = _cross(a, b)
+    return math.atan2(math.sqrt(_dot(cross, cross)), _dot(a, b))
 
 
 def _minus(a: Point, b: Point) -> Point:
@@ -76,14 +76,3 @@ def _dot(a: Point, b: Point) -> float:
 
 def _cross(a: Point, b: Point) -> Point:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _unit(a: Point) -> Point:
-    length = math.sqrt(_dot(a, a))
-    return a[0] / length, a[1] / length, a[2] / length
-
-
-def _without(a: Point, b: Point) -> Point:
-    """Return the part of `a` that is normal to `b`."""
-    share = _dot(a, b) / _dot(b, b)
-    return a[0] - share * b[0], a[1] - share * b[1], a[2] - share * b[2]

@@ -43,8 +43,8 @@ class Segments(NamedTuple):
 
     @property
     def standing(self) -> float:
-        """Height of the hips over straight legs."""
-        return self.thigh + self.shank + self.ankle
+        """Height of the hips of who stands, the knees bent by 8 deg."""
+        return 0.9976 * (self.thigh + self.shank) + self.ankle
 
     def roll(self, pitch: float) -> tuple[float, float]:
         """Return x and z of the ankle of a foot on the ground, from the point below it when flat.

@@ -8,7 +8,14 @@ from typing import NamedTuple
 from mecazen_target.body.norm import Factors, FactorTable, Fourier, Norm
 from mecazen_target.config import Body
 
+_ADULT_M = 1.75  # height of the people in the table
+_DOUBLE = 0.03  # least share of the cycle between a heel strike and the other foot's toe-off
+_LEG = 0.53  # length as a share of the height (Winter)
 _STANCE_KNEE = math.radians(15.0)  # a stiff knee's flexion up to which it is as others
+
+
+Curves = tuple[Fourier, Fourier, Fourier]
+"""Hip, knee and ankle [rad] over the phase of their leg."""
 
 
 class Reference(NamedTuple):
@@ -20,8 +27,9 @@ class Reference(NamedTuple):
     """Of the left and the right leg, as all pairs."""
     stride: float | None
     """Stride length [m]; None is that of the walk ratio."""
-    curves: tuple[tuple[Fourier, Fourier, Fourier], tuple[Fourier, Fourier, Fourier]]
-    """Hip, knee and ankle [rad] over the phase of their leg."""
+    curves: tuple[Curves, Curves]
+    offset: float = 0.5
+    """Phase of the right leg when the left one's is 0."""
 
 
 def reference(norm: Norm) -> Reference:
@@ -35,23 +43,30 @@ class Style:
 
     def __init__(self, body: Body, factors: FactorTable, gait: Reference) -> None:
         self._body, self._gait, self._factors = body, gait, factors
-        self._own = factors.at(gait.speed)
-        self._stride_share = 1.0
-        if gait.stride is not None:
-            self._stride_share = gait.stride / _stride(self._own, gait.speed)
+        self._size = body.height_m / _ADULT_M
+        self._own, self._stride_share = factors.at(gait.speed), 1.0
+        if gait.stride is not None:  # a recording's, in the size of this person
+            self._own = factors.at(gait.speed / math.sqrt(self._size))
+            own_stride = _stride(self._own, gait.speed / math.sqrt(self._size))
+            self._stride_share = gait.stride / (self._size * own_stride)
         limp = body.limp
         affected = 1.0 if limp is not None and limp.side == "left" else -1.0
         a, q = (0.0, 0.0) if limp is None else (limp.stance_asymmetry, limp.step_asymmetry)
         self._stance_changes = (-affected * a / 2, affected * a / 2)
-        self.offset = 0.5 - affected * a / 2
-        """Phase of the right leg when the left one's is 0: a shorter stance is a sooner step."""
-        self._leads = (affected * q / 4, -affected * q / 4)
+        # a shorter stance is a sooner step of the other leg, which makes steps equally long
+        self.offset = gait.offset + affected * a / 2
+        self._leads = (affected * q / 8, -affected * q / 8)
 
     def _slower(self, speed: float) -> float:
-        """Return the speed at which others make the steps that this person makes at `speed`."""
+        """Return the speed at which an adult makes the steps that this person makes at `speed`.
+
+        The walk ratio makes step lengths proportional to the root of the speed, for a shuffle.
+        Small people walk like tall ones of the same Froude number (A. L. Hof, Gait & Posture 4,
+        1996).
+        """
         shuffle = self._body.shuffle
-        # the walk ratio makes step lengths proportional to the root of the speed
-        return speed if shuffle is None else speed * shuffle.step_length**2
+        share = 1.0 if shuffle is None else shuffle.step_length
+        return speed * share**2 * math.sqrt(1.0 / self._size)
 
     def factors(self, speed: float) -> Factors:
         """Return the row of the table for a walk at `speed` [m/s]."""
@@ -59,14 +74,16 @@ class Style:
 
     def stride(self, speed: float) -> float:
         """Return the stride length [m]."""
-        slower = self._slower(speed)
-        return self._stride_share * _stride(self._factors.at(slower), slower)
+        slower = min(self._slower(speed), self._factors.speed_m_s[-1])
+        return self._size * self._stride_share * _stride(self._factors.at(slower), slower)
 
     def stance_share(self, side: int, speed: float) -> float:
         """Return the share of its cycle for which a leg (0 left, 1 right) stands."""
         ratio = self._gait.stance_shares[side] / self._own.stance_share
         share = ratio * self.factors(speed).stance_share + self._stance_changes[side]
-        return min(max(share, 0.52), 0.85)
+        # and one foot stands before the other one leaves
+        least = _DOUBLE + (self.offset if side else 1.0 - self.offset)
+        return min(max(share, least), 0.85)
 
     def lead(self, side: int, speed: float) -> float:
         """Return how far ahead of the symmetrical place a foot is put down [m]."""
@@ -80,16 +97,21 @@ class Style:
             warped = phase / share * own
         else:
             warped = own + (phase - share) / (1.0 - share) * (1.0 - own)
+        ratios = [factors[2 + i] / self._own[2 + i] for i in range(3)]
+        ratios[0] *= share / (
+            share - self._stance_changes[side]
+        )  # a shorter stance is a shorter way
         hip, knee, ankle = (
             curve.mean
-            + (factors[2 + i] / self._own[2 + i]) * (curve.at(warped) - curve.mean)
+            + ratios[i] * (curve.at(warped) - curve.mean)
             + math.radians(factors[5 + i] - self._own[5 + i])
             for i, curve in enumerate(self._gait.curves[side])
         )
         stiff = self._body.stiff_knee
         if stiff is not None and stiff.side in ("both", ("left", "right")[side]):
             knee -= (1.0 - stiff.flexion) * max(0.0, knee - _STANCE_KNEE)
-        return hip, knee, ankle
+        turned = self.lead(side, speed) / (_LEG * self._body.height_m)
+        return hip + turned, knee, ankle - turned
 
 
 def _stride(factors: Factors, speed: float) -> float:

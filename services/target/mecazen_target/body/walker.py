@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.geometry import Pose2D, Twist2D, wrap
 
-from mecazen_target.body.cycle import Sway
 from mecazen_target.body.lookup import SLOWEST, Lookup
 from mecazen_target.body.norm import TABLE, read_norm
 from mecazen_target.body.posture import Point, Posture, sagittal_angles
+from mecazen_target.body.recording import read_recording
 from mecazen_target.body.segments import Segments
 from mecazen_target.body.style import Style, reference
 from mecazen_target.config import Body
@@ -25,6 +25,9 @@ _HOME = (0.03, 0.1)  # a foot is where it stands: within [m], [rad]
 _ASTRAY = (0.1, 0.35)  # from there on a person who stands takes a step
 _STEP_M = 0.04  # height of steps that are not forward
 _REACH = 0.9999  # of the leg's length
+# a leg that passes through being straight bends too fast: after changes of the twist by the second
+# and more, the pelvis stays so far below where a leg is straight, until they have settled
+_SOFT_M, _SOFT_M_S, _SETTLE_S = 0.02, 0.4, 0.3
 _HURRY_M = (0.03, 0.02)  # a pelvis pulled down by the first makes steps quicker, by 1 per second
 _MOST_HURRY = 2.0
 _LOWEST = 0.7  # of the standing height: a pelvis lower than this lets a foot slip instead
@@ -43,8 +46,6 @@ class _Leg:
         """Where it began."""
         self.pitch = 0.0
         self.lift = 0.0
-        self.bend = 0.0
-        """How much shorter than straight the leg must be [m]: straight ones would bend too fast."""
 
 
 class Walker:
@@ -61,7 +62,10 @@ class Walker:
     def __init__(self, body: Body) -> None:
         norm = read_norm(body.factors_file or TABLE)
         self.segments = Segments.of(body.height_m)
-        self.style = Style(body, norm.factors, reference(norm))
+        gait = reference(norm)
+        if body.motion_file is not None:
+            gait = read_recording(body.motion_file, self.segments)
+        self.style = Style(body, norm.factors, gait)
         self._gait = Lookup(self.style, self.segments)
         self.reset(Motion(Pose2D()))
 
@@ -70,10 +74,8 @@ class Walker:
         self._pose = motion.pose
         self._phase = 0.0
         self._walks = False
-        self._pulled = 0.0
-        self._twists = [(0.0, 0.0, 0.0)] * 2
-        self._activities = [0.0, 0.0]
-        self._gait.set_speed(0.0)
+        self._pulled = self._unsteady = 0.0
+        self._lags = [[0.0] * 4, [0.0] * 4]
         self._frame()
         self._legs = [_Leg(motion.pose.compose(self._nominal(side, 0.0))) for side in (0, 1)]
         return self._posture()
@@ -86,17 +88,18 @@ class Walker:
         moves = speed > _STILL_M_S or abs(yaw) > _STILL_RAD_S
         self._start_or_stop(motion.twist, moves)
         keep = math.exp(-dt_s / _LAG_S)
-        wanted: tuple[float, ...] = motion.twist
-        for i in (0, 1):
-            self._twists[i] = wanted = tuple(
-                w + keep * (t - w) for t, w in zip(self._twists[i], wanted, strict=True)
-            )
-        activity = float(self._walks)
-        for i in (0, 1):
-            self._activities[i] = activity = activity + keep * (self._activities[i] - activity)
+        wanted = [x, y, yaw, float(self._walks)]
+        for lag in self._lags:
+            for i, value in enumerate(wanted):
+                lag[i] = value + keep * (lag[i] - value)
+            wanted = lag
+        first, second = self._lags
+        change = max(abs(p - q) for p, q in zip(first, second, strict=True))
+        self._unsteady = max(change, self._unsteady * math.exp(-dt_s / _SETTLE_S))
         if self._walks:
-            self._gait.set_speed(speed)
-            period = _period(motion.twist, self._gait.stride) if moves else _PERIOD_S[1]
+            period = _PERIOD_S[1]
+            if moves:
+                period = _period(motion.twist, self._gait.stride_at(speed))
             hurry = 1.0 + max(self._pulled - _HURRY_M[0], 0.0) / _HURRY_M[1]
             self._phase = math.fmod(self._phase + min(hurry, _MOST_HURRY) * dt_s / period, 1.0)
         self._frame()
@@ -109,7 +112,7 @@ class Walker:
 
     def _frame(self) -> None:
         """Set what all of a step needs of the twist."""
-        x, y, yaw = self._twists[1]
+        x, y, yaw, self._activity = self._lags[1]
         speed = math.hypot(x, y)
         self._gait.set_speed(speed)
         self._twist = Twist2D(x, y, yaw)
@@ -118,14 +121,14 @@ class Walker:
         """1 when walking forward, 0 when standing, turning or walking sideways."""
 
     def _start_or_stop(self, twist: Twist2D, moves: bool) -> None:
+        if self._walks and (moves or self._legs[0].swings or self._legs[1].swings):
+            return
         offs = [self._off(side) for side in (0, 1)]
         if self._walks:
-            home = all(d < _HOME[0] and turn < _HOME[1] for d, turn in offs)
-            up = self._legs[0].swings or self._legs[1].swings
-            self._walks = moves or up or not home
+            self._walks = not all(d < _HOME[0] and turn < _HOME[1] for d, turn in offs)
         elif moves or any(d > _ASTRAY[0] or turn > _ASTRAY[1] for d, turn in offs):
             self._walks = True
-            if self._activities[1] > 0.01:
+            if self._activity > 0.01:
                 return  # still in the middle of a cycle
             aside = twist.y + 0.3 * twist.yaw
             first = 0 if aside > 0.02 or (not moves and offs[0] > offs[1]) else 1
@@ -141,8 +144,10 @@ class Walker:
     def _nominal(self, side: int, cycles: float) -> Pose2D:
         """Return where a foot stands, in the frame of the path, that is below it in `cycles`."""
         aside = self.segments.step_width / 2 + 0.25 * abs(self._twist.y) * self._period
-        return Pose2D().integrate(self._twist, self._period * cycles).compose(
-            Pose2D(self._gait.leads[side] * self._ahead, aside * (1 - 2 * side))
+        return (
+            Pose2D()
+            .integrate(self._twist, self._period * cycles)
+            .compose(Pose2D(self._gait.leads[side] * self._ahead, aside * (1 - 2 * side)))
         )
 
     def _lift_off(self, side: int, phase: float) -> None:
@@ -151,7 +156,7 @@ class Walker:
 
     def _shown(self) -> float:
         """Return the share in which the cycle of a forward walk is seen."""
-        return self._activities[1] * max(self._ahead, 0.0)
+        return self._activity * max(self._ahead, 0.0)
 
     def _move(self, side: int) -> None:
         """Move a foot to its place at the phase."""
@@ -164,7 +169,6 @@ class Walker:
             self._lift_off(side, share)
         if not leg.swings:
             leg.pitch, leg.lift = self._shown() * gait.stance_pitch(side, phase / share), 0.0
-            leg.bend = 0.0
             return
         part = (phase - leg.lifted) / (1.0 - leg.lifted)
         foot = gait.swing(side, part)
@@ -177,27 +181,28 @@ class Walker:
         )
         shown, bump = self._shown(), 16.0 * _STEP_M * (part * (1.0 - part)) ** 2
         leg.pitch, leg.lift = shown * foot.pitch, bump + shown * (foot.lift - bump)
-        leg.bend = bump * (1.0 - shown)
 
     def _posture(self) -> Posture:
-        segments, activity = self.segments, self._activities[1]
-        factors, cycle = self._gait.factors, math.tau * self._phase
+        segments, activity = self.segments, self._activity
+        swings, cycle = self._gait.swings, math.tau * self._phase
         swing = activity * self._ahead
-        sway = Sway.at(factors, self._phase)
+        sway, turn, roll = swings.pelvis(self._phase)
         ahead, height = self._gait.pelvis(self._phase)
-        x, y, heading = self._pose.compose(Pose2D(swing * ahead, activity * sway.left))
-        yaw = heading + swing * sway.yaw
+        x, y, heading = self._pose.compose(Pose2D(swing * ahead, activity * sway))
+        yaw = heading + swing * turn
         c, s = math.cos(yaw), math.sin(yaw)
-        half, roll = segments.hips / 2, activity * sway.roll
+        half, roll = segments.hips / 2, activity * roll
         out, up = half * math.cos(roll), half * math.sin(roll)
         height = segments.standing + activity * (height - segments.standing)
         feet = [self._foot(leg) for leg in self._legs]
         hips = [(x - sign * out * s, y + sign * out * c, sign * up) for sign in (1, -1)]
         longest = _REACH * (segments.thigh + segments.shank)
         free = height
-        for (hx, hy, hz), (ankle, _, _), leg in zip(hips, feet, self._legs, strict=True):
-            room = (longest - leg.bend) ** 2 - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
-            height = min(height, ankle[2] + math.sqrt(max(room, 0.0)) - hz)
+        width = _SOFT_M * min(self._unsteady / _SOFT_M_S, 1.0)
+        for (hx, hy, hz), (ankle, _, _) in zip(hips, feet, strict=True):
+            room = longest * longest - (ankle[0] - hx) ** 2 - (ankle[1] - hy) ** 2
+            above = height - (ankle[2] + math.sqrt(max(room, 0.0)) - hz)
+            height -= (above + math.sqrt(above * above + width * width)) / 2
         self._pulled = free - height
         height = max(height, _LOWEST * segments.standing)
         neck = height + segments.trunk
@@ -207,10 +212,11 @@ class Walker:
             (x, y, neck),
             (x, y, neck + segments.head),
         ]
-        trunk = heading - swing * math.radians(factors.trunk_rotation_deg) * -math.cos(cycle)
+        trunk = heading + swing * swings.trunk_yaw * math.cos(cycle)
         for side, (hip, foot) in enumerate(zip(hips, feet, strict=True)):
-            arm = -swing * math.radians(factors.arm_swing_deg)
-            joints += self._arm((x, y, neck), trunk, 1 - 2 * side, arm, cycle + math.pi * side)
+            arm = -swing * swings.arm * math.cos(cycle + math.pi * side)
+            most = abs(swing) * swings.arm
+            joints += self._arm((x, y, neck), trunk, 1 - 2 * side, arm, arm + most)
             hip = (hip[0], hip[1], height + hip[2])  # noqa: PLW2901
             forward = yaw + 0.5 * wrap(self._legs[side].base.yaw - yaw)
             joints += [hip, *self._leg(hip, foot[0], forward), *foot[1:]]
@@ -264,15 +270,17 @@ class Walker:
         )
 
     def _arm(
-        self, neck: Point, yaw: float, sign: int, swing: float, cycle: float
+        self, neck: Point, yaw: float, sign: int, upper: float, bend: float
     ) -> tuple[Point, Point, Point]:
-        """Return shoulder, elbow and wrist; arms swing against the leg of their side."""
+        """Return shoulder, elbow and wrist of an arm that is raised forward by `upper` [rad].
+
+        The elbow bends by 0.25 rad and a share of `bend` [rad], more as the arm swings forward.
+        """
         segments = self.segments
         dx, dy = math.cos(yaw), math.sin(yaw)
         aside = sign * segments.shoulders / 2
         x, y, z = neck[0] - aside * dy, neck[1] + aside * dx, neck[2]
-        upper = swing * math.cos(cycle)
-        lower = upper + 0.25 + 0.4 * (upper + abs(swing))
+        lower = upper + 0.25 + 0.4 * bend
         points = [(x, y, z)]
         for length, angle in ((segments.upper_arm, upper), (segments.forearm, lower)):
             reach = length * math.sin(angle)

@@ -1,0 +1,146 @@
+"""Motion files: joint centres or angles of a recorded walk over time."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+KINDS = (".bvh", ".c3d", ".mot", ".trc")
+
+
+class Track(NamedTuple):
+    """A recording: positions (n, 3) in any unit, or OpenSim's coordinates (n), by their names."""
+
+    rate_hz: float
+    values: dict[str, Array]
+    up: int
+    """Axis of the positions that points up."""
+
+
+def read(file: Path) -> Track:
+    """Read a motion file by the ending of its name.
+
+    Raises:
+        ValueError: It can't be read, or is not what its name says; one line.
+    """
+    readers = dict(zip(KINDS, (_read_bvh, _read_c3d, _read_mot, _read_trc), strict=True))
+    if (reader := readers.get(file.suffix.lower())) is None:
+        raise ValueError(f"must end in one of {', '.join(KINDS)}")
+    try:
+        track = reader(file)
+    except OSError as error:
+        raise ValueError(f"can't be read: {error.strerror or error}") from None
+    except (ValueError, IndexError, KeyError, StopIteration) as error:
+        raise ValueError(
+            f"no {file.suffix[1:].upper()} file ({error or 'it ends early'})"
+        ) from None
+    if not 1.0 <= track.rate_hz <= 10_000.0:
+        raise ValueError(f"must have 1 to 10000 frames per second, has {track.rate_hz:g}")
+    return track
+
+
+def _read_mot(file: Path) -> Track:
+    """Read OpenSim's coordinates over time; angles in degrees become radians."""
+    head, table = file.read_text("utf-8").split("endheader", 1)
+    names, *rows = (line.split() for line in table.splitlines() if line.strip())
+    data = np.array(rows, float)
+    if "indegrees=yes" in head.lower().replace(" ", ""):
+        data[:, 1:] = np.radians(data[:, 1:])
+    rate = (len(data) - 1) / (data[-1, 0] - data[0, 0])
+    return Track(float(rate), dict(zip(names, data.T, strict=True)), 1)
+
+
+def _read_trc(file: Path) -> Track:
+    """Read markers over time, y up as in OpenSim."""
+    lines = file.read_text("utf-8").splitlines()
+    names = [name for name in lines[3].split("\t")[2:] if name.strip()]
+    rows = [line.split("\t") for line in lines[5:] if line.strip()]
+    data = np.array(
+        [[float(cell or "nan") for cell in row[1 : 2 + 3 * len(names)]] for row in rows]
+    )
+    rate = (len(data) - 1) / (data[-1, 0] - data[0, 0])
+    points = data[:, 1:].reshape(len(data), len(names), 3)
+    return Track(float(rate), {name: points[:, i] for i, name in enumerate(names)}, 1)
+
+
+def _read_c3d(file: Path) -> Track:
+    """Read points over time, z up, by ezc3d."""
+    try:
+        ezc3d = importlib.import_module("ezc3d")
+    except ImportError:
+        raise ValueError("C3D needs the package ezc3d, as in mecazen-target[c3d]") from None
+    content = ezc3d.c3d(str(file))
+    parameters, points = content["parameters"]["POINT"], content["data"]["points"]
+    rate = float(parameters["RATE"]["value"][0])
+    names = parameters["LABELS"]["value"]
+    return Track(rate, {name: points[:3, i].T for i, name in enumerate(names)}, 2)
+
+
+def _read_bvh(file: Path) -> Track:
+    """Read a hierarchy and its channels; return the places of its joints, y up."""
+    words = iter(file.read_text("utf-8").split())
+    joints: list[tuple[str, int, list[float], list[str]]] = []  # name, parent, offset, channels
+    _expect(words, "HIERARCHY")
+    stack, name = [-1], ""
+    for word in words:
+        match word:
+            case "ROOT" | "JOINT" | "End":
+                name = next(words)
+            case "{":
+                joints.append((name, stack[-1], [], []))
+                stack.append(len(joints) - 1)
+            case "OFFSET":
+                joints[-1][2].extend(float(next(words)) for _ in range(3))
+            case "CHANNELS":
+                joints[-1][3].extend([next(words) for _ in range(int(next(words)))])
+            case "}":
+                stack.pop()
+            case "MOTION":
+                break
+    _expect(words, "Frames:")
+    frames = int(next(words))
+    _expect(words, "Frame")
+    _expect(words, "Time:")
+    rate = 1.0 / float(next(words))
+    data = np.array(list(words), float).reshape(frames, -1)
+    places: list[tuple[Array, Array]] = []
+    column = 0
+    for _, parent, offset, channels in joints:
+        place, turn = np.tile(np.array(offset), (frames, 1)), np.tile(np.eye(3), (frames, 1, 1))
+        for channel in channels:
+            axis, values = "XYZ".index(channel[0]), data[:, column]
+            column += 1
+            if channel.endswith("position"):
+                place[:, axis] = values
+            else:
+                turn = np.einsum("nij,njk->nik", turn, _rotations(axis, np.radians(values)))
+        if parent >= 0:
+            origin, frame = places[parent]
+            place = origin + np.einsum("nij,nj->ni", frame, place)
+            turn = np.einsum("nij,njk->nik", frame, turn)
+        places.append((place, turn))
+    named = zip(joints, places, strict=True)
+    return Track(rate, {joint[0]: place for joint, (place, _) in named if joint[0] != "Site"}, 1)
+
+
+def _expect(words: Iterator[str], wanted: str) -> None:
+    if (word := next(words)) != wanted:
+        raise ValueError(f"{wanted} must come where {word!r} is")
+
+
+def _rotations(axis: int, angles: Array) -> Array:
+    """Return the rotations (n, 3, 3) about an axis by angles (n) [rad]."""
+    turn = np.zeros((len(angles), 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn[:, axis, axis] = 1.0
+    turn[:, i, i] = turn[:, j, j] = np.cos(angles)
+    turn[:, j, i] = np.sin(angles)
+    turn[:, i, j] = -turn[:, j, i]
+    return turn

@@ -1,0 +1,182 @@
+"""A recorded walk becomes a gait: curves over the mean cycle, stance, stride and speed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from mecazen.errors import ConfigError
+
+from mecazen_target.body.files import Array, Track, read
+from mecazen_target.body.norm import PELVIS_TILT, Fourier
+from mecazen_target.body.segments import Segments
+from mecazen_target.body.style import Curves, Reference
+
+_NAMES = {
+    "hip": ("{}Hip", "{}UpLeg", "{}.HJC", "{}HJC", "{}FEP"),
+    "knee": ("{}Knee", "{}Leg", "{}.Knee", "{}KJC", "{}FEO", "{}KNE"),
+    "ankle": ("{}Ankle", "{}Foot", "{}.Ankle", "{}AJC", "{}TIO", "{}ANK"),
+    "toe": ("{}Toe", "{}ToeBase", "{}.Toe", "{}TOO", "{}TOE"),
+    "asis": ("{}.ASIS", "{}ASIS", "{}ASI"),
+}
+"""Of points, as BVH, OpenSim and Plug-in Gait have them; {} is the side."""
+_SIDES = (("Left", "L"), ("Right", "R"))
+_HEADING_S = 1.2  # about a stride: the mean heading of the pelvis is that of the walk
+_STRAIGHTEST = np.radians(3.0)  # knee
+_FLAT = (0.3, 0.5)  # part of the stance in which the foot is taken as flat
+
+
+def read_recording(file: Path, segments: Segments) -> Reference:
+    """Read a recorded walk on level ground, straight on or on a treadmill.
+
+    Of it are taken the sagittal angles, the stance shares, the phase between the legs, and the
+    stride. Heel strike is where the ankle is furthest ahead of the hip, toe-off where the ball of
+    the foot is furthest behind (J. A. Zeni et al., Gait & Posture 27, 2008). The speed is that of
+    the standing foot from the hips, with the segments of the person who walks here.
+
+    Raises:
+        ConfigError: One line: what can't be read or is missing.
+    """
+    try:
+        track = read(file)
+        legs = [_angles(track, side) for side in (0, 1)]
+        cycles = [_Cycles(track.rate_hz, leg, segments) for leg in legs]
+    except ValueError as error:
+        raise ConfigError(f"{file}: {error}") from None
+    left, right = cycles
+    period = (left.period + right.period) / 2
+    lag = (right.strikes[0] - left.strikes[0]) / track.rate_hz / period
+    speed = (left.speed + right.speed) / 2
+    return Reference(
+        speed,
+        (left.share, right.share),
+        speed * period,
+        (left.curves, right.curves),
+        min(max(float(-lag % 1.0), 0.4), 0.6),
+    )
+
+
+def _angles(track: Track, side: int) -> Array:
+    """Return hip, knee and ankle [rad] over the frames (3, n); an offset of the ankle is open."""
+    values, letter = track.values, ("l", "r")[side]
+    if (hip := values.get(f"hip_flexion_{letter}")) is not None:
+        knee, ankle = values[f"knee_angle_{letter}"], values[f"ankle_angle_{letter}"]
+        flexion = -knee if knee.mean() < 0.0 else knee  # both signs are in use
+        return np.array([hip + values["pelvis_tilt"] + PELVIS_TILT, flexion, ankle])
+    up = track.up
+    near, far = (_pelvis(track, s) for s in (side, 1 - side))
+    across = (near - far) * (1 - 2 * side)
+    across[:, up] = 0.0
+    across = _mean_over(across, round(_HEADING_S * track.rate_hz))
+    forward = np.cross(across, np.eye(3)[up])
+    forward /= np.sqrt((forward * forward).sum(axis=1, keepdims=True))
+    knee, ankle, toe = (_point(track, name, side) for name in ("knee", "ankle", "toe"))
+    hip = _hip(track, side, forward)
+    thigh, shank, foot = (
+        np.stack([(p * forward).sum(axis=1), p[:, up]])
+        for p in (knee - hip, ankle - knee, toe - ankle)
+    )
+    thigh_angle, shank_angle = (np.arctan2(x, -z) for x, z in (thigh, shank))
+    pitch = np.arctan2(foot[1], foot[0])
+    return np.array([thigh_angle + PELVIS_TILT, thigh_angle - shank_angle, pitch - shank_angle])
+
+
+def _hip(track: Track, side: int, forward: Array) -> Array:
+    """Return a hip joint's centre (n, 3), if need be from the markers on the pelvis.
+
+    It lies 14 % of the distance of these inwards, 19 % behind and 30 % below them (A. L. Bell et
+    al., J. Biomech. 23, 1990).
+    """
+    if _found(track, "hip", side) is not None:
+        return _point(track, "hip", side)
+    near, far = _point(track, "asis", side), _point(track, "asis", 1 - side)
+    width = np.sqrt(((near - far) ** 2).sum(axis=1, keepdims=True))
+    down = np.eye(3)[track.up]
+    centre: Array = near + 0.14 * (far - near) - width * (0.19 * forward + 0.30 * down)
+    return centre
+
+
+def _pelvis(track: Track, side: int) -> Array:
+    return _point(track, "asis" if _found(track, "hip", side) is None else "hip", side)
+
+
+def _mean_over(values: Array, width: int) -> Array:
+    """Return the moving average of values (n, 3), over fewer at the ends."""
+    sums = np.cumsum(np.vstack([np.zeros(3), np.nan_to_num(values)]), axis=0)
+    n = np.arange(len(values))
+    first, last = np.maximum(n - width // 2, 0), np.minimum(n + width // 2 + 1, len(values))
+    mean: Array = (sums[last] - sums[first]) / (last - first)[:, None]
+    return mean
+
+
+def _found(track: Track, joint: str, side: int) -> Array | None:
+    names = (name.format(text) for name in _NAMES[joint] for text in _SIDES[side])
+    return next((track.values[name] for name in names if name in track.values), None)
+
+
+def _point(track: Track, joint: str, side: int) -> Array:
+    if (point := _found(track, joint, side)) is None:
+        names = ", ".join(name.format(_SIDES[side][1]) for name in _NAMES[joint])
+        raise ValueError(f"has no point for the {_SIDES[side][0].lower()} {joint}; known: {names}")
+    return point
+
+
+class _Cycles:
+    """The cycles of one leg, and their mean."""
+
+    def __init__(self, rate_hz: float, angles: Array, segments: Segments) -> None:
+        hip, knee, ankle = angles
+        thigh = hip - PELVIS_TILT
+        shank = thigh - knee
+        ahead = segments.thigh * np.sin(thigh) + segments.shank * np.sin(shank)
+        self.strikes = _peaks(ahead, round(0.3 * rate_hz))
+        if len(self.strikes) < 2:
+            raise ValueError("must have a whole gait cycle of each leg")
+        if not np.isfinite(angles).all():
+            raise ValueError("must have all markers in all frames")
+        ball = ahead + segments.ball * np.cos(shank + ankle)
+        lengths = [b - a for a, b in pairwise(self.strikes)]
+        self.period = float(np.median(lengths)) / rate_hz
+        offs = [a + int(np.argmin(ball[a:b])) for a, b in pairwise(self.strikes)]
+        share = float(np.median([(o - a) / n for a, o, n in zip(self.strikes, offs, lengths)]))  # noqa: B905
+        self.share = min(max(share, 0.52), 0.85)
+        mean = np.array([self._mean(curve) for curve in angles])
+        # markers beside the joints straighten a knee too far; flex it about the hip and the ankle
+        flexed = max(_STRAIGHTEST - float(mean[1].min()), 0.0)
+        mean[:2] += [[flexed / 2], [flexed]]
+        phases = np.arange(mean.shape[1]) / mean.shape[1]
+        flat = (phases > _FLAT[0] * self.share) & (phases < _FLAT[1] * self.share)
+        # the sole's direction is in no file: it is level while the foot is flat
+        mean[2] -= (mean[0] - PELVIS_TILT - mean[1] + mean[2])[flat].mean()
+        slopes = [(ahead[b] - ahead[a]) / (b - a) for a, b in self._stances()]
+        self.speed = max(-float(np.mean(slopes)) * rate_hz, 0.05)
+        self.curves: Curves = (Fourier(mean[0]), Fourier(mean[1]), Fourier(mean[2]))
+
+    def _stances(self) -> list[tuple[int, int]]:
+        """Return the frames from 15 to 75 % of each stance, in which the ankle hardly rises."""
+        return [
+            (round(a + 0.15 * self.share * (b - a)), round(a + 0.75 * self.share * (b - a)))
+            for a, b in pairwise(self.strikes)
+        ]
+
+    def _mean(self, values: Array) -> Array:
+        """Return the mean over the cycles at 100 phases, without a step from end to beginning."""
+        phases = np.arange(101) / 100
+        frames = np.arange(len(values))
+        cycles = [
+            np.interp(a + phases * (b - a), frames, values) for a, b in pairwise(self.strikes)
+        ]
+        mean = np.mean(cycles, axis=0)
+        return np.asarray((mean - phases * (mean[-1] - mean[0]))[:-1])
+
+
+def _peaks(values: Array, width: int) -> list[int]:
+    """Return where values are large, and the largest of all within `width`, not at the ends."""
+    large = values.mean() + 0.5 * (values.max() - values.mean())
+    edge = width // 4
+    return [
+        i
+        for i in range(edge, len(values) - edge)
+        if values[i] >= large and values[i] == values[max(i - width, 0) : i + width + 1].max()
+    ]
