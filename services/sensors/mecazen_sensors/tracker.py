@@ -38,9 +38,9 @@ from mecazen_sensors.body import (
 from mecazen_sensors.camera import Camera, from_world
 from mecazen_sensors.scene import Floats, Scene
 
-NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 2.0, "foot": 2.0, "wrist": 1.5}
-"""Of white noise and drift, by joint; 1 for others. Feet and wrists are the least certain."""
-BIAS_SCALE = {"pelvis": 1.5, "hip": 2.2, "knee": 0.8, "ankle": 1.0, "heel": 1.0, "foot": 1.0}
+NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
+"""Of white noise and drift, by joint; 1 for others. Far from the trunk less is certain."""
+BIAS_SCALE = {"pelvis": 1.5, "hip": 2.2, "knee": 0.8, "ankle": 1.0, "heel": 0.8, "foot": 0.8}
 """Of the bias, tuned: pelvis and hips, which no landmark shows, are placed worst."""
 GUESSED_STD_M = {"knee": 0.05, "ankle": 0.07, "heel": 0.1, "foot": 0.1}
 """What lag and pull add to the reported deviation of a leg's joint that is not seen, tuned."""
