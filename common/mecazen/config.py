@@ -314,10 +314,8 @@ class Scenario(Section):
         if value is None and name in SERVICES:
             return None
         for field in fields:
-            if isinstance(value, dict):
-                value = value.get(field)
-            else:
-                value = getattr(value, field, "none")
+            of_table = isinstance(value, dict)
+            value = value.get(field) if of_table else getattr(value, field, "none")
         if not isinstance(value, int | float | None):
             raise ConfigError(f"{key}: a node's rate that is no number of the configuration")
         return value
