@@ -310,7 +310,7 @@ class Scenario(Section):
     def _setting(self, key: str) -> Any:
         """Return the value of `section.key`; None where that service is not installed here."""
         name, *fields = key.split(".")
-        value = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
+        value: Any = getattr(self, name, None) or self.sections.get(name) or self.others.get(name)
         if value is None and name in SERVICES:
             return None
         for field in fields:

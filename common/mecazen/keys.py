@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from mecazen import messages as m
+from mecazen.wire import MAX_PAYLOAD_BYTES, MAX_SAMPLE_BYTES
 
 MessageT = TypeVar("MessageT", bound=m.Message)
 RequestT = TypeVar("RequestT", bound=m.Message)
@@ -24,6 +25,8 @@ class Topic(Generic[MessageT]):
     meaning: str
     open: bool = False
     """Whether anyone may publish on it, besides the node that does."""
+    max_bytes: int = MAX_SAMPLE_BYTES
+    """A longer sample is refused unread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ OBSERVATION = Topic("target/observation", m.Observation, "the person as the robo
 SCAN = Topic("scan", m.LaserScan, "the lidar's ranges")
 SKELETONS = Topic("skeleton/observation", m.Skeletons, "the bodies that the tracker sees")
 LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the scan")
-DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]")
+DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]", max_bytes=MAX_PAYLOAD_BYTES)
 CAMERA_INFO = Topic("camera/camera_info", m.CameraInfo, "how the depth camera projects")
 FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
 

@@ -123,6 +123,10 @@ class DepthConfig(Section):
 
     def __post_init__(self) -> None:
         _check_range(self.min_range_m, self.max_range_m)
+        if 2 * self.width * self.height * 4 / 3 > 1_000_000:
+            raise ValueError(
+                "width x height must be at most 375,000 pixels: 1 MB a picture in JSON"
+            )
         if self.edge_probability > 0.5:
             raise ValueError("edge_probability must be at most 0.5: as many pixels are invalid")
 

@@ -15,7 +15,7 @@ from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
-from mecazen.wire import MAX_SAMPLE_BYTES, RefusedError, Stamp, decode
+from mecazen.wire import RefusedError, Stamp, decode
 
 MessageT = TypeVar("MessageT", bound=Message)
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
@@ -281,8 +281,8 @@ def decode_sample(
     Raises:
         RefusedError: It is not what the topic carries, or a number is implausible.
     """
-    if len(payload) > MAX_SAMPLE_BYTES:
-        raise RefusedError(f"payload of more than {MAX_SAMPLE_BYTES} bytes")
+    if len(payload) > topic.max_bytes:
+        raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
     stamp = None if attachment is None else Stamp.unpack(attachment)
     message = decode(payload, topic.type, encoding)
     refuse_implausible(topic.key, message)

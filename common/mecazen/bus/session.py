@@ -16,7 +16,6 @@ from mecazen.bus.endpoints import is_open
 from mecazen.config import BusConfig, join_key
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS
-from mecazen.wire import MAX_SAMPLE_BYTES
 
 logger = logging.getLogger(__name__)
 
@@ -111,12 +110,15 @@ def session_config(
 def _filters(most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
     """Return a router's settings that drop oversized samples, and those beyond a rate."""
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
-    too_long = {
-        "id": "size of samples",
-        "key_exprs": [f"**/{topic.key}" for topic in TOPICS],
-        "size_limit": MAX_SAMPLE_BYTES,
-    }
-    settings: dict[str, Any] = {"low_pass_filter": [at_entry | too_long]}
+    too_long = [
+        {
+            "id": f"samples of {limit} bytes",
+            "key_exprs": [f"**/{topic.key}" for topic in TOPICS if topic.max_bytes == limit],
+            "size_limit": limit,
+        }
+        for limit in sorted({topic.max_bytes for topic in TOPICS})
+    ]
+    settings: dict[str, Any] = {"low_pass_filter": [at_entry | rule for rule in too_long]}
     if most_hz is not None:
         # two keys of one rule would share its rate: physics publishes for all robots at once
         rules = [

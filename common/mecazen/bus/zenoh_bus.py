@@ -18,7 +18,7 @@ from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
-from mecazen.wire import ENCODINGS, MAX_SAMPLE_BYTES, Format, RefusedError, Stamp, encode
+from mecazen.wire import ENCODINGS, Format, RefusedError, Stamp, encode
 
 MessageT = TypeVar("MessageT", bound=Message)
 RequestT = TypeVar("RequestT", bound=Message)
@@ -128,8 +128,8 @@ class ZenohBus(Bus):
             return True
 
         def receive(sample: zenoh.Sample) -> None:
-            if len(sample.payload) > MAX_SAMPLE_BYTES:
-                refuse(f"payload of more than {MAX_SAMPLE_BYTES} bytes")
+            if len(sample.payload) > topic.max_bytes:
+                refuse(f"payload of more than {topic.max_bytes} bytes")
             else:
                 keep(sample)
 

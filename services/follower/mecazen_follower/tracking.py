@@ -167,10 +167,8 @@ class PersonTracker:
             self.estimator.update(*nearest(known, pose)[:2])
             return True
         known = [
-            _headed(
-                one._replace(covariance=self._noise.corrected(one.covariance)), person, expected
-            )
-            for one in known
+            one._replace(covariance=self._noise.corrected(one.covariance))
+            for one in (_headed(one, person, expected) for one in known)
         ]
         choice = self._association.choose(
             captured,
