@@ -63,15 +63,16 @@ def _legs(scan: LaserScan) -> tuple[list[tuple[float, float]], list[tuple[float,
     points = ranges[valid, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
     steps = np.diff(points, axis=0, append=points[:1])
     (cuts,) = np.nonzero(np.einsum("ij,ij->i", steps, steps) > GAP_M**2)
-    if not len(cuts):
-        return [], []  # one thing all round
+    if not len(cuts):  # one thing: it begins after the widest gap between its beams
+        cuts = np.argmax(np.diff(valid, append=valid[0] + len(ranges)), keepdims=True)
     # the scan is a circle: what begins before the first beam goes on after the last
     points = np.roll(points, -(cuts[0] + 1), axis=0)
     ends = np.append(cuts[1:], cuts[0] + len(points)) - cuts[0]
     starts = np.concatenate(([0], ends[:-1]))
-    widths = np.sqrt(np.sum((points[ends - 1] - points[starts]) ** 2, axis=-1))
     counts = ends - starts
     middles = np.add.reduceat(points, starts) / counts[:, None]
+    off = np.sum((points - np.repeat(middles, counts, axis=0)) ** 2, axis=-1)
+    widths = 2.0 * np.sqrt(np.maximum.reduceat(off, starts))
     away = np.sqrt(np.sum(middles**2, axis=-1))
     centres = middles * (1.0 + DEPTH_M / np.maximum(away, DEPTH_M))[:, None]
     least, greatest = WIDTHS_M
