@@ -72,11 +72,11 @@ def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
     # toe-off is seen a little late, as with markers
     for own, share in zip(gait.curves, gait.stance_shares, strict=True):
         assert 0.52 <= share <= 0.85
-        for k in range(100):
-            wanted = np.degrees(walker.style.angles(0, speed, k / 100))
-            found = np.degrees([curve.at(k / 100) for curve in own])
-            # largest instead of RMS, with heel strikes that are found 10 ms off: 8 deg at the knee
-            assert found == pytest.approx(wanted, abs=10.0)
+        wanted = [walker.style.angles(0, speed, k / 100) for k in range(100)]
+        found = [[curve.at(k / 100) for curve in own] for k in range(100)]
+        rms = np.degrees(np.sqrt(np.mean(np.subtract(found, wanted) ** 2, axis=0)))
+        # the walker's own residuals of 0.7, 1.6 and 1.0 deg, and heel strikes that are seen 20 ms off
+        assert (rms < (2.5, 4.5, 3.0)).all(), rms
 
 
 def test_bvh_is_read_by_its_hierarchy(tmp_path):

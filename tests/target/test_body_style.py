@@ -4,13 +4,14 @@ import math
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from mecazen.errors import ConfigError
 from mecazen.skeleton import INDEX, SIDES
 from mecazen_target.body.norm import TABLE, read_norm
 from mecazen_target.body.walker import Walker
-from mecazen_target.config import Body, Limp, Shuffle, StiffKnee, Straight
+from mecazen_target.config import Body, Limp, Shuffle, StiffKnee, Straight, TargetConfig
 from target.body import SETTLED_S, slip, walk
 
 
@@ -111,6 +112,19 @@ def test_bad_table_is_refused_in_one_line(tmp_path: Path, old, new, told):
     with pytest.raises(ConfigError, match=told) as error:
         read_norm(file)
     assert "\n" not in str(error.value)
+
+
+def test_person_has_no_body_unless_the_scenario_says_so():
+    assert TargetConfig().body is None
+    assert msgspec.convert({"body": {}}, TargetConfig).body == Body()
+
+
+@pytest.mark.parametrize(
+    "table", [{"height_m": 3.0}, {"rate_hz": 5.0}, {"limp": {"side": "both"}}, {"shufle": {}}]
+)
+def test_body_outside_of_its_ranges_is_refused(table):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"body": table}, TargetConfig)
 
 
 def test_missing_table_is_refused(tmp_path: Path):
