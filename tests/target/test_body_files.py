@@ -75,7 +75,7 @@ def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
         wanted = [walker.style.angles(0, speed, k / 100) for k in range(100)]
         found = [[curve.at(k / 100) for curve in own] for k in range(100)]
         rms = np.degrees(np.sqrt(np.mean(np.subtract(found, wanted) ** 2, axis=0)))
-        # the walker's own residuals of 0.7, 1.6 and 1.0 deg, and heel strikes that are seen 20 ms off
+        # the walker's own residuals, up to 1.6 deg, and heel strikes that are seen 20 ms off
         assert (rms < (2.5, 4.5, 3.0)).all(), rms
 
 
