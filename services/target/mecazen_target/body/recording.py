@@ -31,9 +31,9 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     """Read a recorded walk on level ground, straight on or on a treadmill.
 
     Of it are taken the sagittal angles, the stance shares, the phase between the legs, and the
-    stride. Heel strike is where the ankle is furthest ahead of the hip, toe-off where the ball of
-    the foot is furthest behind (J. A. Zeni et al., Gait & Posture 27, 2008). The speed is that of
-    the standing foot from the hips, with the segments of the person who walks here.
+    stride. Heel strike is where the heel is furthest ahead of the hip, toe-off shortly before the
+    ball of the foot is furthest behind (after J. A. Zeni et al., Gait & Posture 27, 2008). The
+    speed is that of the standing foot from the hips, with the `segments` of the person here.
 
     Raises:
         ConfigError: One line: what can't be read or is missing.
@@ -98,7 +98,8 @@ def _hip(track: Track, side: int, forward: Array) -> Array:
 
 
 def _pelvis(track: Track, side: int) -> Array:
-    return _point(track, "asis" if _found(track, "hip", side) is None else "hip", side)
+    marker = _found(track, "asis", side)
+    return _point(track, "hip", side) if marker is None else marker
 
 
 def _mean_over(values: Array, width: int) -> Array:
@@ -130,15 +131,18 @@ class _Cycles:
         thigh = hip - PELVIS_TILT
         shank = thigh - knee
         ahead = segments.thigh * np.sin(thigh) + segments.shank * np.sin(shank)
-        self.strikes = _peaks(ahead, round(0.3 * rate_hz))
+        pitch, width = shank + ankle, round(0.3 * rate_hz)
+        pitch -= np.median(pitch)  # about what it is when the foot is flat, see below
+        heel = ahead - segments.heel * np.cos(pitch) + segments.ankle * np.sin(pitch)
+        self.strikes = [_strike(heel, i, width) for i in _peaks(heel, width)]
         if len(self.strikes) < 2:
             raise ValueError("must have a whole gait cycle of each leg")
         if not np.isfinite(angles).all():
             raise ValueError("must have all markers in all frames")
-        ball = ahead + segments.ball * np.cos(shank + ankle)
+        ball = ahead + segments.ball * np.cos(pitch) + segments.ankle * np.sin(pitch)
         lengths = [b - a for a, b in pairwise(self.strikes)]
         self.period = float(np.median(lengths)) / rate_hz
-        offs = [a + int(np.argmin(ball[a:b])) for a, b in pairwise(self.strikes)]
+        offs = [_toe_off(ball, a, b) for a, b in pairwise(self.strikes)]
         share = float(np.median([(o - a) / n for a, o, n in zip(self.strikes, offs, lengths)]))  # noqa: B905
         self.share = min(max(share, 0.52), 0.85)
         mean = np.array([self._mean(curve) for curve in angles])
@@ -169,6 +173,25 @@ class _Cycles:
         ]
         mean = np.mean(cycles, axis=0)
         return np.asarray((mean - phases * (mean[-1] - mean[0]))[:-1])
+
+
+def _strike(heel: Array, peak: int, width: int) -> int:
+    """Return the frame in which a heel strikes that is furthest ahead at the frame `peak`.
+
+    Zeni et al. take the peak, where the heel goes forward as fast as the hips; the standing foot
+    goes back from them as fast as the body walks, and half as fast about when it strikes.
+    """
+    speeds = np.diff(heel[peak : peak + width])
+    fast = np.flatnonzero(speeds < np.median(speeds) / 2)
+    return peak + int(fast[0]) if len(fast) else peak
+
+
+def _toe_off(ball: Array, strike: int, following: int) -> int:
+    """Return the frame in which the ball of the foot leaves the ground, in the same way."""
+    last = strike + int(np.argmin(ball[strike:following]))
+    speeds = np.diff(ball[strike : last + 1])
+    fast = np.flatnonzero(speeds < np.median(speeds) / 2)
+    return strike + int(fast[-1]) + 1 if len(fast) else last
 
 
 def _peaks(values: Array, width: int) -> list[int]:
