@@ -94,7 +94,10 @@ class TargetNode(Node):
             missed = tick - self.tick
             motion = self.driven.step(missed) if missed else self.driven.motion
         self.tick = tick
-        return motion if self.config.gait is None else with_gait(motion, self.config.gait)
+        # a body sways by itself
+        if self.config.gait is None or self.walker is not None:
+            return motion
+        return with_gait(motion, self.config.gait)
 
     def _message(self, frame: Frame) -> m.Observation:
         captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)

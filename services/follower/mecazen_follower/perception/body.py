@@ -21,7 +21,7 @@ SWAY_STD_M = 0.015
 2004, 4 to 7 cm from side to side."""
 TWIST_STD_RAD = math.radians(4.0)
 """Of pelvis and shoulders about the direction of walking, once a stride and against each other."""
-CORRELATED = 25.0
+PLACE_CORRELATED, HEADING_CORRELATED = 25.0, 25.0
 """So much the variance is larger than that of one frame: most of a tracker's error lasts for
 many, while the filter takes each for a new one. Found by the NEES of the U-track."""
 
@@ -43,7 +43,7 @@ def pose_of(body: Skeleton) -> tuple[Pose2D, PlanarCovariance] | None:
     total = sum(weights)
     x = sum(w * body.joints[at].x for w, at in zip(weights, seen, strict=True)) / total
     y = sum(w * body.joints[at].y for w, at in zip(weights, seen, strict=True)) / total
-    variance = CORRELATED / total + SWAY_STD_M**2
+    variance = PLACE_CORRELATED / total + SWAY_STD_M**2
     yaw, yaw_variance = _heading(body)
     return Pose2D(x, y, yaw), (
         (variance, 0.0, 0.0),
@@ -64,7 +64,7 @@ def _heading(body: Skeleton) -> tuple[float, float]:
         across = body.std[one] ** 2 + body.std[other] ** 2
         if length * length <= across:
             continue  # as good as none
-        weight = 1.0 / (CORRELATED * across / length**2 + TWIST_STD_RAD**2)
+        weight = 1.0 / (HEADING_CORRELATED * across / length**2 + TWIST_STD_RAD**2)
         ahead, left = ahead + weight * dy / length, left - weight * dx / length
         total += weight
     if total == 0.0:
