@@ -18,6 +18,7 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
+    senses,
     steps,
 )
 from mecazen_bench.figures import Group, merged
@@ -39,6 +40,7 @@ BENCHMARKS = {
     "physics": Benchmark(physics.run),
     "robots": Benchmark(robots.run),
     "loop": Benchmark(loop.run),
+    "senses": Benchmark(senses.run, rounds=3),
     "latency": Benchmark(latency.run),
     "realtime": Benchmark(realtime.run, rounds=3),
     "recorder": Benchmark(recorder.run),

@@ -8,7 +8,7 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.messages import Clock
 from mecazen.wire import Stamp
-from mecazen_bench import loop
+from mecazen_bench import loop, senses
 from mecazen_bench.loop import BUS, Stopwatch, TimedBus
 
 PARTS = ["physics", "controller", "target", "follower", "trajectory", BUS]
@@ -46,3 +46,10 @@ def test_time_is_that_of_the_part_at_work_and_publishing_is_the_bus_s(monkeypatc
     local.spin()  # taker from 4, inner from 5, the bus from 6
     watch.turn_to(BUS)  # 7
     assert watch.ns == {BUS: 1 + 1 + 1, "sender": 1 + 1, "taker": 1, "inner": 1}
+
+
+def test_each_kind_of_sensor_has_its_share_of_the_loop_with_the_pose():
+    kinds, parts = senses.run(duration_s=1.0)
+    assert [row.subject for row in kinds.rows] == ["pose", "body", "legs", "fused"]
+    assert kinds.rows[0].figures["of pose"].value == 1.0
+    assert "sensors" in {row.subject for row in parts.rows}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen.robot import Camera as Mount
+from mecazen.sensors import TrackerConfig
 from mecazen_sensors.camera import Camera, from_world
 from people import NEXUS
 
@@ -65,4 +66,17 @@ def test_the_robot_carries_its_camera():
 
 
 def test_robot_files_without_an_angle_have_a_level_camera():
-    assert (NEXUS.camera.pitch_deg, NEXUS.camera.yaw_deg) == (0.0, 0.0)
+    camera = Mount(size_m=(0.1, 0.1, 0.1), position_m=(0.0, 0.0, 0.2), mass_kg=0.1)
+    assert (camera.pitch_deg, camera.yaw_deg) == (0.0, 0.0)
+
+
+def test_a_camera_of_a_robot_file_has_a_person_at_its_least_standoff_in_view():
+    head, feet = 1.75 - NEXUS.camera.position_m[2], 0.0 - NEXUS.camera.position_m[2]
+    away = 1.0 - NEXUS.camera.position_m[0]
+    pitch, half = (
+        math.radians(NEXUS.camera.pitch_deg),
+        math.radians(TrackerConfig().vertical_fov_deg / 2),
+    )
+    assert math.atan2(head, away) < pitch + half
+    # but for the last 12 cm at the ground
+    assert math.atan2(feet + 0.12, away) > pitch - half

@@ -10,7 +10,6 @@ def test_every_setting_can_be_left_out():
     config = msgspec.convert({"lidar": {"beams": 360}}, SensorsConfig)
     assert config.lidar.beams == 360
     assert config.tracker == SensorsConfig().tracker
-    assert not config.depth.enabled
 
 
 @pytest.mark.parametrize(

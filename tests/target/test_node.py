@@ -10,6 +10,7 @@ from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Time, Twist, planar_odometry
+from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import encode
 from mecazen_target.config import Circle, Driven, Gait, Recorded, Standing, Straight, TargetConfig
 from mecazen_target.node import TargetNode
@@ -158,3 +159,27 @@ def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
 def test_what_no_target_can_do_is_one_clear_error_before_the_start(tmp_path):
     with pytest.raises(ConfigError, match=r"^target.path: .*none.csv: can't be read: No such .*$"):
         Target(Recorded(file=tmp_path / "none.csv"))
+
+
+def test_a_skeleton_walks_with_the_person_where_a_sensor_looks_at_it():
+    target = Target(Straight(speed_m_s=1.0), kind="fused")
+    ticks = {tick: target.tick(tick) for tick in range(201)}
+    assert all((keys.TARGET_SKELETON in ticks[tick]) == (tick % 2 == 0) for tick in ticks)
+    assert not any(keys.OBSERVATION in outputs for outputs in ticks.values())
+    skeleton, person = ticks[200][keys.TARGET_SKELETON], pose_of(ticks[200][keys.TARGET_ODOM])
+    assert skeleton.header.stamp.ns == 2_000_000_000
+    assert len(skeleton.joints) == len(JOINTS)
+    pelvis = skeleton.joints[INDEX["pelvis"]]
+    # the pelvis sways about the way, by some centimetres at most
+    assert math.hypot(pelvis.x - person.x, pelvis.y - person.y) < 0.06
+    assert 0.8 < pelvis.z < 1.0
+
+
+def test_a_body_that_sways_by_itself_does_not_sway_twice():
+    swaying = Target(Straight(speed_m_s=1.0), gait=Gait(), kind="body")
+    plain = Target(Straight(speed_m_s=1.0), kind="body")
+    assert swaying.bytes(100) == plain.bytes(100)
+
+
+def test_without_a_sensor_that_looks_there_is_no_skeleton():
+    assert keys.TARGET_SKELETON not in Target(STANDING).tick(0)

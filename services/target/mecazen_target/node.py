@@ -41,8 +41,10 @@ class TargetNode(Node):
             raise ConfigError(f"target.path: {error}") from None
         Sensor(scenario.sensor, 0, scenario.sim.tick_s)  # refuses what does not suit the tick
         self.sees_pose = "pose" in scenario.sensor.features
-        self.walker = Walker(self.config.body) if "skeleton" in scenario.sensor.features else None
-        self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
+        self.walker: Walker | None = None
+        if "skeleton" in scenario.sensor.features:
+            self.walker = Walker(self.config.body)
+            self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
 
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""
