@@ -39,7 +39,7 @@ help:
 	@echo "make bench        speed and accuracy, in 5 minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph    what is made from the graph of nodes: tables, picture, access rules"
-	@echo "make picture      docs/viewer.png, from a run in the viewer"
+	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
 	@echo "make install      only prepare .venv"
 
 install: .venv/ready

@@ -1,4 +1,4 @@
-"""Makes docs/viewer.png: the scenario `side` as processes, in a viewer without a window.
+"""Makes docs/viewer.png and docs/senses.png: scenarios as processes, in a viewer without a window.
 
 Run from the repository by `make picture`.
 """
@@ -15,35 +15,35 @@ from mecazen_viewer.rerun_process import free_port, headless_viewer, uri
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
-SCENARIO = ROOT / "configs" / "scenarios" / "side.toml"
-PICTURE = ROOT / "docs" / "viewer.png"
+PICTURES = {"viewer": ("side", 37.0), "senses": ("senses", 7.0)}
+"""By their names: the scenario, and the simulated time at which something is to be seen [s]."""
 START_S = 30.0
 """Longer than any process is silent while all start."""
-AT_S = 37.0
-"""The robot is in the bend."""
 KEPT_BITS = 0b11111100
 """Of each colour: nobody sees the rest, and a fifth of the file is gone."""
 
 
-def main() -> None:
+def make(name: str, scenario: str, at_s: float) -> None:
     """Take pictures until the viewer shows what is worth one."""
+    path = ROOT / "configs" / "scenarios" / f"{scenario}.toml"
+    picture_file = ROOT / "docs" / f"{name}.png"
     data_port = free_port("viewer.data_port", 0)
     settings = (
         f"viewer.data_port={data_port}",
         "viewer.web_port=0",
         *private_router(),
     )
-    supervisor = Supervisor(SCENARIO, settings)
+    supervisor = Supervisor(path, settings)
     try:
         supervisor.start_router()
         with headless_viewer() as viewer:
-            for process in (*load_scenario(SCENARIO, settings).process_plan, Process(("viewer",))):
+            for process in (*load_scenario(path, settings).process_plan, Process(("viewer",))):
                 supervisor.start(process)
             while (line := supervisor.poll(START_S)) is not None and not line.is_address:
                 pass
             viewer.open(uri(data_port))
             shown_s = 0.0
-            while shown_s < AT_S:
+            while shown_s < at_s:
                 png = viewer.take_screenshot()
                 supervisor.poll(0.0)
                 for recording in viewer.get_state().recordings:
@@ -51,9 +51,10 @@ def main() -> None:
     finally:
         supervisor.stop()
     picture = Image.open(io.BytesIO(png)).convert("RGB").point(lambda level: level & KEPT_BITS)
-    picture.save(PICTURE, optimize=True)
-    print(f"{PICTURE.relative_to(ROOT)}: {PICTURE.stat().st_size / 1000:.0f} kB")
+    picture.save(picture_file, optimize=True)
+    print(f"{picture_file.relative_to(ROOT)}: {picture_file.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":
-    main()
+    for name, (scenario, at_s) in PICTURES.items():
+        make(name, scenario, at_s)
