@@ -114,8 +114,8 @@ def test_bad_table_is_refused_in_one_line(tmp_path: Path, old, new, told):
     assert "\n" not in str(error.value)
 
 
-def test_person_has_no_body_unless_the_scenario_says_so():
-    assert TargetConfig().body is None
+def test_a_person_of_whom_the_scenario_says_nothing_walks_as_healthy_people_do():
+    assert TargetConfig().body == Body()
     assert msgspec.convert({"body": {}}, TargetConfig).body == Body()
 
 
