@@ -143,6 +143,16 @@ class RobotBody(ABC):
             return [wheel.getConstraintImpulse(0) / self._dt for wheel in self.wheels]
         return [wheel.getCommand(0) for wheel in self.wheels]
 
+    def exceeds(self, torque: float) -> bool:
+        """Return whether a motor that holds a speed gave more than `torque` [N·m].
+
+        It is asked after every step: a list of all torques takes a third longer.
+        """
+        for hub in self._hubs:  # noqa: SIM110 - a generator takes as long as the list
+            if abs(hub.getBodyForce()[1]) > torque:
+                return True
+        return False
+
 
 class AllRollersBody(RobotBody):
     """A robot of which every roller is a body."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 from mecazen.geometry import Pose2D, Twist2D, rotate
@@ -170,10 +171,9 @@ class DartRobot:
     @property
     def overload(self) -> Overload | None:
         """What is to be asked after each step; None where no motor can exceed its torque."""
-        return self._exceeds if self.body.drive == "speed" else None
-
-    def _exceeds(self) -> bool:
-        return max(map(abs, self.body.torques())) > self._max_torque
+        if self.body.drive != "speed":
+            return None
+        return partial(self.body.exceeds, self._max_torque)
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated.
