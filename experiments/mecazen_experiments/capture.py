@@ -37,6 +37,13 @@ class Motion(NamedTuple):
     """Reported standard deviation of each (n, 20) along any axis [m]."""
     confidence: npt.NDArray[np.int64]
     """As in `messages.Skeleton` (n, 20)."""
+    phases: Floats
+    """Share of the gait cycle since the last foot strike (n, 2), left and right; NaN if unknown."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second."""
+        return 1.0 / float(np.mean(np.diff(self.t)))
 
     @property
     def reported(self) -> npt.NDArray[np.bool_]:
@@ -57,6 +64,12 @@ class Capture(NamedTuple):
     """At the tracker's frames, in odom: the robot has nothing else to place them with."""
     table: Table
     """Robot and person at every tick."""
+
+    def since(self, t_s: float) -> Capture:
+        """Return the joints from a time on, and the whole table."""
+        return self._replace(
+            truth=self.truth.where(self.truth.t >= t_s), seen=self.seen.where(self.seen.t >= t_s)
+        )
 
     @property
     def truth_at_frames(self) -> Motion:
@@ -120,4 +133,5 @@ def _motion(bodies: list[tuple[m.Header, m.Skeleton | None]]) -> Motion:
         np.array([[(j.x, j.y, j.z) for j in b.joints] if b else nobody for _, b in bodies]),
         np.array([b.std if b and b.std else [0.0] * n for _, b in bodies]),
         np.array([b.confidence if b and b.confidence else [0] * n for _, b in bodies]),
+        np.array([b.phases if b and b.phases else [np.nan] * 2 for _, b in bodies]),
     )

@@ -19,6 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.progress import Progress as Bar
 
 from mecazen_experiments import budget as budgets
+from mecazen_experiments import mocap as capturing
 from mecazen_experiments import report
 from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
@@ -46,6 +47,16 @@ class Options(NamedTuple):
     store: Path
     json: Path | None
     """Where to write the whole result."""
+
+
+class Wanted(NamedTuple):
+    """What of an experiment of motion capture to run; empty is all."""
+
+    views: Sequence[str]
+    standoffs_m: Sequence[float]
+    speeds_m_s: Sequence[float]
+    settings: Settings
+    runs: int | None
 
 
 def run(
@@ -111,6 +122,33 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
     rows = [budgets.budget(*pair, records, bounds) for pair in zip(todo, oracle, strict=True)]
     _write(options, {"rows": rows})
     console(WIDTH).print(budgets.table(rows))
+
+
+def mocap(
+    file: str,
+    wanted: Wanted,
+    options: Options,
+    draw: Callable[[Sequence[capturing.Row], Mapping[capturing.Place, Curves]], None] | None,
+) -> None:
+    """Run an experiment of motion capture; print, write and draw its scores."""
+    config = load_table(experiment_path(file), capturing.MocapConfig)
+    config = capturing.selected(config, *wanted[:3])
+    todo = capturing.expand(config, wanted.runs, wanted.settings)
+    jobs = _jobs([*todo.values()])
+    scores: dict[Key, Quality] = {}
+    curves: dict[Key, Curves] = {}
+    with _bar("runs", options) as progress, _workers(options) as workers:
+
+        def keep(job: Job, found: tuple[Quality, Curves]) -> None:
+            scores[job.key], curves[job.key] = found
+            progress(len(scores), len(jobs))
+
+        do_all(capturing.measure, jobs, workers, keep)
+    rows = capturing.summarise(config, todo, scores)
+    _write(options, {"rows": rows})
+    console(WIDTH).print(*capturing.tables(rows), sep="\n")
+    if draw is not None:
+        draw(rows, {place: curves[one.jobs[0].key] for place, one in todo.items()})
 
 
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:

@@ -172,7 +172,9 @@ def gait(stride: float, offsets: tuple[float, ...], speed: float) -> Gait:
     `offsets` are those of `rhythm`.
     """
     left, right, left_off, right_off = offsets
-    stances = [math.fmod(off - on, stride) % stride for off, on in ((left_off, left), (right_off, right))]
+    stances = [
+        math.fmod(off - on, stride) % stride for off, on in ((left_off, left), (right_off, right))
+    ]
     left_step = (left - right) % stride
     return Gait(
         stride,

@@ -13,6 +13,8 @@ In four steps, each of which uses what bodies and gaits are like, and nothing of
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +22,12 @@ import numpy.typing as npt
 from mecazen.skeleton import INDEX, JOINTS, SIDES
 from scipy.optimize import least_squares, minimize_scalar
 
-from mecazen_experiments.capture import SEEN, Motion
+from mecazen_experiments.capture import Motion
 from mecazen_experiments.gait import (
     Walk,
     about_path,
-    events,
     leftward,
     lowpass,
-    rhythm,
     stride_frequency,
 )
 from mecazen_experiments.table import Floats
@@ -40,19 +40,31 @@ TURNING_HZ = 0.3
 """Cut-off of the direction from right to left; slower than any confusion of the two."""
 SWAP_RATE = 0.01
 """A priori chance of a frame to begin or to end a confusion of left and right."""
-CORRELATED = 4.0
+CORRELATED = 12.0
 """So many successive frames have about the same error."""
 PHASES = 25
 """Places in the gait cycle at which bones have the same length."""
 
 LOWER = ("knee", "ankle", "heel", "foot")
 UPPER = ("shoulder", "elbow", "wrist", "hip")
-FITTED = tuple(n for n, name in enumerate(JOINTS) if not name.endswith(("head", "elbow", "wrist")))
-"""Joints whose biases are found."""
 BONES = ("hip", "knee"), ("knee", "ankle"), ("ankle", "heel"), ("ankle", "foot"), ("heel", "foot")
 """Of each leg, as their ends; both legs' are equally long."""
+ENDS = np.array([[[INDEX[f"{s}_{end}"] for end in bone] for bone in BONES] for s in SIDES])
+TRUNK = [INDEX[name] for name in ("pelvis", "spine", "neck")]
+HIPS, SHOULDERS, ANKLES = ([INDEX[f"{s}_{n}"] for s in SIDES] for n in ("hip", "shoulder", "ankle"))
+SOLES = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("heel", "foot")]
+FITTED = [n for n, name in enumerate(JOINTS) if not name.endswith(("head", "elbow", "wrist"))]
+"""Joints whose biases are found."""
 
-BONE_STD_M = 0.02
+MOVES = [name.endswith((*LOWER, "elbow", "wrist")) for name in JOINTS]
+"""Whether a joint is of a limb that swings."""
+LIMB_M, TRUNK_M = 0.4, 0.04
+"""A priori deviation of the first harmonic's amplitude, of limbs and of other joints: that of the
+k-th is k² and k times smaller."""
+
+LEAST_STD_M = 1e-3
+"""Smaller deviations are taken for this."""
+BONE_STD_M = 0.1
 """What a bone's length seems to change by: more than it does, as errors of a cycle's phases are
 not independent."""
 PLACE_STD_M = 0.01
@@ -81,13 +93,13 @@ class Cycle(NamedTuple):
 def refine(seen: Motion) -> Floats | None:
     """Return the refined joints (n, 20, 3) [m] of `seen`, which has a level frame and a floor at 0.
 
-    None for who does not walk on for at least two strides.
+    None for who does not walk.
     """
     filtered = smooth(seen)
-    walk = None if filtered is None else about_path(filtered, _rate(seen))
-    found = None if walk is None else cycle(seen, walk)
-    if walk is None or found is None:
+    walk = None if filtered is None else about_path(filtered, seen.rate_hz)
+    if walk is None:
         return None
+    found = cycle(seen, walk)
     bias = biases(found, np.median(seen.std[seen.reported], axis=0))
     return walk.placed(found.at(seen.t) - bias)
 
@@ -103,7 +115,7 @@ def smooth(seen: Motion) -> Floats | None:
     put_right = unswapped(seen).joints
     flat = put_right.reshape(len(seen.t), -1)
     closed = np.stack([np.interp(seen.t, seen.t[rows], column[rows]) for column in flat.T], axis=-1)
-    return lowpass(closed, _rate(seen), CUTOFF_HZ).reshape(put_right.shape)
+    return lowpass(closed, seen.rate_hz, CUTOFF_HZ).reshape(put_right.shape)
 
 
 def unswapped(seen: Motion) -> Motion:
@@ -114,10 +126,10 @@ def unswapped(seen: Motion) -> Motion:
     left of the right one, by the median distance of the whole walk.
     """
     rows = np.flatnonzero(seen.reported)
-    joints, std, confidence = (values[rows].copy() for values in seen[1:])
+    joints, std, confidence = (values[rows].copy() for values in seen[1:4])
     if len(rows) < 10:
         return seen
-    left = lowpass(leftward(joints), _rate(seen), TURNING_HZ)
+    left = lowpass(leftward(joints), seen.rate_hz, TURNING_HZ)
     left /= np.hypot(*left.T)[:, None]
     for names in (UPPER, LOWER):
         pairs = np.array([[INDEX[f"{side}_{name}"] for side in SIDES] for name in names])
@@ -126,52 +138,58 @@ def unswapped(seen: Motion) -> Motion:
         variance = (std[:, pairs] ** 2).sum(axis=-1)
         # logarithm of how much likelier it is that nothing is swapped
         evidence = (2.0 * apart * np.median(apart, axis=0) / variance).sum(axis=-1) / CORRELATED
-        swapped = _viterbi(evidence)
+        v = np.median(np.diff(apart, axis=0) ** 2, axis=0) / 0.455
+        steady = (2.0 * apart[1:] * apart[:-1] / v).sum(axis=-1) / 4
+        swapped = _viterbi(evidence, np.insert(steady, 0, 0.0))
         order = np.arange(len(JOINTS))
         order[pairs] = pairs[:, ::-1]
         for values in (joints, std, confidence):
             values[swapped] = values[swapped][:, order]
-    whole = [values.copy() for values in seen[1:]]
+    whole = [values.copy() for values in seen[1:4]]
     for values, part in zip(whole, (joints, std, confidence), strict=True):
         values[rows] = part
-    return Motion(seen.t, *whole)
+    return Motion(seen.t, *whole, seen.phases)
 
 
-def cycle(seen: Motion, walk: Walk) -> Cycle | None:
+def cycle(seen: Motion, walk: Walk) -> Cycle:
     """Return the gait cycle that fits the joints best, each weighed by its reported variance.
 
-    The rhythm of the events gives the stride time; the best fit near it is taken. `walk` are the
-    low-passed joints about the walker's path. None without two events of each kind.
+    `walk` are the low-passed joints about the walker's path. The stride time is searched within
+    a tenth of that of the strongest frequency.
     """
-    rows = seen.reported
-    rate = _rate(seen)
-    fitted = rhythm(events(seen.t, walk), 1.0 / stride_frequency(walk, rate))
-    if fitted is None:
-        return None
-    raw = unswapped(seen)
-    joints = walk.about(raw.joints)[rows]
-    weights = 1.0 / np.maximum(raw.std[rows], 1e-3)
+    raw, rows = unswapped(seen), seen.reported
     t = seen.t[rows]
-    legs = [INDEX[f"{side}_{name}"] for side in SIDES for name in LOWER]
+    joints = walk.about(raw.joints)[rows]
+    weights = 1.0 / np.maximum(raw.std[rows], LEAST_STD_M) / math.sqrt(CORRELATED)
 
-    def fit(stride: float, which: list[int]) -> tuple[Floats, float]:
+    orders = np.tile(np.arange(1, HARMONICS + 1), 2)
+    priors = [
+        np.diag(np.append(0.0, orders**2 / LIMB_M if of else orders / TRUNK_M)) for of in MOVES
+    ]
+
+    def fit(stride: float, which: Sequence[int]) -> tuple[Floats, float]:
         basis = _basis(t, stride)
-        series = np.empty((basis.shape[1], len(which), 3))
-        rest = 0.0
+        series, rest = np.empty((basis.shape[1], len(which), 3)), 0.0
         for n, joint in enumerate(which):
             w = weights[:, joint, None]
-            series[:, n] = np.linalg.lstsq(w * basis, w * joints[:, joint], rcond=None)[0]
-            rest += float(((w * (basis @ series[:, n] - joints[:, joint])) ** 2).sum())
+            system = np.concatenate((w * basis, priors[joint]))
+            wanted = np.zeros((len(system), 3))
+            wanted[: len(t)] = w * joints[:, joint]
+            series[:, n] = np.linalg.lstsq(system, wanted, rcond=None)[0]
+            rest += float(((system @ series[:, n] - wanted) ** 2).sum())
         return series, rest
 
-    stride = fitted[0]
-    best = minimize_scalar(
-        lambda value: fit(value, legs)[1],
-        bounds=(0.98 * stride, 1.02 * stride),
+    guess = 1.0 / stride_frequency(walk, seen.rate_hz)
+    tried = guess * np.linspace(0.9, 1.1, 41)
+    rests = [fit(stride, ANKLES)[1] for stride in tried]
+    at = int(np.argmin(rests[1:-1])) + 1
+    stride = minimize_scalar(
+        lambda value: fit(value, ANKLES)[1],
+        bounds=(tried[at - 1], tried[at + 1]),
         method="bounded",
         options={"xatol": 1e-4},
     ).x
-    return Cycle(float(best), fit(float(best), list(range(len(JOINTS))))[0])
+    return Cycle(float(stride), fit(float(stride), range(len(JOINTS)))[0])
 
 
 def biases(found: Cycle, std: Floats) -> Floats:
@@ -180,46 +198,35 @@ def biases(found: Cycle, std: Floats) -> Floats:
     It is the most probable one, a priori normal with the reported deviations std (20,) [m].
     """
     joints = found.at(np.arange(PHASES) / PHASES * found.stride)
-    fitted = np.array(FITTED)
-    prior = np.maximum(std[fitted, None], 1e-4)
-    lengths = [
-        np.mean([_length(joints, side, *bone).mean() for side in SIDES]) for bone in BONES
-    ]
-    lowest = joints[..., 2].min(axis=0)
+    prior = np.maximum(std[FITTED, None], LEAST_STD_M)
+    lengths = _lengths(joints).mean(axis=(0, 1))
+    lowest = joints[:, SOLES, 2].min(axis=0)
 
     def expand(x: Floats) -> Floats:
         bias = np.zeros((len(JOINTS), 3))
-        bias[fitted] = x[len(BONES) :].reshape(-1, 3) * prior
+        bias[FITTED] = x[len(BONES) :].reshape(-1, 3) * prior
         return bias
 
     def residuals(x: Floats) -> Floats:
         bias = expand(x)
         placed = joints - bias
         mean = placed.mean(axis=0)
-        rest = [x[len(BONES) :]]
-        for side in SIDES:
-            for length, bone in zip(x, BONES, strict=False):
-                rest.append((_length(placed, side, *bone) - length) / BONE_STD_M)
-            rest.append(np.minimum(_flexion(placed, side), 0.0) / KNEE_STD_RAD)
-            for name in ("heel", "foot"):
-                at = INDEX[f"{side}_{name}"]
-                rest.append(np.atleast_1d(lowest[at] - bias[at, 2]) / FLOOR_STD_M)
-        hips, shoulders = (mean[[INDEX[f"{s}_{n}"] for s in SIDES]] for n in ("hip", "shoulder"))
-        pelvis, spine, neck = (mean[INDEX[name]] for name in ("pelvis", "spine", "neck"))
-        rest += [
+        hips, shoulders = mean[HIPS], mean[SHOULDERS]
+        pelvis, spine, neck = mean[TRUNK]
+        rest = (
+            x[len(BONES) :],
+            (_lengths(placed) - x[: len(BONES)]) / BONE_STD_M,
+            np.minimum(_flexions(placed), 0.0) / KNEE_STD_RAD,
+            (lowest - bias[SOLES, 2]) / FLOOR_STD_M,
             (hips.mean(axis=0) - pelvis) / PLACE_STD_M,
             ((pelvis + neck) / 2.0 - spine) / PLACE_STD_M,
             (shoulders.mean(axis=0) - neck) / NECK_STD_M,
             (hips[0] - hips[1])[[0, 2]] / PLACE_STD_M,
-        ]
-        return np.concatenate(rest)
+        )
+        return np.concatenate([part.ravel() for part in rest])
 
-    begin = np.concatenate((lengths, np.zeros(3 * len(fitted))))
-    return expand(least_squares(residuals, begin, x_scale="jac").x)
-
-
-def _rate(motion: Motion) -> float:
-    return 1.0 / float(np.mean(np.diff(motion.t)))
+    begin = np.concatenate((lengths, np.zeros(3 * len(FITTED))))
+    return expand(least_squares(residuals, begin, x_scale="jac", ftol=1e-4).x)
 
 
 def _basis(t: Floats, stride: float) -> Floats:
@@ -228,35 +235,32 @@ def _basis(t: Floats, stride: float) -> Floats:
     return np.concatenate((np.ones((len(t), 1)), np.cos(angles), np.sin(angles)), axis=1)
 
 
-def _length(joints: Floats, side: str, begin: str, end: str) -> Floats:
-    """Return the length (n,) [m] of a bone."""
-    bone = joints[:, INDEX[f"{side}_{end}"]] - joints[:, INDEX[f"{side}_{begin}"]]
-    return np.sqrt((bone**2).sum(axis=-1))
+def _lengths(joints: Floats) -> Floats:
+    """Return the lengths (n, 2, 5) [m] of each side's `BONES`."""
+    bones = joints[:, ENDS[..., 1]] - joints[:, ENDS[..., 0]]
+    lengths: Floats = np.sqrt(np.einsum("...k,...k", bones, bones))
+    return lengths
 
 
-def _flexion(joints: Floats, side: str) -> Floats:
-    """Return the knee's flexion (n,) [rad] about the axis to the left; extension is negative."""
-    hip, knee, ankle = (joints[:, INDEX[f"{side}_{n}"]] for n in ("hip", "knee", "ankle"))
-    thigh, shank = knee - hip, ankle - knee
-    x, z = (0, 2)
-    flexion: Floats = np.arctan2(
-        thigh[:, z] * shank[:, x] - thigh[:, x] * shank[:, z],
-        thigh[:, x] * shank[:, x] + thigh[:, z] * shank[:, z],
-    )
-    return -flexion
+def _flexions(joints: Floats) -> Floats:
+    """Return both knees' flexion (n, 2) [rad] about the axis to the left; extension is negative."""
+    bones = joints[:, ENDS[:, :2, 1]] - joints[:, ENDS[:, :2, 0]]
+    (a, b), (c, d) = np.moveaxis(bones[..., [0, 2]], (2, 3), (0, 1))
+    flexions: Floats = np.arctan2(b * c - a * d, a * c + b * d)
+    return flexions
 
 
-def _viterbi(evidence: Floats) -> npt.NDArray[np.bool_]:
+def _viterbi(evidence: Floats, steady: Floats) -> npt.NDArray[np.bool_]:
     """Return the likelier sequence of two states (n,), for whose first one each sample speaks.
 
     `evidence` (n,) are logarithms of ratios of likelihoods.
     """
-    penalty = -np.log(SWAP_RATE)
     cost, came = np.zeros(2), []
-    for value in evidence:
+    for value, same in zip(evidence, steady, strict=True):
+        penalty = same - np.log(SWAP_RATE)
         change = cost[::-1] + penalty < cost
         came.append(change)
-        cost = np.where(change, cost[::-1] + penalty, cost) + (0.0, value)
+        cost = np.where(change, cost[::-1] + penalty, cost) + np.array([0.0, value])
     state = int(cost[1] < cost[0])
     states = []
     for change in reversed(came):
