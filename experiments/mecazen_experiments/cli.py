@@ -140,6 +140,7 @@ def mocap(
     speed: Speeds = None,
     runs: Runs = None,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
     json: Json = None,
     out: MocapFigures = None,
 ) -> None:
@@ -149,8 +150,13 @@ def mocap(
     """
     from mecazen_experiments import commands  # noqa: PLC0415
 
+    draw = None
+    if out is not None:
+        from mecazen_experiments.mocap_figures import draw_into  # noqa: PLC0415
+
+        draw = draw_into(out)
     wanted = commands.Wanted(view or (), standoff or (), speed or (), tuple(settings or ()), runs)
-    commands.mocap(file, wanted, jobs, json, out)
+    commands.mocap(file, wanted, commands.Options(jobs, scheduler, STORE, json), draw)
 
 
 @app.command()

@@ -6,7 +6,7 @@ Somebody walks straight on, and the robot follows at each of its places by its o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -26,9 +26,29 @@ from mecazen_experiments.quality import MEASURED, Curves, Quality, numbers, qual
 from mecazen_experiments.report import show
 from mecazen_experiments.statistics import Interval, mean_interval
 
-CAPTION = (
-    "means over the runs, below each its 95 % interval; raw → refined: as reported, and by the "
-    "estimator of refine.py"
+CAPTION = "means over the runs, below each its 95 % interval"
+Column = tuple[str, str, int]
+"""Heading, name in `quality.numbers`, and digits to show."""
+ANGLE_COLUMNS: tuple[Column, ...] = (
+    *(
+        (f"{joint} \\[°]\n{stage}", f"{stage}_{joint}_deg", 1)
+        for joint in MEASURED
+        for stage in ("raw", "refined")
+    ),
+    *((f"{joint} \\[°]\ncentred", f"refined_{joint}_centred_deg", 1) for joint in MEASURED),
+    ("jitter \\[mm]\nraw", "raw_jitter_mm", 0),
+    ("refined", "refined_jitter_mm", 0),
+)
+GAIT_COLUMNS: tuple[Column, ...] = (
+    ("stride\n\\[ms]", "stride_time_err_ms", 1),
+    ("stride\n\\[mm]", "stride_length_err_mm", 0),
+    ("cadence\n\\[%]", "cadence_err_percent", 2),
+    ("stance\n\\[%]", "stance_err_percent", 1),
+    ("asymm.\n\\[%]", "asymmetry_err_percent", 1),
+    *((f"{name}\nseen \\[%]", f"{name}_seen_percent", 0) for name in ("knee", "ankle", "foot")),
+    ("D_err\n\\[m]", "d_err_m", 3),
+    ("Θ_err\n\\[°]", "theta_err_deg", 1),
+    ("odometry\n\\[%]", "odometry_drift_percent", 1),
 )
 
 Values = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)]
@@ -156,44 +176,23 @@ def means(runs: Sequence[Run]) -> dict[str, Interval]:
 
 
 def tables(rows: Sequence[Row]) -> tuple[Table, Table]:
-    """Return the scores by view and standoff, over all speeds, and by view and speed."""
-    return (
-        _table(rows, "standoff", lambda row: f"{row.standoff_m:g} m"),
-        _table(rows, "speed", lambda row: f"{row.speed_m_s:g} m/s"),
-    )
-
-
-def _table(rows: Sequence[Row], title: str, label: Callable[[Row], str]) -> Table:
+    """Return the angles and the gait: by view and standoff over all speeds, and by speed."""
     groups: dict[tuple[str, str], list[Run]] = {}
     for row in rows:
-        groups.setdefault((row.view, label(row)), []).extend(row.runs)
-    shown = Table("view", title, "runs", show_lines=True, caption=CAPTION)
-    pairs = [(f"{joint}\nRMSE \\[°]", f"{joint}_deg", 1) for joint in MEASURED]
-    pairs.append(("jitter\n\\[mm]", "jitter_mm", 1))
-    singles = (
-        ("stride\n\\[ms]", "stride_time_err_ms", 1),
-        ("stride\n\\[mm]", "stride_length_err_mm", 0),
-        ("cadence\n\\[%]", "cadence_err_percent", 2),
-        ("stance\n\\[%]", "stance_err_percent", 1),
-        ("asymmetry\n\\[%]", "asymmetry_err_percent", 1),
-        ("knee\nseen \\[%]", "knee_seen_percent", 0),
-        ("ankle\nseen \\[%]", "ankle_seen_percent", 0),
-        ("foot\nseen \\[%]", "foot_seen_percent", 0),
-        ("D_err\n\\[m]", "d_err_m", 3),
-        ("Θ_err\n\\[°]", "theta_err_deg", 1),
-    )
-    for heading, *_ in (*pairs, *singles):
+        groups.setdefault((row.view, f"{row.standoff_m:g} m"), []).extend(row.runs)
+    for row in sorted(rows, key=lambda row: row.speed_m_s):
+        groups.setdefault(("all", f"{row.speed_m_s:g} m/s"), []).extend(row.runs)
+    return _table("Angles and jitter", ANGLE_COLUMNS, groups), _table("Gait", GAIT_COLUMNS, groups)
+
+
+def _table(
+    title: str, columns: Sequence[Column], groups: Mapping[tuple[str, str], Sequence[Run]]
+) -> Table:
+    shown = Table("view", "", "runs", show_lines=True, title=title, caption=CAPTION)
+    for heading, *_ in columns:
         shown.add_column(heading)
-    for (view, value), runs in groups.items():
+    for group, runs in groups.items():
         of = means(runs)
-        cells = [
-            f"{_mean(of, f'raw_{name}', digits)} → {show(of.get(f'refined_{name}'), digits)}"
-            for _, name, digits in pairs
-        ]
-        cells += [show(of.get(name), digits) for _, name, digits in singles]
-        shown.add_row(view, value, str(len(runs)), *cells)
+        cells = [show(of.get(name), digits) for _, name, digits in columns]
+        shown.add_row(*group, str(len(runs)), *cells)
     return shown
-
-
-def _mean(of: Mapping[str, Interval], name: str, digits: int) -> str:
-    return f"{of[name].mean:.{digits}f}" if name in of else "-"

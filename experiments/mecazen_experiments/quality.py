@@ -45,17 +45,17 @@ class Quality(msgspec.Struct, frozen=True):
     d_err_m: float | None
     """As in `Score`."""
     theta_err_deg: float | None
+    odometry_drift_percent: float | None
 
 
 class Curves(NamedTuple):
-    """Sagittal angles of both legs, one after the other, at frames."""
+    """Sagittal angles at frames."""
 
-    phase: Floats
-    """Share of the gait cycle since heel strike (n,)."""
-    truth: Floats
-    """Hip, knee and ankle (n, 3) [deg]."""
-    stages: dict[str, Floats]
-    """The same by stage; NaN where nobody was reported."""
+    phases: Floats
+    """Share of the gait cycle since heel strike (n, 2), left and right."""
+    angles: dict[str, Floats]
+    """Of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`; NaN where
+    nobody was reported."""
 
 
 def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
@@ -90,14 +90,16 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
         dict(zip(JOINTS, shares, strict=True)),
         following.d_err_m,
         following.theta_err_deg,
+        following.odometry_drift_percent,
     )
-    legs = {stage: _legs(each) for stage, each in of.items() if each is not None}
-    return scores, Curves(np.concatenate(true.phases.T), _legs(truth), legs)
+    known = {stage: each for stage, each in of.items() if each is not None}
+    return scores, Curves(true.phases, {"truth": truth, **known})
 
 
 def numbers(of: Quality) -> dict[str, float]:
     """Return the scores by name; those of the gait are magnitudes of errors, but for stance's."""
-    values: dict[str, float | None] = {"d_err_m": of.d_err_m, "theta_err_deg": of.theta_err_deg}
+    following = ("d_err_m", "theta_err_deg", "odometry_drift_percent")
+    values: dict[str, float | None] = {name: getattr(of, name) for name in following}
     for name, by_stage in (("deg", of.rmse_deg), ("centred_deg", of.centred_deg)):
         for stage, errors in by_stage.items():
             values |= {f"{stage}_{joint}_{name}": v for joint, v in (errors or {}).items()}
@@ -115,11 +117,6 @@ def numbers(of: Quality) -> dict[str, float]:
     for joint in (*MEASURED, "heel", "foot"):
         values[f"{joint}_seen_percent"] = 1e2 * fmean(of.seen[f"{s}_{joint}"] for s in SIDES)
     return {name: value for name, value in values.items() if value is not None}
-
-
-def _legs(of: Floats) -> Floats:
-    """Return angles (n, 6) of both legs as those of one (2 n, 3)."""
-    return np.concatenate(np.split(of, 2, axis=1))
 
 
 def _rms(errors: Floats) -> dict[str, float]:
