@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.errors import ConfigError
-from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
+from mecazen.keys import SKELETONS, TARGET_SKELETON, MessageT, Topic
 from mecazen.loading import load_scenario
 from mecazen.skeleton import JOINTS
 from mecazen_target.body.posture import sagittal_angles
@@ -118,8 +118,8 @@ def capture(job: Job) -> Capture:
     return Capture(truth, seen._replace(joints=placed), table)
 
 
-def _collect(bus: LocalBus, topic: Topic[m.MessageT]) -> list[m.MessageT]:
-    samples: list[m.MessageT] = []
+def _collect(bus: LocalBus, topic: Topic[MessageT]) -> list[MessageT]:
+    samples: list[MessageT] = []
     bus.subscribe(topic, lambda message, _: samples.append(message), every=True)
     return samples
 

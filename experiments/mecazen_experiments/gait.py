@@ -87,7 +87,8 @@ def lowpass(values: Floats, rate_hz: float, cutoff_hz: float) -> Floats:
 def leftward(joints: Floats) -> Floats:
     """Return the horizontal vectors (n, 2) [m] from right to left, by hips and shoulders."""
     lines = [joints[:, left, :2] - joints[:, right, :2] for left, right in LATERAL]
-    return np.sum(lines, axis=0)
+    across: Floats = np.sum(lines, axis=0)
+    return across
 
 
 def about_path(joints: Floats, rate_hz: float) -> Walk | None:

@@ -54,8 +54,10 @@ class Curves(NamedTuple):
     phases: Floats
     """Share of the gait cycle since heel strike (n, 2), left and right."""
     angles: dict[str, Floats]
-    """Of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`; NaN where
-    nobody was reported."""
+    """Of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`.
+
+    NaN where nobody was reported.
+    """
 
 
 def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:

@@ -42,6 +42,8 @@ SWAP_RATE = 0.01
 """A priori chance of a frame to begin or to end a confusion of left and right."""
 CORRELATED = 12.0
 """So many successive frames have about the same error."""
+MIN_FRAMES = 20
+"""Of fewer nothing is made."""
 PHASES = 25
 """Places in the gait cycle at which bones have the same length."""
 
@@ -87,7 +89,8 @@ class Cycle(NamedTuple):
 
     def at(self, t: Floats) -> Floats:
         """Return the joints (n, 20, 3) about the walker's path at times t (n,) [s]."""
-        return np.einsum("nk,kji->nji", _basis(t, self.stride), self.series)
+        joints: Floats = np.einsum("nk,kji->nji", _basis(t, self.stride), self.series)
+        return joints
 
 
 def refine(seen: Motion) -> Floats | None:
@@ -110,12 +113,13 @@ def smooth(seen: Motion) -> Floats | None:
     None where too few frames report somebody.
     """
     rows = np.flatnonzero(seen.reported)
-    if len(rows) < max(10, len(seen.t) // 2):
+    if len(rows) < max(MIN_FRAMES, len(seen.t) // 2):
         return None
     put_right = unswapped(seen).joints
     flat = put_right.reshape(len(seen.t), -1)
     closed = np.stack([np.interp(seen.t, seen.t[rows], column[rows]) for column in flat.T], axis=-1)
-    return lowpass(closed, seen.rate_hz, CUTOFF_HZ).reshape(put_right.shape)
+    filtered: Floats = lowpass(closed, seen.rate_hz, CUTOFF_HZ).reshape(put_right.shape)
+    return filtered
 
 
 def unswapped(seen: Motion) -> Motion:
@@ -126,29 +130,26 @@ def unswapped(seen: Motion) -> Motion:
     left of the right one, by the median distance of the whole walk.
     """
     rows = np.flatnonzero(seen.reported)
-    joints, std, confidence = (values[rows].copy() for values in seen[1:4])
-    if len(rows) < 10:
+    if len(rows) < MIN_FRAMES:
         return seen
+    joints, std = seen.joints[rows], seen.std[rows]
     left = lowpass(leftward(joints), seen.rate_hz, TURNING_HZ)
     left /= np.hypot(*left.T)[:, None]
+    order = np.tile(np.arange(len(JOINTS)), (len(seen.t), 1))
     for names in (UPPER, LOWER):
         pairs = np.array([[INDEX[f"{side}_{name}"] for side in SIDES] for name in names])
         lines = joints[:, pairs[:, 0], :2] - joints[:, pairs[:, 1], :2]
         apart = np.einsum("njk,nk->nj", lines, left)
         variance = (std[:, pairs] ** 2).sum(axis=-1)
-        # logarithm of how much likelier it is that nothing is swapped
+        # logarithms of how much likelier it is that nothing is swapped, and that nothing changes
         evidence = (2.0 * apart * np.median(apart, axis=0) / variance).sum(axis=-1) / CORRELATED
-        v = np.median(np.diff(apart, axis=0) ** 2, axis=0) / 0.455
-        steady = (2.0 * apart[1:] * apart[:-1] / v).sum(axis=-1) / 4
-        swapped = _viterbi(evidence, np.insert(steady, 0, 0.0))
-        order = np.arange(len(JOINTS))
-        order[pairs] = pairs[:, ::-1]
-        for values in (joints, std, confidence):
-            values[swapped] = values[swapped][:, order]
-    whole = [values.copy() for values in seen[1:4]]
-    for values, part in zip(whole, (joints, std, confidence), strict=True):
-        values[rows] = part
-    return Motion(seen.t, *whole, seen.phases)
+        # of a normal deviate, the median of its square is 0.455 of the variance
+        change = np.maximum(np.median(np.diff(apart, axis=0) ** 2, axis=0) / 0.455, 1e-6)
+        steady = (2.0 * apart[1:] * apart[:-1] / change).sum(axis=-1) / len(names)
+        swapped = rows[_viterbi(evidence, np.append(0.0, steady))]
+        order[np.ix_(swapped, pairs.ravel())] = pairs[:, ::-1].ravel()
+    at = np.arange(len(seen.t))[:, None], order
+    return seen._replace(joints=seen.joints[at], std=seen.std[at], confidence=seen.confidence[at])
 
 
 def cycle(seen: Motion, walk: Walk) -> Cycle:
@@ -253,7 +254,8 @@ def _flexions(joints: Floats) -> Floats:
 def _viterbi(evidence: Floats, steady: Floats) -> npt.NDArray[np.bool_]:
     """Return the likelier sequence of two states (n,), for whose first one each sample speaks.
 
-    `evidence` (n,) are logarithms of ratios of likelihoods.
+    `evidence` (n,) are logarithms of how much likelier the first state makes a sample, and `steady`
+    (n,) of how much likelier it is that the state is that of the sample before.
     """
     cost, came = np.zeros(2), []
     for value, same in zip(evidence, steady, strict=True):
