@@ -3,12 +3,16 @@
 In four steps, each of which uses what bodies and gaits are like, and nothing of this simulator:
 
 1. Left and right are put right where they were taken for each other (`unswapped`).
-2. Joints are low-passed, and gait events found in them (`mecazen_experiments.gait`).
-3. Each joint's path about the walker's becomes a Fourier series of the gait cycle (`cycle`): what
-   does not come again in every stride is the tracker's noise.
+2. Joints are low-passed (`smooth`), and the walker's own path found in them.
+3. Each joint's motion about that path becomes a Fourier series of the gait cycle (`cycle`): what
+   does not come again in every stride is taken for the tracker's noise. So nothing is left of how
+   strides differ.
 4. What is wrong the same way all the time is taken off (`biases`): bones keep their lengths, the
    pelvis is between the hips, the trunk is straight, feet come down to the floor, and knees do not
    bend backwards.
+
+The a priori deviations below are round numbers: half or twice of those that were tried changes no
+joint's mean error by more than 0.4 deg.
 """
 
 from __future__ import annotations
@@ -102,7 +106,7 @@ def refine(seen: Motion) -> Floats | None:
     walk = None if filtered is None else about_path(filtered, seen.rate_hz)
     if walk is None:
         return None
-    found = cycle(seen, walk)
+    found = cycle(unswapped(seen), walk)
     bias = biases(found, np.median(seen.std[seen.reported], axis=0))
     return walk.placed(found.at(seen.t) - bias)
 
@@ -155,13 +159,13 @@ def unswapped(seen: Motion) -> Motion:
 def cycle(seen: Motion, walk: Walk) -> Cycle:
     """Return the gait cycle that fits the joints best, each weighed by its reported variance.
 
-    `walk` are the low-passed joints about the walker's path. The stride time is searched within
-    a tenth of that of the strongest frequency.
+    `seen` has left and right as they are, `walk` are the low-passed joints about the walker's path.
+    The stride time is searched within a tenth of that of the strongest frequency.
     """
-    raw, rows = unswapped(seen), seen.reported
+    rows = seen.reported
     t = seen.t[rows]
-    joints = walk.about(raw.joints)[rows]
-    weights = 1.0 / np.maximum(raw.std[rows], LEAST_STD_M) / math.sqrt(CORRELATED)
+    joints = walk.about(seen.joints)[rows]
+    weights = 1.0 / np.maximum(seen.std[rows], LEAST_STD_M) / math.sqrt(CORRELATED)
 
     orders = np.tile(np.arange(1, HARMONICS + 1), 2)
     priors = [
