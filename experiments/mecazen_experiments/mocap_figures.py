@@ -115,8 +115,8 @@ def views(rows: Sequence[Row]) -> Figure:
             axes.plot(0.0, 0.0, marker=(3, 0, 0), color="black", markersize=5.0)
             outer = max(high for _, high in edges.values())
             for bearing, name in names.items():
-                axes.text(bearing, outer + 0.7, name, ha="center", va="center")
-            axes.set_ylim(0.0, outer + 0.8)
+                axes.text(bearing, outer + 1.0, name, ha="center", va="center")
+            axes.set_ylim(0.0, outer + 1.1)
     return figure
 
 
@@ -159,7 +159,7 @@ def _mean_by_place(rows: Sequence[Row], name: str) -> dict[tuple[float, float], 
 
 def _edges(standoffs: Sequence[float]) -> dict[float, tuple[float, float]]:
     """Return where the ring of each standoff begins and ends: all are as wide."""
-    return {standoff: (n + 0.6, n + 1.6) for n, standoff in enumerate(standoffs)}
+    return {standoff: (n + 1.0, n + 2.0) for n, standoff in enumerate(standoffs)}
 
 
 def _colour(share: float) -> tuple[float, float, float]:

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from experiments.walks import RATE_HZ, SPEED_M_S, STRIDE_S, pendulum, person
 from mecazen_experiments.capture import angles
 from mecazen_experiments.gait import about_path, events, parameters, true_gait
-from walks import RATE_HZ, SPEED_M_S, STRIDE_S, pendulum, person
 
 
 def test_angles_of_straight_legs_are_the_thigh_s():

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from experiments.walks import person, reported
 from mecazen.skeleton import INDEX, SIDES
 from mecazen_experiments.capture import angles
 from mecazen_experiments.refine import LOWER, UPPER, refine, smooth, unswapped
-from walks import person, reported
 
 JOINT = {"hip": [0, 3], "knee": [1, 4], "ankle": [2, 5]}
 
