@@ -38,6 +38,17 @@ Walks = Annotated[Path | None, Option(metavar="FOLDER", help=WALKS_HELP, show_de
 Sweep = Annotated[
     list[str] | None, Option(metavar="KEY=V1,V2", help=SWEEP_HELP, show_default=False)
 ]
+MocapFile = Annotated[str, Argument(metavar="FILE", help=FILE_HELP)]
+View = Annotated[list[str] | None, Option(help="One of its views.", show_default="all")]
+Standoffs = Annotated[
+    list[float] | None, Option(min=0.1, help="Distance to the person [m].", show_default="all")
+]
+Speeds = Annotated[
+    list[float] | None, Option(min=0.05, help="Of the person [m/s].", show_default="all")
+]
+MocapFigures = Annotated[
+    Path | None, Option(metavar="FOLDER", help="Draw its figures there.", show_default="none")
+]
 STORE = Path("experiments.sqlite")
 
 # Each command imports what it needs itself: every start of `mecazen` imports this module.
@@ -118,6 +129,34 @@ def budget(
     from mecazen_experiments import commands  # noqa: PLC0415
 
     commands.budget(commands.Options(jobs, scheduler, store, json), file, runs, walks)
+
+
+@app.command()
+def mocap(
+    file: MocapFile = "mocap",
+    settings: Settings = None,
+    view: View = None,
+    standoff: Standoffs = None,
+    speed: Speeds = None,
+    runs: Runs = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    json: Json = None,
+    out: MocapFigures = None,
+) -> None:
+    """Score how well the robot captures a gait, by view, standoff and walking speed.
+
+    Example: mecazen experiment mocap --view back --standoff 1.5 --standoff 2 --speed 1
+    """
+    from mecazen_experiments import commands  # noqa: PLC0415
+
+    draw = None
+    if out is not None:
+        from mecazen_experiments.mocap_figures import draw_into  # noqa: PLC0415
+
+        draw = draw_into(out)
+    wanted = commands.Wanted(view or (), standoff or (), speed or (), tuple(settings or ()), runs)
+    commands.mocap(file, wanted, commands.Options(jobs, scheduler, STORE, json), draw)
 
 
 @app.command()

@@ -19,12 +19,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemaini
 from rich.progress import Progress as Bar
 
 from mecazen_experiments import budget as budgets
+from mecazen_experiments import mocap as capturing
 from mecazen_experiments import report
 from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
 from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_path, parse_sweeps
-from mecazen_experiments.jobs import Job, Series, expand
+from mecazen_experiments.jobs import Job, Key, Series, expand
 from mecazen_experiments.local import LocalWorkers
+from mecazen_experiments.quality import Curves, Quality
 from mecazen_experiments.run import tabulate
 from mecazen_experiments.schedule import Progress, Workers, do_all, run_all
 from mecazen_experiments.store import Store
@@ -46,6 +48,16 @@ class Options(NamedTuple):
     store: Path
     json: Path | None
     """Where to write the whole result."""
+
+
+class Wanted(NamedTuple):
+    """What of an experiment of motion capture to run; empty is all."""
+
+    views: Sequence[str]
+    standoffs_m: Sequence[float]
+    speeds_m_s: Sequence[float]
+    settings: Settings
+    runs: int | None
 
 
 def run(
@@ -113,6 +125,35 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
     console(WIDTH).print(budgets.table(rows))
 
 
+def mocap(
+    file: str,
+    wanted: Wanted,
+    options: Options,
+    draw: Callable[[Sequence[capturing.Row], Mapping[capturing.Place, Curves]], list[Path]] | None,
+) -> None:
+    """Run an experiment of motion capture; print and write its scores, and draw what is seen."""
+    config = load_table(experiment_path(file), capturing.MocapConfig)
+    config = capturing.selected(config, *wanted[:3])
+    todo = capturing.expand(config, wanted.runs, wanted.settings)
+    jobs = _jobs([*todo.values()])
+    scores: dict[Key, Quality] = {}
+    curves: dict[Key, Curves] = {}
+    bar, progress = _bar(options, "runs")
+
+    def keep(job: Job, found: tuple[Quality, Curves]) -> None:
+        scores[job.key], curves[job.key] = found
+        progress(len(scores), len(jobs))
+
+    with bar, _workers(options) as workers:
+        do_all(capturing.measure, jobs, workers, keep)
+    rows = capturing.summarise(config, todo, scores)
+    _write(options, {"rows": rows})
+    console(WIDTH).print(*capturing.tables(rows), sep="\n")
+    if draw is not None:
+        for figure in draw(rows, {place: curves[of.jobs[0].key] for place, of in todo.items()}):
+            typer.echo(figure)
+
+
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:
     """Run the paper's four cases with one seed and draw them; print the files."""
     try:
@@ -155,6 +196,26 @@ def _session(options: Options, what: str) -> Iterator[tuple[Store, Workers, Prog
     Raises:
         ConfigError: There is no folder for the result.
     """
+    bar, progress = _bar(options, what)
+    try:
+        with closing(Store(options.store)) as store, _workers(options) as workers, bar:
+            yield store, workers, progress
+    except KeyboardInterrupt:
+        done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
+        typer.echo(
+            f"interrupted after {done:g} of {total:g} {what}; finished ones are kept in "
+            f"{options.store}, and the same command continues from there",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _bar(options: Options, what: str) -> tuple[Bar, Progress]:
+    """Return a bar, and what moves it.
+
+    Raises:
+        ConfigError: There is no folder for the result.
+    """
     if options.json is not None and not options.json.absolute().parent.is_dir():
         raise ConfigError(f"--json {options.json}: no such folder")
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
@@ -169,17 +230,7 @@ def _session(options: Options, what: str) -> Iterator[tuple[Store, Workers, Prog
     def progress(done: int, total: int) -> None:
         bar.update(task, completed=done, total=total)
 
-    try:
-        with closing(Store(options.store)) as store, _workers(options) as workers, bar:
-            yield store, workers, progress
-    except KeyboardInterrupt:
-        done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
-        typer.echo(
-            f"interrupted after {done:g} of {total:g} {what}; finished ones are kept in "
-            f"{options.store}, and the same command continues from there",
-            err=True,
-        )
-        raise typer.Exit(INTERRUPTED) from None
+    return bar, progress
 
 
 @contextmanager

@@ -1,0 +1,137 @@
+"""One walk as the robot records it: the true joints, and those that its body tracker reports."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen import messages as m
+from mecazen.bus import LocalBus
+from mecazen.errors import ConfigError
+from mecazen.keys import SKELETONS, TARGET_SKELETON, MessageT, Topic
+from mecazen.loading import load_scenario
+from mecazen.skeleton import JOINTS
+from mecazen_target.body.posture import sagittal_angles
+from mecazen_tools.simulate import InProcess
+
+from mecazen_experiments.jobs import Job, check_version
+from mecazen_experiments.table import Floats, Table
+
+SEEN = 2
+"""Confidence of a joint that is in view and not hidden."""
+
+
+class Motion(NamedTuple):
+    """Joints over time, at a constant rate, in a frame that is fixed and level; the floor is z = 0.
+
+    Where nobody was reported, joints are NaN and confidence is 0.
+    """
+
+    t: Floats
+    """Times (n,) [s]."""
+    joints: Floats
+    """Positions (n, 20, 3) [m], in the order of `mecazen.skeleton.JOINTS`."""
+    std: Floats
+    """Reported standard deviation of each (n, 20) along any axis [m]."""
+    confidence: npt.NDArray[np.int64]
+    """As in `messages.Skeleton` (n, 20)."""
+    phases: Floats
+    """Share of the gait cycle since the last foot strike (n, 2), left and right; NaN if unknown."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames a second."""
+        return 1.0 / float(np.mean(np.diff(self.t)))
+
+    @property
+    def reported(self) -> npt.NDArray[np.bool_]:
+        """Whether somebody was (n,)."""
+        return ~np.isnan(self.joints[:, 0, 0])
+
+    def where(self, rows: npt.NDArray[Any]) -> Motion:
+        """Return some of the frames."""
+        return Motion(*(values[rows] for values in self))
+
+
+class Capture(NamedTuple):
+    """What a run leaves behind."""
+
+    truth: Motion
+    """In world, at the rate of `sensors.skeleton_rate_hz`; deviations are 0."""
+    seen: Motion
+    """At the tracker's frames, in odom: the robot has nothing else to place them with."""
+    table: Table
+    """Robot and person at every tick."""
+
+    def since(self, t_s: float) -> Capture:
+        """Return the joints from a time on, and the whole table."""
+        return self._replace(
+            truth=self.truth.where(self.truth.t >= t_s), seen=self.seen.where(self.seen.t >= t_s)
+        )
+
+    @property
+    def truth_at_frames(self) -> Motion:
+        """The truth at the captures of `seen`."""
+        return self.truth.where(np.searchsorted(self.truth.t, self.seen.t - 1e-6))
+
+
+def angles(joints: Floats) -> Floats:
+    """Return the sagittal angles (n, 6) [deg] of joints (n, 20, 3), as `sagittal_angles`."""
+    return np.degrees([sagittal_angles(frame) for frame in joints.tolist()])
+
+
+def capture(job: Job) -> Capture:
+    """Simulate a job, and return what was seen in it and what there was to be seen.
+
+    Raises:
+        MecazenError: The run failed, this process has another version of the code, or the
+            scenario has no body tracker.
+    """
+    check_version(job)
+    scenario = load_scenario(job.scenario, job.settings)
+    if "tracker" not in scenario.sensor.features:
+        raise ConfigError("motion capture needs sensor.kind = 'body' or 'fused'")
+    with closing(InProcess(scenario)) as run:
+        bodies = _collect(run.bus, TARGET_SKELETON)
+        frames = _collect(run.bus, SKELETONS)
+        for _ in run.ticks():
+            pass
+        table = Table.of(run.trajectory)
+    truth = _motion([(body.header, body) for body in bodies])
+    # frames taken before the start have no stamp
+    seen = _motion(
+        [
+            (frame.header, frame.skeletons[0] if frame.skeletons else None)
+            for frame in frames
+            if frame.header.stamp.ns
+        ]
+    )
+    odom = table.poses("odom")
+    at = np.rint((seen.t - table["t_s"][0]) / table.tick_s).astype(int)
+    c, s = np.cos(odom.yaw[at])[:, None], np.sin(odom.yaw[at])[:, None]
+    x, y, z = np.moveaxis(seen.joints, -1, 0)
+    placed = np.stack(
+        (odom.x[at][:, None] + c * x - s * y, odom.y[at][:, None] + s * x + c * y, z), axis=-1
+    )
+    return Capture(truth, seen._replace(joints=placed), table)
+
+
+def _collect(bus: LocalBus, topic: Topic[MessageT]) -> list[MessageT]:
+    samples: list[MessageT] = []
+    bus.subscribe(topic, lambda message, _: samples.append(message), every=True)
+    return samples
+
+
+def _motion(bodies: list[tuple[m.Header, m.Skeleton | None]]) -> Motion:
+    """Return stamped bodies as columns."""
+    n = len(JOINTS)
+    nobody = [[np.nan] * 3] * n
+    return Motion(
+        np.array([header.stamp.ns / 1e9 for header, _ in bodies]),
+        np.array([[(j.x, j.y, j.z) for j in b.joints] if b else nobody for _, b in bodies]),
+        np.array([b.std if b and b.std else [0.0] * n for _, b in bodies]),
+        np.array([b.confidence if b and b.confidence else [0] * n for _, b in bodies]),
+        np.array([b.phases if b and b.phases else [np.nan] * 2 for _, b in bodies]),
+    )

@@ -1,0 +1,132 @@
+"""How well a walk was captured: angles, gait and visibility against the truth."""
+
+from __future__ import annotations
+
+import math
+from statistics import fmean
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from mecazen.errors import ConfigError
+from mecazen.skeleton import ANGLES, JOINTS, SIDES
+from mecazen_follower.goal import Standoff
+
+from mecazen_experiments.capture import SEEN, Capture, angles
+from mecazen_experiments.gait import Gait, about_path, parameters, true_gait
+from mecazen_experiments.refine import refine, smooth
+from mecazen_experiments.scores import first_motion, score
+from mecazen_experiments.table import Floats
+
+SETTLING_S = 2.5
+"""From the person's first motion until the walk is steady and the robot beside it."""
+MEASURED = ("hip", "knee", "ankle")
+
+
+class Quality(msgspec.Struct, frozen=True):
+    """How well one run captures the gait; None where nothing could be made of what was seen.
+
+    Stages are `raw`, as reported; `filtered`, without swaps and through a low-pass; and `refined`,
+    by `refine`.
+    """
+
+    rmse_deg: dict[str, dict[str, float] | None]
+    """Root mean square error of hip, knee and ankle angle of both legs, by stage."""
+    centred_deg: dict[str, dict[str, float] | None]
+    """The same without the mean error of each leg."""
+    jitter_mm: dict[str, float | None]
+    """Root mean square over all joints of the second difference from frame to frame."""
+    truth: Gait
+    """By the planted feet."""
+    observed: Gait | None
+    """By events in the refined joints."""
+    seen: dict[str, float]
+    """Share of the frames in which each joint is in view and not hidden."""
+    d_err_m: float | None
+    """As in `Score`."""
+    theta_err_deg: float | None
+    odometry_drift_percent: float | None
+
+
+class Curves(NamedTuple):
+    """Sagittal angles at frames."""
+
+    phases: Floats
+    """Share of the gait cycle since heel strike (n, 2), left and right."""
+    angles: dict[str, Floats]
+    """Of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`.
+
+    NaN where nobody was reported.
+    """
+
+
+def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
+    """Return the scores of a capture in which `wanted` was to be kept.
+
+    Raises:
+        ConfigError: Nobody walks.
+    """
+    first = first_motion(found.table)
+    begin = math.inf if first is None else found.table["t_s"][first] + SETTLING_S
+    found = found.since(begin)
+    gait = true_gait(found.truth.t, found.truth.joints)
+    if gait is None:
+        raise ConfigError("nobody takes two strides; is sim.duration_s too short?")
+    seen, true = found.seen, found.truth_at_frames
+    refined = refine(seen)
+    walk = None if refined is None else about_path(refined, seen.rate_hz)
+    stages = {"raw": seen.joints, "filtered": smooth(seen), "refined": refined}
+    truth = angles(true.joints)
+    of = {stage: None if joints is None else angles(joints) for stage, joints in stages.items()}
+    errors = {
+        stage: None if each is None else (each - truth)[seen.reported] for stage, each in of.items()
+    }
+    following = score(found.table, wanted).whole
+    shares = (seen.confidence == SEEN).mean(axis=0).tolist()
+    scores = Quality(
+        {stage: None if e is None else _rms(e) for stage, e in errors.items()},
+        {stage: None if e is None else _rms(e - e.mean(axis=0)) for stage, e in errors.items()},
+        {stage: None if each is None else _jitter_mm(each) for stage, each in stages.items()},
+        gait,
+        None if walk is None else parameters(seen.t, walk),
+        dict(zip(JOINTS, shares, strict=True)),
+        following.d_err_m,
+        following.theta_err_deg,
+        following.odometry_drift_percent,
+    )
+    known = {stage: each for stage, each in of.items() if each is not None}
+    return scores, Curves(true.phases, {"truth": truth, **known})
+
+
+def numbers(of: Quality) -> dict[str, float]:
+    """Return the scores by name; those of the gait are magnitudes of errors, but for stance's."""
+    following = ("d_err_m", "theta_err_deg", "odometry_drift_percent")
+    values: dict[str, float | None] = {name: getattr(of, name) for name in following}
+    for name, by_stage in (("deg", of.rmse_deg), ("centred_deg", of.centred_deg)):
+        for stage, errors in by_stage.items():
+            values |= {f"{stage}_{joint}_{name}": v for joint, v in (errors or {}).items()}
+    values |= {f"{stage}_jitter_mm": value for stage, value in of.jitter_mm.items()}
+    if of.observed is not None:
+        found, true = of.observed, of.truth
+        asymmetry = found.step_time_asymmetry - true.step_time_asymmetry
+        values |= {
+            "stride_time_err_ms": 1e3 * abs(found.stride_time_s - true.stride_time_s),
+            "stride_length_err_mm": 1e3 * abs(found.stride_length_m - true.stride_length_m),
+            "cadence_err_percent": 1e2 * abs(found.cadence_per_min / true.cadence_per_min - 1.0),
+            "stance_err_percent": 1e2 * (found.stance_share - true.stance_share),
+            "asymmetry_err_percent": 1e2 * abs(asymmetry),
+        }
+    for joint in (*MEASURED, "heel", "foot"):
+        values[f"{joint}_seen_percent"] = 1e2 * fmean(of.seen[f"{s}_{joint}"] for s in SIDES)
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _rms(errors: Floats) -> dict[str, float]:
+    """Return the root mean squares of errors (n, 6) of both legs, by joint."""
+    squares = dict(zip(ANGLES, np.mean(errors**2, axis=0).tolist(), strict=True))
+    return {joint: math.sqrt(fmean(squares[f"{s}_{joint}"] for s in SIDES)) for joint in MEASURED}
+
+
+def _jitter_mm(joints: Floats) -> float:
+    changes = np.diff(joints, n=2, axis=0)
+    return 1e3 * math.sqrt(np.nanmean((changes**2).sum(axis=-1)))

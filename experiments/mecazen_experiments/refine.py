@@ -1,0 +1,275 @@
+"""An estimator that refines the observed skeleton of somebody who walks steadily.
+
+In four steps, each of which uses what bodies and gaits are like, and nothing of this simulator:
+
+1. Left and right are put right where they were taken for each other (`unswapped`).
+2. Joints are low-passed (`smooth`), and the walker's own path found in them.
+3. Each joint's motion about that path becomes a Fourier series of the gait cycle (`cycle`): what
+   does not come again in every stride is taken for the tracker's noise. So nothing is left of how
+   strides differ.
+4. What is wrong the same way all the time is taken off (`biases`): bones keep their lengths, the
+   pelvis is between the hips, the trunk is straight, feet come down to the floor, and knees do not
+   bend backwards.
+
+The a priori deviations below are round numbers: half or twice of those that were tried changes no
+joint's mean error by more than 0.4 deg.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.skeleton import INDEX, JOINTS, SIDES
+from scipy.optimize import least_squares, minimize_scalar
+
+from mecazen_experiments.capture import Motion
+from mecazen_experiments.gait import (
+    Walk,
+    about_path,
+    leftward,
+    lowpass,
+    stride_frequency,
+)
+from mecazen_experiments.table import Floats
+
+CUTOFF_HZ = 6.0
+"""Of joints in a gait; D. A. Winter, Biomechanics and Motor Control of Human Movement."""
+HARMONICS = 12
+"""Of the gait cycle: with 8, joints that are right get angles that are wrong by 1 deg."""
+TURNING_HZ = 0.3
+"""Cut-off of the direction from right to left; slower than any confusion of the two."""
+SWAP_RATE = 0.01
+"""A priori chance of a frame to begin or to end a confusion of left and right."""
+CORRELATED = 12.0
+"""So many successive frames have about the same error."""
+MIN_FRAMES = 20
+"""Of fewer nothing is made."""
+PHASES = 25
+"""Places in the gait cycle at which bones have the same length."""
+
+LOWER = ("knee", "ankle", "heel", "foot")
+UPPER = ("shoulder", "elbow", "wrist", "hip")
+BONES = ("hip", "knee"), ("knee", "ankle"), ("ankle", "heel"), ("ankle", "foot"), ("heel", "foot")
+"""Of each leg, as their ends; both legs' are equally long."""
+ENDS = np.array([[[INDEX[f"{s}_{end}"] for end in bone] for bone in BONES] for s in SIDES])
+TRUNK = [INDEX[name] for name in ("pelvis", "spine", "neck")]
+HIPS, SHOULDERS, ANKLES = ([INDEX[f"{s}_{n}"] for s in SIDES] for n in ("hip", "shoulder", "ankle"))
+SOLES = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("heel", "foot")]
+FITTED = [n for n, name in enumerate(JOINTS) if not name.endswith(("head", "elbow", "wrist"))]
+"""Joints whose biases are found."""
+
+MOVES = [name.endswith((*LOWER, "elbow", "wrist")) for name in JOINTS]
+"""Whether a joint is of a limb that swings."""
+LIMB_M, TRUNK_M = 0.4, 0.04
+"""A priori deviation of the first harmonic's amplitude, of limbs and of other joints: that of the
+k-th is k² and k times smaller."""
+
+LEAST_STD_M = 1e-3
+"""Smaller deviations are taken for this."""
+BONE_STD_M = 0.1
+"""What a bone's length seems to change by: more than it does, as errors of a cycle's phases are
+not independent."""
+PLACE_STD_M = 0.01
+"""How far what lies between two joints may be from their middle."""
+NECK_STD_M = 0.02
+"""As that, of the neck between the shoulders."""
+FLOOR_STD_M = 0.005
+"""How high the lowest place of heel and ball may be above the floor."""
+KNEE_STD_RAD = 0.03
+"""How far a knee may be extended beyond straight."""
+
+
+class Cycle(NamedTuple):
+    """Joints as Fourier series of the gait cycle."""
+
+    stride: float
+    """Duration [s]."""
+    series: Floats
+    """Coefficients (1 + 2 · HARMONICS, 20, 3) [m]: of 1, then of cosines and sines."""
+
+    def at(self, t: Floats) -> Floats:
+        """Return the joints (n, 20, 3) about the walker's path at times t (n,) [s]."""
+        joints: Floats = np.einsum("nk,kji->nji", _basis(t, self.stride), self.series)
+        return joints
+
+
+def refine(seen: Motion) -> Floats | None:
+    """Return the refined joints (n, 20, 3) [m] of `seen`, which has a level frame and a floor at 0.
+
+    None for who does not walk.
+    """
+    filtered = smooth(seen)
+    walk = None if filtered is None else about_path(filtered, seen.rate_hz)
+    if walk is None:
+        return None
+    found = cycle(unswapped(seen), walk)
+    bias = biases(found, np.median(seen.std[seen.reported], axis=0))
+    return walk.placed(found.at(seen.t) - bias)
+
+
+def smooth(seen: Motion) -> Floats | None:
+    """Return the joints (n, 20, 3) [m] with left and right put right, gaps closed, low-passed.
+
+    None where too few frames report somebody.
+    """
+    rows = np.flatnonzero(seen.reported)
+    if len(rows) < max(MIN_FRAMES, len(seen.t) // 2):
+        return None
+    put_right = unswapped(seen).joints
+    flat = put_right.reshape(len(seen.t), -1)
+    closed = np.stack([np.interp(seen.t, seen.t[rows], column[rows]) for column in flat.T], axis=-1)
+    filtered: Floats = lowpass(closed, seen.rate_hz, CUTOFF_HZ).reshape(put_right.shape)
+    return filtered
+
+
+def unswapped(seen: Motion) -> Motion:
+    """Return the motion with left and right as they are.
+
+    Of two hidden states the likeliest sequence is found (A. Viterbi, IEEE Trans. Inf. Theory 13,
+    1967), once for what swaps with the knees and once for hips and arms. A left joint is to the
+    left of the right one, by the median distance of the whole walk.
+    """
+    rows = np.flatnonzero(seen.reported)
+    if len(rows) < MIN_FRAMES:
+        return seen
+    joints, std = seen.joints[rows], seen.std[rows]
+    left = lowpass(leftward(joints), seen.rate_hz, TURNING_HZ)
+    left /= np.hypot(*left.T)[:, None]
+    order = np.tile(np.arange(len(JOINTS)), (len(seen.t), 1))
+    for names in (UPPER, LOWER):
+        pairs = np.array([[INDEX[f"{side}_{name}"] for side in SIDES] for name in names])
+        lines = joints[:, pairs[:, 0], :2] - joints[:, pairs[:, 1], :2]
+        apart = np.einsum("njk,nk->nj", lines, left)
+        variance = (std[:, pairs] ** 2).sum(axis=-1)
+        # logarithms of how much likelier it is that nothing is swapped, and that nothing changes
+        evidence = (2.0 * apart * np.median(apart, axis=0) / variance).sum(axis=-1) / CORRELATED
+        # of a normal deviate, the median of its square is 0.455 of the variance
+        change = np.maximum(np.median(np.diff(apart, axis=0) ** 2, axis=0) / 0.455, 1e-6)
+        steady = (2.0 * apart[1:] * apart[:-1] / change).sum(axis=-1) / len(names)
+        swapped = rows[_viterbi(evidence, np.append(0.0, steady))]
+        order[np.ix_(swapped, pairs.ravel())] = pairs[:, ::-1].ravel()
+    at = np.arange(len(seen.t))[:, None], order
+    return seen._replace(joints=seen.joints[at], std=seen.std[at], confidence=seen.confidence[at])
+
+
+def cycle(seen: Motion, walk: Walk) -> Cycle:
+    """Return the gait cycle that fits the joints best, each weighed by its reported variance.
+
+    `seen` has left and right as they are, `walk` are the low-passed joints about the walker's path.
+    The stride time is searched within a tenth of that of the strongest frequency.
+    """
+    rows = seen.reported
+    t = seen.t[rows]
+    joints = walk.about(seen.joints)[rows]
+    weights = 1.0 / np.maximum(seen.std[rows], LEAST_STD_M) / math.sqrt(CORRELATED)
+
+    orders = np.tile(np.arange(1, HARMONICS + 1), 2)
+    priors = [
+        np.diag(np.append(0.0, orders**2 / LIMB_M if of else orders / TRUNK_M)) for of in MOVES
+    ]
+
+    def fit(stride: float, which: Sequence[int]) -> tuple[Floats, float]:
+        basis = _basis(t, stride)
+        series, rest = np.empty((basis.shape[1], len(which), 3)), 0.0
+        for n, joint in enumerate(which):
+            w = weights[:, joint, None]
+            system = np.concatenate((w * basis, priors[joint]))
+            wanted = np.zeros((len(system), 3))
+            wanted[: len(t)] = w * joints[:, joint]
+            series[:, n] = np.linalg.lstsq(system, wanted, rcond=None)[0]
+            rest += float(((system @ series[:, n] - wanted) ** 2).sum())
+        return series, rest
+
+    guess = 1.0 / stride_frequency(walk, seen.rate_hz)
+    tried = guess * np.linspace(0.9, 1.1, 41)
+    rests = [fit(stride, ANKLES)[1] for stride in tried]
+    at = int(np.argmin(rests[1:-1])) + 1
+    stride = minimize_scalar(
+        lambda value: fit(value, ANKLES)[1],
+        bounds=(tried[at - 1], tried[at + 1]),
+        method="bounded",
+        options={"xatol": 1e-4},
+    ).x
+    return Cycle(float(stride), fit(float(stride), range(len(JOINTS)))[0])
+
+
+def biases(found: Cycle, std: Floats) -> Floats:
+    """Return what is wrong with each joint's place (20, 3) [m] all along the gait cycle.
+
+    It is the most probable one, a priori normal with the reported deviations std (20,) [m].
+    """
+    joints = found.at(np.arange(PHASES) / PHASES * found.stride)
+    prior = np.maximum(std[FITTED, None], LEAST_STD_M)
+    lengths = _lengths(joints).mean(axis=(0, 1))
+    lowest = joints[:, SOLES, 2].min(axis=0)
+
+    def expand(x: Floats) -> Floats:
+        bias = np.zeros((len(JOINTS), 3))
+        bias[FITTED] = x[len(BONES) :].reshape(-1, 3) * prior
+        return bias
+
+    def residuals(x: Floats) -> Floats:
+        bias = expand(x)
+        placed = joints - bias
+        mean = placed.mean(axis=0)
+        hips, shoulders = mean[HIPS], mean[SHOULDERS]
+        pelvis, spine, neck = mean[TRUNK]
+        rest = (
+            x[len(BONES) :],
+            (_lengths(placed) - x[: len(BONES)]) / BONE_STD_M,
+            np.minimum(_flexions(placed), 0.0) / KNEE_STD_RAD,
+            (lowest - bias[SOLES, 2]) / FLOOR_STD_M,
+            (hips.mean(axis=0) - pelvis) / PLACE_STD_M,
+            ((pelvis + neck) / 2.0 - spine) / PLACE_STD_M,
+            (shoulders.mean(axis=0) - neck) / NECK_STD_M,
+            (hips[0] - hips[1])[[0, 2]] / PLACE_STD_M,
+        )
+        return np.concatenate([part.ravel() for part in rest])
+
+    begin = np.concatenate((lengths, np.zeros(3 * len(FITTED))))
+    return expand(least_squares(residuals, begin, x_scale="jac", ftol=1e-4).x)
+
+
+def _basis(t: Floats, stride: float) -> Floats:
+    """Return 1, cosines and sines (n, 1 + 2 · HARMONICS) of the gait cycle."""
+    angles = 2.0 * np.pi / stride * np.outer(t, np.arange(1, HARMONICS + 1))
+    return np.concatenate((np.ones((len(t), 1)), np.cos(angles), np.sin(angles)), axis=1)
+
+
+def _lengths(joints: Floats) -> Floats:
+    """Return the lengths (n, 2, 5) [m] of each side's `BONES`."""
+    bones = joints[:, ENDS[..., 1]] - joints[:, ENDS[..., 0]]
+    lengths: Floats = np.sqrt(np.einsum("...k,...k", bones, bones))
+    return lengths
+
+
+def _flexions(joints: Floats) -> Floats:
+    """Return both knees' flexion (n, 2) [rad] about the axis to the left; extension is negative."""
+    bones = joints[:, ENDS[:, :2, 1]] - joints[:, ENDS[:, :2, 0]]
+    (a, b), (c, d) = np.moveaxis(bones[..., [0, 2]], (2, 3), (0, 1))
+    flexions: Floats = np.arctan2(b * c - a * d, a * c + b * d)
+    return flexions
+
+
+def _viterbi(evidence: Floats, steady: Floats) -> npt.NDArray[np.bool_]:
+    """Return the likelier sequence of two states (n,), for whose first one each sample speaks.
+
+    `evidence` (n,) are logarithms of how much likelier the first state makes a sample, and `steady`
+    (n,) of how much likelier it is that the state is that of the sample before.
+    """
+    cost, came = np.zeros(2), []
+    for value, same in zip(evidence, steady, strict=True):
+        penalty = same - np.log(SWAP_RATE)
+        change = cost[::-1] + penalty < cost
+        came.append(change)
+        cost = np.where(change, cost[::-1] + penalty, cost) + np.array([0.0, value])
+    state = int(cost[1] < cost[0])
+    states = []
+    for change in reversed(came):
+        states.append(bool(state))
+        state = 1 - state if change[state] else state
+    return np.array(states[::-1])

@@ -1,0 +1,105 @@
+"""`mecazen experiment mocap`: its options, its report and its figures, of one short run."""
+
+import msgspec
+import numpy as np
+import pytest
+from harness import ROOT, error_of
+from mecazen.errors import ConfigError, MecazenError
+from mecazen.loading import load_table
+from mecazen_experiments.mocap import MocapConfig, expand, selected
+from mecazen_experiments.mocap_figures import by_stride
+from mecazen_tools.cli.app import app
+
+SHORT = f"""
+scenario = "{ROOT}/configs/scenarios/mocap.toml"
+set = ["robot.camera.pitch_deg=22.0", "sim.duration_s=7.5"]
+seeds = 1
+standoffs_m = [2.0]
+speeds_m_s = [1.0, 1.3]
+[views]
+back = 180.0
+side_left = 90.0
+"""
+ONE = ("mocap", "short.toml", "--view", "back", "--speed", 1.0, "--jobs", 1)
+
+
+@pytest.fixture
+def _in_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "short.toml").write_text(SHORT)
+
+
+def experiment(*arguments):
+    app(["experiment", *map(str, arguments)], standalone_mode=False)
+
+
+@pytest.mark.usefixtures("_in_folder")
+def test_one_run_is_scored_printed_and_drawn(tmp_path, capsys):
+    experiment(*ONE, "--json", "out.json", "--out", "figures")
+    (row,) = msgspec.json.decode((tmp_path / "out.json").read_bytes())["rows"]
+    assert (row["view"], row["standoff_m"], row["speed_m_s"]) == ("back", 2.0, 1.0)
+    (run,) = row["runs"]
+    raw, refined = (run["quality"]["rmse_deg"][stage] for stage in ("raw", "refined"))
+    for joint in ("hip", "knee", "ankle"):
+        assert refined[joint] < 0.75 * raw[joint]
+        assert row["means"][f"refined_{joint}_deg"]["mean"] == refined[joint]
+    found, true = run["quality"]["observed"], run["quality"]["truth"]
+    assert found["stride_time_s"] == pytest.approx(true["stride_time_s"], abs=0.015)
+    assert found["stride_length_m"] == pytest.approx(true["stride_length_m"], abs=0.03)
+    assert run["quality"]["seen"]["left_knee"] > 0.9
+    assert run["quality"]["d_err_m"] < 0.1
+    out = capsys.readouterr().out
+    for words in ("Angles and jitter", "Gait", "back", "2 m", "1 m/s", "mocap_views.png"):
+        assert words in out
+    for name in ("mocap_cycles.png", "mocap_views.png"):
+        assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
+
+
+WRONG = [
+    (("--view", "above"), ("--view above", "back, side_left")),
+    (("--set", "sensor.kind=pose"), ("back, 2 m, 1 m/s, seed 1", "sensor.kind")),
+    (("--set", "target.path.kind=standing"), ("speed_m_s",)),
+    (("--set", "sim.duration_s=4.0"), ("two strides", "sim.duration_s")),
+    (("--json", "none/out.json"), ("none/out.json", "folder")),
+    (("--out", "short.toml/figures"), ("--out short.toml/figures",)),
+]
+
+
+@pytest.mark.usefixtures("_in_folder")
+@pytest.mark.parametrize(("arguments", "words"), WRONG)
+def test_what_a_user_gets_wrong_is_one_line(arguments, words):
+    text = error_of(MecazenError, lambda: experiment(*ONE, *arguments))
+    for word in words:
+        assert word in text
+
+
+@pytest.mark.parametrize("name", ["mocap", "mocap_ideal"])
+def test_every_place_of_the_experiments_faces_the_person(name):
+    config = load_table(ROOT / f"configs/experiments/{name}.toml", MocapConfig)
+    todo = expand(config, None, ())
+    assert len(todo) == len(config.views) * len(config.standoffs_m) * len(config.speeds_m_s)
+    for place, series in todo.items():
+        settings = dict(setting.split("=", 1) for setting in series.jobs[0].settings)
+        bearing, heading = (float(settings[f"follower.{n}_deg"]) for n in ("bearing", "heading"))
+        assert bearing == config.views[place.view]
+        assert (heading - bearing) % 360.0 == pytest.approx(180.0)
+        assert f"yaw_deg = {heading}" in settings["start"]
+
+
+def test_options_replace_what_the_experiment_has():
+    config = MocapConfig(ROOT / "none.toml", {"back": 180.0, "front": 0.0})
+    assert selected(config, (), (), ()) == config
+    some = selected(config, ["front"], [1.2], [0.8])
+    assert (some.views, some.standoffs_m, some.speeds_m_s) == ({"front": 0.0}, (1.2,), (0.8,))
+    with pytest.raises(ConfigError, match="above"):
+        selected(config, ["above"], (), ())
+
+
+def test_strides_are_laid_over_each_other():
+    progress = np.linspace(0.3, 3.7, 200)
+    phases = np.stack((progress % 1.0, (progress + 0.5) % 1.0), axis=-1)
+    values = np.stack((100.0 * phases[:, 0], 100.0 * phases[:, 1]), axis=-1)
+    values[5:8] = np.nan
+    strides = by_stride(phases, values)
+    assert strides.shape == (5, 51)
+    assert strides[:, 25] == pytest.approx(50.0, abs=1.0)

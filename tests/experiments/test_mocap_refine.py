@@ -1,0 +1,74 @@
+"""The estimator that refines a skeleton, on noise that is known."""
+
+import numpy as np
+import pytest
+from experiments.walks import person, reported
+from mecazen.skeleton import INDEX, SIDES
+from mecazen_experiments.capture import angles
+from mecazen_experiments.refine import LOWER, UPPER, refine, smooth, unswapped
+
+JOINT = {"hip": [0, 3], "knee": [1, 4], "ankle": [2, 5]}
+
+
+def rms(found, truth):
+    errors = angles(found) - angles(truth)
+    return {name: float(np.sqrt(np.mean(errors[:, at] ** 2))) for name, at in JOINT.items()}
+
+
+def swap(joints, rows, names):
+    swapped = joints.copy()
+    for name in names:
+        left, right = (INDEX[f"{side}_{name}"] for side in SIDES)
+        swapped[rows, left], swapped[rows, right] = joints[rows, right], joints[rows, left]
+    return swapped
+
+
+@pytest.fixture(scope="module")
+def walk():
+    t, joints, _ = person()
+    return t, joints
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.3])
+def test_a_perfect_skeleton_stays_as_it_is(speed):
+    t, joints, _ = person(speed)
+    for name, error in rms(refine(reported(t, joints)), joints).items():
+        assert error < 0.5, name
+
+
+def test_errors_become_smaller_by_far_more_than_a_quarter(walk):
+    t, joints = walk
+    random = np.random.default_rng(1)
+    white = random.normal(0.0, 0.015, joints.shape)
+    bias = random.normal(0.0, 0.02, joints.shape[1:])
+    bias[:, 2] *= 0.5
+    seen = reported(t, joints + bias + white, 0.025)
+    raw, refined = rms(seen.joints, joints), rms(refine(seen), joints)
+    for name in JOINT:
+        assert refined[name] < 0.75 * raw[name], name
+
+
+@pytest.mark.parametrize("names", [LOWER, UPPER, LOWER + UPPER])
+def test_swaps_are_undone(walk, names):
+    t, joints = walk
+    noisy = joints + np.random.default_rng(2).normal(0.0, 0.01, joints.shape)
+    wrong = swap(noisy, np.r_[40:52, 120:123], names)
+    assert unswapped(reported(t, wrong, 0.02)).joints == pytest.approx(noisy)
+    assert unswapped(reported(t, noisy, 0.02)).joints == pytest.approx(noisy)
+
+
+def test_frames_without_anybody_are_bridged(walk):
+    t, joints = walk
+    gappy = joints.copy()
+    gappy[60:75] = np.nan
+    seen = reported(t, gappy)
+    assert not np.isnan(smooth(seen)).any()
+    for error in rms(refine(seen), joints).values():
+        assert error < 0.6
+
+
+def test_there_is_nothing_to_refine_of_who_stands_or_is_not_seen(walk):
+    t, joints = walk
+    standing = np.tile(joints[:1], (len(t), 1, 1))
+    assert refine(reported(t, standing)) is None
+    assert refine(reported(t, np.full_like(joints, np.nan))) is None
