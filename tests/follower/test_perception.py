@@ -68,6 +68,13 @@ def test_a_body_whose_trunk_is_out_of_view_is_nowhere():
     assert poses_of([skeleton(Pose2D(), ["pelvis", "spine", "neck"])]) == []
 
 
+def test_a_tracker_that_claims_to_have_no_error_is_taken_at_its_resolution():
+    pose = Pose2D(1.0, 0.0, 0.3)
+    found, covariance = pose_of(skeleton(pose, std=0.0))
+    assert found.distance(pose) < 1e-9
+    assert covariance[0][0] > 0.0
+
+
 def test_noise_of_the_joints_is_no_more_than_the_covariance_says():
     random, pose, std = np.random.default_rng(1), Pose2D(1.0, 0.0, 0.5), 0.02
     errors = []

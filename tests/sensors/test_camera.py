@@ -70,13 +70,10 @@ def test_robot_files_without_an_angle_have_a_level_camera():
     assert (camera.pitch_deg, camera.yaw_deg) == (0.0, 0.0)
 
 
-def test_a_camera_of_a_robot_file_has_a_person_at_its_least_standoff_in_view():
-    head, feet = 1.75 - NEXUS.camera.position_m[2], 0.0 - NEXUS.camera.position_m[2]
-    away = 1.0 - NEXUS.camera.position_m[0]
-    pitch, half = (
-        math.radians(NEXUS.camera.pitch_deg),
-        math.radians(TrackerConfig().vertical_fov_deg / 2),
-    )
-    assert math.atan2(head, away) < pitch + half
-    # but for the last 12 cm at the ground
-    assert math.atan2(feet + 0.12, away) > pitch - half
+def test_the_camera_of_a_robot_file_sees_shoulders_from_1_m_and_feet_from_1_5_m_on():
+    x, _, z = NEXUS.camera.position_m
+    pitch = math.radians(NEXUS.camera.pitch_deg)
+    half = math.radians(TrackerConfig().vertical_fov_deg / 2)
+    shoulders = 0.818 * 1.75  # Winter, after Drillis & Contini
+    assert math.atan2(shoulders - z, 1.0 - x) < pitch + half
+    assert math.atan2(-z, 1.5 - x) > pitch - half

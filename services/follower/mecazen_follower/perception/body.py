@@ -21,6 +21,8 @@ SWAY_STD_M = 0.015
 2004, 4 to 7 cm from side to side."""
 TWIST_STD_RAD = math.radians(4.0)
 """Of pelvis and shoulders about the direction of walking, once a stride and against each other."""
+LEAST_STD_M = 1e-4
+"""A tracker that says it has no error has one of its resolution."""
 PLACE_CORRELATED, HEADING_CORRELATED = 25.0, 25.0
 """So much the variance is larger than that of one frame: most of a tracker's error lasts for
 many, while the filter takes each for a new one. Found by the NEES of the U-track."""
@@ -39,7 +41,7 @@ def pose_of(body: Skeleton) -> tuple[Pose2D, PlanarCovariance] | None:
     seen = [at for at in _TRUNK if body.confidence[at]]
     if not seen:
         return None
-    weights = [1.0 / body.std[at] ** 2 for at in seen]
+    weights = [1.0 / max(body.std[at], LEAST_STD_M) ** 2 for at in seen]
     total = sum(weights)
     x = sum(w * body.joints[at].x for w, at in zip(weights, seen, strict=True)) / total
     y = sum(w * body.joints[at].y for w, at in zip(weights, seen, strict=True)) / total
