@@ -97,10 +97,10 @@ class Malformed:
         return good[:begin] + odd + good[end:]
 
     def _is_refused(self, made: Payload) -> bool:
-        kind = self._kinds[made.key]
+        kind, topic = self._kinds[made.key], keys.topic_of(made.key)
         try:
-            if made.key not in CALLS:
-                decode_sample(Topic(made.key, kind, ""), *made[1:])
+            if topic is not None:
+                decode_sample(topic, *made[1:])
             elif made.payload.strip():  # a query may be empty
                 decode(made.payload, kind)
         except RefusedError:
