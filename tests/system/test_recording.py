@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from harness import SCENARIOS, assert_one_line, mecazen, options
 from mecazen import keys
+from mecazen.config import SensorConfig
 from mecazen.graph import GRAPH
 from mecazen.messages import Empty
 from mecazen_recorder.reader import Recording
@@ -21,7 +22,10 @@ HARD = (
     "target.path.start_after_s=0.5",
 )
 NODES = ("odometry", "controller", "target", "follower")
-EVERY_TICK = {topic.key for row in GRAPH for topic in row.outputs} - {keys.OBSERVATION.key}
+IN_FORCE = [row.within(SensorConfig().features) for row in GRAPH]
+EVERY_TICK = {topic.key for row in IN_FORCE if row for topic in row.outputs} - {
+    keys.OBSERVATION.key
+}
 
 
 def simulate(scenario: str, duration_s: float, *more: object) -> dict[str, object]:

@@ -18,7 +18,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import ROUTER, SECURE_ROUTER, Process, Scenario, join_key
 from mecazen.errors import ConfigError
-from mecazen.graph import OBSERVERS, Row, services
+from mecazen.graph import GRAPH, OBSERVERS, Row, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
 from mecazen.programs import classes, installed_nodes
@@ -193,7 +193,8 @@ def _work(process: str, scenario: Scenario) -> str:
     """Return what a process does, by the nodes of its services."""
     if process == "router":
         return "connects processes and tools"
-    table = services()
+    features = scenario.sensor.features
+    table = services(row for row in GRAPH if row.within(features) is not None)
     rows = [row for part in process.split("+") for row in table.get(part) or (Row(part),)]
     if "+" in process:
         return ", ".join(row.name for row in rows)
