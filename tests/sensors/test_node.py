@@ -54,6 +54,18 @@ def test_a_frame_of_the_tracker_is_of_the_time_at_which_it_was_taken():
     assert frames[8].skeletons == ()
 
 
+def test_a_frame_whose_capture_was_missed_shows_nobody_and_the_next_one_is_right():
+    sensor = Sensor(TrackerNode)
+    missed = {6, 8}  # as by a process that was stopped: 6 takes the frame of 16
+    frames = {
+        tick: sensor.tick(tick).get(keys.SKELETONS)
+        for tick in range(0, 24, 2)
+        if tick not in missed
+    }
+    assert frames[16].skeletons == ()
+    assert frames[20].header.stamp.ns == 100_000_000
+
+
 def test_the_lidar_sees_the_legs_of_the_person_where_they_are():
     scan = Sensor(LidarNode).tick(0)[keys.SCAN]
     # the lidar is 0.13 m behind the robot's middle, the person 1.5 m ahead of it

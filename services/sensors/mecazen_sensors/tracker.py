@@ -119,7 +119,8 @@ class Tracker:
         self._tick_ns = round(tick_s * 1e9)
         self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
         self._latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
-        self._frames: deque[m.Skeletons] = deque()
+        self._frames: deque[tuple[int, m.Skeletons]] = deque()
+        """On their way, with the ticks at which they were taken."""
         frame_s = self._period * tick_s
         self._keep = math.exp(-frame_s / config.drift_time_s)
         self._fresh = math.sqrt(1.0 - self._keep**2)
@@ -153,7 +154,7 @@ class Tracker:
     ) -> m.Skeletons | None:
         """Return the frame that arrives at `tick`; None at ticks without one.
 
-        It is called at every tick, counted from 0.
+        A frame whose capture was missed, or was before the start, shows nobody.
 
         Args:
             tick: The tick.
@@ -162,12 +163,15 @@ class Tracker:
             people: The joints of each person in the world (20, 3) [m], as in the scene.
         """
         if self.captures(tick):
-            self._frames.append(self._capture(tick, scene, robot, people))
+            self._frames.append((tick, self._capture(tick, scene, robot, people)))
         if tick % self._period:
             return None
-        if tick < self._latency:  # taken before the start
-            return m.Skeletons(header=m.Header(frame_id="base_link"))
-        return self._frames.popleft()
+        taken = tick - self._latency
+        while self._frames and self._frames[0][0] < taken:
+            self._frames.popleft()
+        if self._frames and self._frames[0][0] == taken:
+            return self._frames.popleft()[1]
+        return m.Skeletons(header=m.Header(frame_id="base_link"))
 
     def _capture(
         self, tick: int, scene: Scene, robot: Pose2D, people: Sequence[Floats]
