@@ -20,8 +20,10 @@ ENTRYPOINT ["mecazen"]
 
 FROM base AS service-wheel
 ARG SERVICE
+COPY people /people
 COPY services/$SERVICE /src
-RUN pip wheel --no-deps -w /wheels /src
+RUN case $SERVICE in target) pip wheel --no-deps -w /wheels /people; esac && \
+    pip wheel --no-deps -w /wheels /src
 
 FROM sdk AS service
 USER root

@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 HOURS ?= 2
-WORKSPACE := common tools $(SERVICES:%=services/%) experiments bench
+WORKSPACE := common people tools $(SERVICES:%=services/%) experiments bench
 
 # uv where it is present, else pip: the same versions from constraints.txt
 define make_venv
@@ -27,7 +27,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install graph gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-tools test-experiments test-bench test-system test-chaos test-compose soak
+.PHONY: help install graph gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-experiments test-bench test-system test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -49,13 +49,18 @@ install: .venv/ready
 	@$(call make_venv,.venv,$(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
 
 # one service and nothing else: what it does not declare, it does not find
-.venv-%/ready: constraints.txt common/pyproject.toml tools/pyproject.toml services/%/pyproject.toml
+.venv-target/ready: PEOPLE := -e ./people
+.venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml tools/pyproject.toml services/%/pyproject.toml
 	@echo "preparing .venv-$*"
-	@$(call make_venv,.venv-$*,-e ./common -e ./tools -e ./services/$* --group test)
+	@$(call make_venv,.venv-$*,-e ./common $(PEOPLE) -e ./tools -e ./services/$* --group test)
 
 .venv-common/ready: constraints.txt common/pyproject.toml
 	@echo "preparing .venv-common"
 	@$(call make_venv,.venv-common,-e ./common --group test)
+
+.venv-people/ready: constraints.txt common/pyproject.toml people/pyproject.toml
+	@echo "preparing .venv-people"
+	@$(call make_venv,.venv-people,-e ./common -e ./people --group test)
 
 .venv-tools/ready: constraints.txt common/pyproject.toml tools/pyproject.toml
 	@echo "preparing .venv-tools"
@@ -75,9 +80,9 @@ graph: .venv/ready
 picture: .venv/ready drawing
 	@.venv/bin/python docs/make_picture.py
 
-test: test-common test-tools $(SERVICES:%=test-%) test-experiments test-bench test-system
+test: test-common test-people test-tools $(SERVICES:%=test-%) test-experiments test-bench test-system
 
-test-common test-tools $(SERVICES:%=test-%): test-%: .venv-%/ready
+test-common test-people test-tools $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
 
 test-viewer test-system: drawing

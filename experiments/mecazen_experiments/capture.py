@@ -13,7 +13,7 @@ from mecazen.errors import ConfigError
 from mecazen.keys import SKELETONS, TARGET_SKELETON, MessageT, Topic
 from mecazen.loading import load_scenario
 from mecazen.skeleton import JOINTS
-from mecazen_target.body.posture import sagittal_angles
+from mecazen_people.body.posture import sagittal_angles
 from mecazen_tools.simulate import InProcess
 
 from mecazen_experiments.jobs import Job, check_version

@@ -19,8 +19,9 @@ import msgspec
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
-from mecazen_target.config import Recorded, TargetConfig
-from mecazen_target.paths import make_path
+from mecazen_people.config import Recorded
+from mecazen_people.paths import make_path
+from mecazen_target.config import TargetConfig
 from mecazen_tools.simulate import in_lockstep
 
 from mecazen_experiments.config import BaseCase, Case, Settings

@@ -8,8 +8,8 @@ import pytest
 from mecazen.geometry import Pose2D, wrap
 from mecazen_experiments.scores import nees
 from mecazen_follower.estimators import ESTIMATORS, make_params
-from mecazen_target.config import Recorded
-from mecazen_target.paths import make_path
+from mecazen_people.config import Recorded
+from mecazen_people.paths import make_path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PEDESTRIANS = next(

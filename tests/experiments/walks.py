@@ -4,9 +4,9 @@ import numpy as np
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen_experiments.capture import Motion as Reported
-from mecazen_target.body.walker import Walker
-from mecazen_target.config import Body
-from mecazen_target.motion import Motion
+from mecazen_people.body.walker import Walker
+from mecazen_people.config import Body
+from mecazen_people.motion import Motion
 
 RATE_HZ = 25.0
 STRIDE_S = 1.1

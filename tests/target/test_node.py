@@ -12,7 +12,8 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Time, Twist, planar_odometry
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import encode
-from mecazen_target.config import Circle, Driven, Gait, Recorded, Standing, Straight, TargetConfig
+from mecazen_people.config import Circle, Driven, Gait, Recorded, Standing, Straight
+from mecazen_target.config import TargetConfig
 from mecazen_target.node import TargetNode
 
 NEXUS = load_robot()

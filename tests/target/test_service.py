@@ -7,7 +7,8 @@ from mecazen import keys
 from mecazen.config import Scenario, SensorConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Time, Twist, planar_odometry
-from mecazen_target.config import Driven, TargetConfig
+from mecazen_people.config import Driven
+from mecazen_target.config import TargetConfig
 
 NEXT_RUN = 2**32 - 1
 

@@ -17,12 +17,13 @@ from mecazen.keys import (
     Topic,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen_people import config
+from mecazen_people.body.posture import Posture
+from mecazen_people.body.walker import Walker
+from mecazen_people.motion import Driven, Motion, with_gait
+from mecazen_people.paths import make_path, start_pose
 
-from mecazen_target import config
-from mecazen_target.body.posture import Posture
-from mecazen_target.body.walker import Walker
-from mecazen_target.motion import Driven, Motion, with_gait
-from mecazen_target.paths import make_path, start_pose
+from mecazen_target.config import TargetConfig
 from mecazen_target.sensor import Frame, Sensor
 
 
@@ -33,7 +34,7 @@ class TargetNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.section(config.TargetConfig, "target")
+        self.config = scenario.section(TargetConfig, "target")
         path = self.config.path
         try:
             self.path = None if isinstance(path, config.Driven) else make_path(path)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_target.motion import Driven
+from mecazen_people.motion import Driven
 
 START = Pose2D(1.0, 2.0, math.pi / 2)
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
-from mecazen_target.motion import Motion
-from mecazen_target.spline import Spline, limited_slopes, simpson
+from mecazen_people.motion import Motion
+from mecazen_people.spline import Spline, limited_slopes, simpson
 
 MAX_DURATION_S = 4 * 3600.0
 """Longest track that is read; a longer one is most likely in the wrong unit."""

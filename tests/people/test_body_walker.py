@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen.skeleton import INDEX, LIMBS, PARENTS, SIDES
-from mecazen_target.body.walker import Walker
-from mecazen_target.config import Body, Circle, Standing, Straight, UTrack
-from mecazen_target.motion import Motion
-from target.body import SETTLED_S, drive, joint, slip, walk
+from mecazen_people.body.walker import Walker
+from mecazen_people.config import Body, Circle, Standing, Straight, UTrack
+from mecazen_people.motion import Motion
+from people.walks import SETTLED_S, drive, joint, slip, walk
 
 SPEEDS = (0.4, 0.8, 1.3, 1.6)
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
-from mecazen_target.body.lookup import SLOWEST, Lookup
-from mecazen_target.body.norm import TABLE, read_norm
-from mecazen_target.body.posture import Point, Posture, sagittal_angles
-from mecazen_target.body.recording import read_recording
-from mecazen_target.body.segments import Segments
-from mecazen_target.body.style import Style, reference
-from mecazen_target.config import Body
-from mecazen_target.motion import Motion
+from mecazen_people.body.lookup import SLOWEST, Lookup
+from mecazen_people.body.norm import TABLE, read_norm
+from mecazen_people.body.posture import Point, Posture, sagittal_angles
+from mecazen_people.body.recording import read_recording
+from mecazen_people.body.segments import Segments
+from mecazen_people.body.style import Style, reference
+from mecazen_people.config import Body
+from mecazen_people.motion import Motion
 
 _LAG_S = 0.08  # of each of two lags in series, of the twist and of the change to standing
 _STILL_M_S, _STILL_RAD_S = 0.01, 0.02  # below both the person stands

@@ -6,7 +6,7 @@ from itertools import accumulate
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen_target.spline import Spline, limited_slopes, natural_slopes
+from mecazen_people.spline import Spline, limited_slopes, natural_slopes
 
 KNOTS = [0.0, 0.5, 2.0, 2.25, 4.0]
 

@@ -15,7 +15,7 @@ from mecazen.errors import ConfigError
 from mecazen.explain import explain
 from mecazen.schema import Finite, Positive, Section
 
-from mecazen_target.spline import Spline, natural_slopes
+from mecazen_people.spline import Spline, natural_slopes
 
 PELVIS_TILT = math.radians(10.0)
 """Forward tilt of the pelvis that hip flexion includes [rad]; 10 ± 2 deg while walking."""

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from mecazen.errors import ConfigError
 
-from mecazen_target.body.files import Array, Track, read
-from mecazen_target.body.norm import PELVIS_TILT, Fourier
-from mecazen_target.body.segments import Segments
-from mecazen_target.body.style import Curves, Reference
+from mecazen_people.body.files import Array, Track, read
+from mecazen_people.body.norm import PELVIS_TILT, Fourier
+from mecazen_people.body.segments import Segments
+from mecazen_people.body.style import Curves, Reference
 
 _NAMES = {
     "hip": ("{}Hip", "{}UpLeg", "{}.HJC", "{}HJC", "{}FEP"),

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from mecazen.geometry import Pose2D, Twist2D
 
-from mecazen_target.config import Gait
+from mecazen_people.config import Gait
 
 
 class Motion(NamedTuple):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mecazen_target.body.cycle import SAMPLES, Swings, solve
-from mecazen_target.body.segments import Segments
-from mecazen_target.body.style import Style
+from mecazen_people.body.cycle import SAMPLES, Swings, solve
+from mecazen_people.body.segments import Segments
+from mecazen_people.body.style import Style
 
 SLOWEST, FASTEST, _STEP = 0.2, 2.0, 0.2  # [m/s]
 

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.geometry import Twist2D, wrap
-from mecazen_target.config import Gait, Recorded
-from mecazen_target.paths import make_path
-from mecazen_target.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
-from target.differences import differences
+from mecazen_people.config import Gait, Recorded
+from mecazen_people.paths import make_path
+from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
+from people.differences import differences
 
 REPOSITORY = Path(__file__).parents[2]
 WALKS = REPOSITORY / "configs" / "walks"

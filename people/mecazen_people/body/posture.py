@@ -10,7 +10,7 @@ import numpy as np
 from mecazen.skeleton import INDEX
 from numpy.typing import NDArray
 
-from mecazen_target.body.norm import PELVIS_TILT
+from mecazen_people.body.norm import PELVIS_TILT
 
 Point = tuple[float, float, float]
 

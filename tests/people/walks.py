@@ -5,8 +5,8 @@ import math
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_target.motion import Driven
-from mecazen_target.paths import make_path
+from mecazen_people.motion import Driven
+from mecazen_people.paths import make_path
 
 SETTLED_S = 6.0
 """After which a walk that began at once is steady: lags of 0.08 s have died out to rounding."""

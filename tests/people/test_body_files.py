@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mecazen.errors import ConfigError
 from mecazen.skeleton import SIDES
-from mecazen_target.body.files import read
-from mecazen_target.body.recording import read_recording
-from mecazen_target.body.segments import Segments
-from mecazen_target.body.walker import Walker
-from mecazen_target.config import Body, Straight
-from target.body import curve_errors, joint, slip, walk
+from mecazen_people.body.files import read
+from mecazen_people.body.recording import read_recording
+from mecazen_people.body.segments import Segments
+from mecazen_people.body.walker import Walker
+from mecazen_people.config import Body, Straight
+from people.walks import curve_errors, joint, slip, walk
 
 MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"
 needs_recordings = pytest.mark.skipif(not MOCAP.is_dir(), reason=f"no recordings in {MOCAP}")

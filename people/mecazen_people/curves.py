@@ -14,7 +14,7 @@ from typing import Protocol
 
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
-from mecazen_target.spline import Spline, natural_slopes, simpson
+from mecazen_people.spline import Spline, natural_slopes, simpson
 
 
 class Curve(Protocol):

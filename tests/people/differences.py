@@ -1,7 +1,7 @@
 """What the tests of paths share: twists and speeds by differences."""
 
 from mecazen.geometry import Twist2D
-from mecazen_target.motion import with_gait
+from mecazen_people.motion import with_gait
 
 
 def differences(path, gait, t, dt):

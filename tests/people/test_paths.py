@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_target.config import (
+from mecazen_people.config import (
     Circle,
     Driven,
     FigureOfEight,
     Gait,
     Standing,
     Straight,
-    TargetConfig,
     UTrack,
+    Walk,
     Waypoints,
 )
-from mecazen_target.paths import make_path
-from target.differences import differences
+from mecazen_people.paths import make_path
+from people.differences import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
 PATHS = {
@@ -184,11 +184,4 @@ def test_any_waypoints_are_walked_at_constant_speed_or_refused(points):
 )
 def test_path_config_is_strict(table, message):
     with pytest.raises(msgspec.ValidationError, match=message):
-        msgspec.convert({"path": table}, TargetConfig)
-
-
-def test_config_takes_each_kind_and_defaults_to_the_u_track():
-    assert TargetConfig().path == UTrack()
-    assert TargetConfig().gait is None
-    config = msgspec.convert({"path": {"kind": "driven"}, "gait": {}}, TargetConfig)
-    assert config == TargetConfig(path=Driven(), gait=Gait())
+        msgspec.convert(table, Walk | Driven)

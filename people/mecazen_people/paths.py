@@ -6,10 +6,10 @@ import math
 
 from mecazen.geometry import Pose2D, Twist2D
 
-from mecazen_target import config
-from mecazen_target.curves import Arcs, Curve, Lemniscate, SmoothCurve
-from mecazen_target.motion import Motion, Path
-from mecazen_target.recorded import Track, read_track
+from mecazen_people import config
+from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
+from mecazen_people.motion import Motion, Path
+from mecazen_people.recorded import Track, read_track
 
 
 class SteadyWalk:

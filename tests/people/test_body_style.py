@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from mecazen.errors import ConfigError
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_target.body.norm import TABLE, read_norm
-from mecazen_target.body.walker import Walker
-from mecazen_target.config import Body, Limp, Shuffle, StiffKnee, Straight, TargetConfig
-from target.body import SETTLED_S, slip, walk
+from mecazen_people.body.norm import TABLE, read_norm
+from mecazen_people.body.walker import Walker
+from mecazen_people.config import Body, Limp, Shuffle, StiffKnee, Straight
+from people.walks import SETTLED_S, slip, walk
 
 
 def footfalls(postures, dt=0.01):
@@ -114,17 +114,12 @@ def test_bad_table_is_refused_in_one_line(tmp_path: Path, old, new, told):
     assert "\n" not in str(error.value)
 
 
-def test_a_person_of_whom_the_scenario_says_nothing_walks_as_healthy_people_do():
-    assert TargetConfig().body == Body()
-    assert msgspec.convert({"body": {}}, TargetConfig).body == Body()
-
-
 @pytest.mark.parametrize(
     "table", [{"height_m": 3.0}, {"rate_hz": 5.0}, {"limp": {"side": "both"}}, {"shufle": {}}]
 )
 def test_body_outside_of_its_ranges_is_refused(table):
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({"body": table}, TargetConfig)
+        msgspec.convert(table, Body)
 
 
 def test_missing_table_is_refused(tmp_path: Path):

@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mecazen_target.body.norm import PELVIS_TILT, Factors, Fourier
-from mecazen_target.body.segments import Segments
-from mecazen_target.body.style import Style
+from mecazen_people.body.norm import PELVIS_TILT, Factors, Fourier
+from mecazen_people.body.segments import Segments
+from mecazen_people.body.style import Style
 
 SAMPLES = 100
 """Of the pelvis over the cycle; of a leg over its stance, and as many over its swing."""

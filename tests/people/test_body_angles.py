@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mecazen_target.body.norm import TABLE, read_norm
-from mecazen_target.body.recording import read_recording
-from mecazen_target.body.segments import Segments
-from mecazen_target.body.walker import Walker
-from mecazen_target.config import Body, Straight
-from target.body import angles, curve_errors, drive, walk
+from mecazen_people.body.norm import TABLE, read_norm
+from mecazen_people.body.recording import read_recording
+from mecazen_people.body.segments import Segments
+from mecazen_people.body.walker import Walker
+from mecazen_people.config import Body, Straight
+from people.walks import angles, curve_errors, drive, walk
 
 MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"
 

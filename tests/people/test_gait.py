@@ -4,9 +4,9 @@ import math
 
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_target.config import Gait, Standing, Straight
-from mecazen_target.motion import Motion, with_gait
-from mecazen_target.paths import make_path
+from mecazen_people.config import Gait, Standing, Straight
+from mecazen_people.motion import Motion, with_gait
+from mecazen_people.paths import make_path
 
 GAIT = Gait(sway_m=0.03, speed_ripple=0.1, step_length_m=0.5)
 

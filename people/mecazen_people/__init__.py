@@ -1,0 +1,1 @@
+"""People: their paths, how they move, and their bodies."""

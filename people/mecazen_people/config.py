@@ -1,0 +1,150 @@
+"""What a scenario says of a person: path, gait and body.
+
+Every path starts at the pose `x_m`, `y_m`, `yaw_deg` in the world; its own coordinates
+(waypoints, a recorded track) are in the frame of that pose.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path  # msgspec reads the annotations when the program runs
+from typing import Annotated, Literal
+
+import msgspec
+from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
+
+Turn = Literal["left", "right"]
+
+
+class _Path(Section, tag_field="kind"):
+    x_m: Finite = 0.0
+    y_m: Finite = 0.0
+    yaw_deg: AngleDeg = 0.0
+
+
+class _Walk(_Path):
+    start_after_s: NonNegative = 0.0
+    """Time before the person sets off [s]."""
+
+
+class SteadyWalk(_Walk):
+    """A curve at constant speed."""
+
+    speed_m_s: Positive = 0.2
+
+
+class UTrack(SteadyWalk, tag="u_track"):
+    """A straight, a half circle of radius `speed_m_s / yaw_rate_rad_s`, a straight.
+
+    The defaults are those of "A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view
+    and Self-Following Motion Capture", section IV.B; the paper does not give the length.
+    """
+
+    length_m: Positive = 5.0
+    """Of each straight."""
+    yaw_rate_rad_s: Positive = 0.1
+    """On the half circle."""
+    turn: Turn = "left"
+    """Side to which the half circle turns."""
+
+
+class Straight(SteadyWalk, tag="straight"):
+    """A straight line; the person stands at its end."""
+
+    length_m: Positive = 10.0
+
+
+class Circle(SteadyWalk, tag="circle"):
+    """An endless circle through the start."""
+
+    radius_m: Positive = 2.0
+    turn: Turn = "left"
+    """Side on which the circle's centre lies."""
+
+
+class FigureOfEight(SteadyWalk, tag="figure_of_eight"):
+    """An endless lemniscate of Bernoulli that starts at its crossing."""
+
+    length_m: Positive = 6.0
+    """Distance between the far ends of the two loops [m], whose radius there is `length_m / 6`."""
+    turn: Turn = "left"
+    """Side to which the first loop turns."""
+
+
+class Waypoints(SteadyWalk, tag="waypoints", kw_only=True):
+    """A smooth curve through points; the person stands at the last."""
+
+    points_m: Annotated[
+        tuple[tuple[Finite, Finite], ...], msgspec.Meta(min_length=2, max_length=1000)
+    ]
+    """Points [x, y] in the frame of the start pose [m]; the person starts at the first."""
+
+
+class Standing(_Path, tag="standing"):
+    """The person stands at the start."""
+
+
+class Recorded(_Walk, tag="recorded", kw_only=True):
+    """A recorded track, transformed so that it starts at the start pose."""
+
+    file: Path
+    """CSV with the columns `t_s`, `x_m`, `y_m`; relative to the scenario's folder."""
+
+
+class Driven(_Path, tag="driven"):
+    """The person moves with the twists on `target/cmd_vel`."""
+
+    timeout_s: Positive = 0.5
+    """Time without a command after which the person stops [s]."""
+
+
+Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded
+"""A path known in advance, unlike `Driven`."""
+
+
+class Gait(Section):
+    """Gait oscillation of the pelvis; sources in `mecazen_people.motion`."""
+
+    sway_m: Annotated[float, msgspec.Meta(ge=0.0, le=0.2)] = 0.025
+    """Amplitude of the lateral sway [m]."""
+    speed_ripple: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.1
+    """Amplitude of the forward speed oscillation, relative to the speed."""
+    step_length_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.6
+    """Step length [m]; typically 0.3 at 0.2 m/s and 0.7 at 1.3 m/s."""
+
+
+class Limp(Section):
+    """One leg is spared: it stands for a shorter time, and its step is longer."""
+
+    side: Turn = "right"
+    stance_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.12)] = 0.06
+    """Difference of the stance shares, the other leg's minus the affected one's."""
+    step_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.4)] = 0.15
+    """Difference of the step lengths, the affected leg's minus the other's, over their mean."""
+
+
+class StiffKnee(Section):
+    """The knee flexes less in swing."""
+
+    side: Literal["left", "right", "both"] = "both"
+    flexion: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.5
+    """Share that is left of the flexion above 15 deg."""
+
+
+class Shuffle(Section):
+    """Short steps at a high cadence."""
+
+    step_length: Annotated[float, msgspec.Meta(ge=0.3, le=1.0)] = 0.5
+    """Relative to healthy people's at the same speed."""
+
+
+class Body(Section):
+    """The person's body and how it walks; `mecazen_people.body`."""
+
+    height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
+    limp: Limp | None = None
+    stiff_knee: StiffKnee | None = None
+    shuffle: Shuffle | None = None
+    motion_file: Path | None = None
+    """Recorded walk (.bvh, .c3d, .mot, .trc) whose cycle replaces the normative curves."""
+    factors_file: Path | None = None
+    """Table in the form of `body/norm.toml` that replaces it."""
