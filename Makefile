@@ -49,7 +49,7 @@ install: .venv/ready
 	@$(call make_venv,.venv,$(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
 
 # one service and nothing else: what it does not declare, it does not find
-.venv-target/ready: PEOPLE := -e ./people
+.venv-target/ready .venv-crowd/ready: PEOPLE := -e ./people
 .venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml tools/pyproject.toml services/%/pyproject.toml
 	@echo "preparing .venv-$*"
 	@$(call make_venv,.venv-$*,-e ./common $(PEOPLE) -e ./tools -e ./services/$* --group test)

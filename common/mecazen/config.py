@@ -38,6 +38,8 @@ LIVELINESS = "mecazen"
 
 RESERVED = ("sections", "others")
 """Fields that are no keys of a file: they hold sections by name."""
+FLEET = "fleet"
+"""A field that is no key of a file either: the others, for who sees the part of one robot."""
 
 
 class SimConfig(Section):
@@ -201,6 +203,15 @@ class Process(NamedTuple):
         return join_key("+".join(self.services), self.robot)
 
 
+class Fleet(NamedTuple):
+    """Whose part of a scenario it is, of several robots."""
+
+    name: str = ""
+    """The robot's; of a single one, empty."""
+    robots: dict[str, Robot] = {}  # noqa: RUF012 - never changed
+    """All of them."""
+
+
 class Scenario(Section):
     """A whole scenario: the robot, who takes part, and every setting."""
 
@@ -227,6 +238,8 @@ class Scenario(Section):
     """The sections of the services that are installed here, by name."""
     others: dict[str, Any] = msgspec.field(default_factory=dict)
     """Sections of known services that are not installed here, as they were given."""
+    fleet: Fleet = Fleet()
+    """Not a key of a file; see `of`."""
 
     def __post_init__(self) -> None:
         if abs(self.sim.tick_s * 1e9 - self.sim.tick_ns) > 1e-3:
@@ -338,6 +351,7 @@ class Scenario(Section):
                     sensor=robot.sensor or self.sensor,
                     bus=self.bus.within(name),
                     robots=(),
+                    fleet=Fleet(name, {one.name: one.robot or self.robot for one in self.robots}),
                     sections={**self.sections, **robot.sections},
                     others={**self.others, **robot.others},
                 )

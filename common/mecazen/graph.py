@@ -123,6 +123,17 @@ class Row:
             rates={key: rate for key, rate in self.rates.items() if key not in left_out},
         )
 
+    def beside(self, robots: Iterable[str]) -> Row:
+        """Return it with its inputs of each of several robots, where there is one for all."""
+        return replace(
+            self,
+            inputs=tuple(
+                replace(i, topic=keys.of_robot(i.topic, robot))
+                for i in self.inputs
+                for robot in (("",) if i.topic is keys.CLOCK else robots)
+            ),
+        )
+
     def feature(self, key: str) -> str:
         """Return the feature without which it does not give an output; "" where it always does."""
         return self.offers.get(key, self.needs)
@@ -166,7 +177,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "physics",
         "the world: robots with all their rollers",
-        inputs=(every(keys.JOINT_COMMAND), every(keys.TARGET_ODOM)),
+        inputs=(every(keys.JOINT_COMMAND), every(keys.TARGET_ODOM), due(keys.PEOPLE)),
         outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH),
         calls=(keys.ROBOT_DESCRIPTION,),
         shared=True,
@@ -202,9 +213,23 @@ GRAPH: tuple[Row, ...] = (
         priority=2,
     ),
     Row(
+        "crowd",
+        "other people, and where everybody is",
+        inputs=(
+            every(keys.CLOCK),
+            every(keys.GROUND_TRUTH),
+            due(keys.TARGET_ODOM),
+            due(keys.TARGET_SKELETON),
+        ),
+        outputs=(keys.PEOPLE,),
+        rates={keys.PEOPLE.key: "sensors.skeleton_rate_hz"},
+        shared=True,
+        priority=2,
+    ),
+    Row(
         "lidar",
         "scans the surroundings at the height of ankles",
-        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH)),
+        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=(keys.SCAN,),
         rates={keys.SCAN.key: "sensors.lidar.rate_hz"},
         service="sensors",
@@ -214,7 +239,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "tracker",
         "sees the joints of people, as a depth camera with a body-tracking SDK",
-        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH)),
+        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=(keys.SKELETONS,),
         rates={keys.SKELETONS.key: "sensors.tracker.rate_hz"},
         service="sensors",
@@ -224,7 +249,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "depth",
         "takes depth pictures",
-        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH)),
+        inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=(keys.DEPTH, keys.CAMERA_INFO),
         rates={
             keys.DEPTH.key: "sensors.depth.rate_hz",
@@ -288,6 +313,8 @@ GRAPH: tuple[Row, ...] = (
     ),
 )
 
+CROWD = "crowd"
+"""The service that takes part where others walk, or several robots see each other."""
 COLLECTOR = "collector"
 """The service that writes down a distributed run; a run begins when it is there."""
 
@@ -313,12 +340,17 @@ SHARED = tuple(name for name, rows in services().items() if rows[0].shared)
 class Graph:
     """The nodes of a scenario.
 
+    Args:
+        rows: Their rows.
+        robots: The robots' names, where there are several.
+
     Raises:
         ConfigError: Two nodes give the same topic, or answer the same query.
     """
 
-    def __init__(self, rows: Iterable[Row]) -> None:
+    def __init__(self, rows: Iterable[Row], robots: Iterable[str] = ()) -> None:
         self.rows = tuple(rows)
+        self._robots = frozenset(robots) - {""}
         self._rows = {row.name: row for row in self.rows}
         self._givers: dict[str, Row] = {}
         for row in self.rows:
@@ -368,14 +400,20 @@ class Graph:
         return tuple(replace(i, rule=rule(i)) for i in row.inputs)
 
     def giver(self, key: str) -> Row | None:
-        """Return the node that gives a topic or answers a query, by its key."""
-        return self._givers.get(key)
+        """Return the node that gives a topic or answers a query, by its key.
+
+        The key may have the name of one of several robots before it.
+        """
+        robot, _, rest = key.partition("/")
+        return self._givers.get(rest if robot in self._robots else key)
 
     def rate(self, key: str, seen: frozenset[str] = frozenset()) -> str | float | None:
         """Return the rate of a topic [Hz] or its configuration key; None: it comes every tick.
 
         A node that names no rate for what it gives, gives it as often as its own inputs come.
         """
+        robot, _, rest = key.partition("/")
+        key = rest if robot in self._robots else key
         row = self.giver(key)
         if row is None or key in seen:
             return None

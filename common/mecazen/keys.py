@@ -5,7 +5,8 @@ No key has a leading slash. A robot of several has its namespace before its keys
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Generic, TypeVar
 
 from mecazen import messages as m
@@ -25,6 +26,8 @@ class Topic(Generic[MessageT]):
     meaning: str
     open: bool = False
     """Whether anyone may publish on it, besides the node that does."""
+    shared: bool = False
+    """Whether there is one for all robots: it is in no robot's namespace."""
     max_bytes: int = MAX_SAMPLE_BYTES
     """A longer sample is refused unread."""
 
@@ -55,6 +58,13 @@ TARGET_CMD_VEL = Topic(
 TARGET_ODOM = Topic("target/odom", m.Odometry, "the person's true pose, in world")
 TARGET_SKELETON = Topic("target/skeleton", m.Skeleton, "the person's true joints, in world")
 OBSERVATION = Topic("target/observation", m.Observation, "the person as the robot perceives them")
+PEOPLE = Topic(
+    "people",
+    m.People,
+    "everybody in the world, truly, with all robots",
+    shared=True,
+    max_bytes=MAX_PAYLOAD_BYTES,
+)
 SCAN = Topic("scan", m.LaserScan, "the lidar's ranges")
 SKELETONS = Topic("skeleton/observation", m.Skeletons, "the bodies that the tracker sees")
 LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the scan")
@@ -75,6 +85,7 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     TARGET_CMD_VEL,
     TARGET_ODOM,
     TARGET_SKELETON,
+    PEOPLE,
     SCAN,
     SKELETONS,
     LEGS,
@@ -114,6 +125,12 @@ CALLS: tuple[Call[m.Message, m.Message], ...] = (
     SIM_SPEED,
     SET_ODOMETRY,
 )  # type: ignore[assignment]
+
+
+@cache
+def of_robot(topic: Topic[MessageT], robot: str) -> Topic[MessageT]:
+    """Return a robot's topic as those see it who are in no robot's namespace; always the same."""
+    return replace(topic, key=f"{robot}/{topic.key}") if robot else topic
 
 
 def diagnostics(service: str) -> Topic[m.DiagnosticArray]:

@@ -78,6 +78,12 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
     ),
     m.Skeleton: (_JOINTS, _DEVIATIONS),
     m.Skeletons: (_each("skeletons", _JOINTS), _each("skeletons", _DEVIATIONS)),
+    m.People: (
+        _each("persons", _position("pose.")),
+        *(_each("persons", of) for of in _twist("twist.", FASTEST_PERSON, FASTEST_PERSON)),
+        _each("persons", _JOINTS),
+        _each("robots", _position("pose.")),
+    ),
     m.FollowerState: (
         _each("estimate", _position("pose.pose.")),
         _each("goal", _position("")),

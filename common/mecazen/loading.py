@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 import tomli_w
 
-from mecazen.config import RESERVED, BusConfig, Scenario, features
+from mecazen.config import FLEET, RESERVED, BusConfig, Scenario, features
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
-from mecazen.graph import COLLECTOR, GRAPH, SERVICES, SHARED, TABLE
+from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
 from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
@@ -167,16 +167,19 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
 
 
 def _take_sensors(raw: dict[str, Any]) -> None:
-    """Have the services take part that the kind of sensor needs.
+    """Have the services take part that the kind of sensor needs, and the crowd where it is needed.
 
+    It is where others walk, or where several robots look at each other and at each other's persons.
     What is wrong with the types is said when they are converted.
     """
-    sensor, listed = raw.get("sensor"), raw.get("services", Scenario.__struct_defaults__[0])
+    sensor, listed = raw.get("sensor", {}), raw.get("services", Scenario.__struct_defaults__[0])
     if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
         return
     also = sensor.get("also", ())
     wanted = features(str(sensor.get("kind")), map(str, also) if isinstance(also, list) else ())
     needed = dict.fromkeys(row.part_of for row in GRAPH if row.needs in wanted)
+    if raw.get(CROWD) or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
+        needed[CROWD] = None
     raw["services"] = [*listed, *(name for name in needed if name not in listed)]
 
 
@@ -205,7 +208,7 @@ def _own_sections(raw: dict[str, Any]) -> dict[str, type[Section]]:
 
 
 def _refuse_reserved(table: dict[str, Any], path: Path) -> None:
-    for name in RESERVED:
+    for name in (*RESERVED, FLEET):
         if name in table:
             raise ConfigError(f"{path}: unknown key '{name}'")
 
@@ -267,6 +270,7 @@ def load_table(path: Path, kind: type[SectionT]) -> SectionT:
 def effective(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain tables that load to the same scenario again."""
     tables = msgspec.to_builtins(scenario, enc_hook=str)
+    del tables[FLEET]
     for tables_of in (tables, *tables["robots"]):
         for name in RESERVED:
             tables_of.update(tables_of.pop(name))

@@ -289,6 +289,38 @@ class Skeletons(Message):
     skeletons: tuple[Skeleton, ...] = ()
 
 
+class Person(Message):
+    """Where somebody truly is, in the frame of a `People`."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Person"
+    id: str = ""
+    pose: Pose = Pose()
+    twist: Twist = Twist()
+    """In the person's own frame: x forward, y left."""
+    height: Float = 0.0
+    """Of the body [m]; 0 where it is not known."""
+    joints: tuple[Point, ...] = ()
+    """In the order of `mecazen.skeleton.JOINTS`; empty where no sensor looks at them."""
+
+
+class NamedPose(Message):
+    """Where the robot of a name truly is."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/NamedPose"
+    name: str = ""
+    pose: Pose = Pose()
+
+
+class People(Message):
+    """Everybody in the world: the persons that robots follow, all others, and the robots."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/People"
+    header: Header = Header()
+    persons: tuple[Person, ...] = ()
+    """First those whom robots follow, by the robots' names ("target" of a single one)."""
+    robots: tuple[NamedPose, ...] = ()
+
+
 class KeyValue(Message):
     """A named value."""
 

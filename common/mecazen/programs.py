@@ -119,7 +119,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
             within = placed.within(features)
             if within is not None:
                 rows.append(within)
-    found = Graph(rows)
+    found = Graph(rows, scenario.names)
     names = {row.name for row in rows}
     for row in rows:
         for key in (i.topic.key for i in row.inputs if i.rule != "latest"):

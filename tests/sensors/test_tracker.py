@@ -40,7 +40,7 @@ class Watch:
         self.scene = Scene(WorldConfig(obstacles=obstacles), [NEXUS], people)
         self.scene.place_robot(0, robot)
         self.config = TrackerConfig(**settings)
-        self.tracker = Tracker(self.config, MOUNT, seed, TICK_S, people=people)
+        self.tracker = Tracker(self.config, MOUNT, seed, TICK_S)
 
     def step(self, *people):
         for number, joints in enumerate(people):

@@ -41,6 +41,7 @@ MAY_PUT: dict[str, set[str]] = {
     "physics": {"clock", "joint_states", "ground_truth/odom"},
     "controller": {"joint_command", "odom"},
     "target": {"target/odom", "target/skeleton", "target/observation"},
+    "crowd": {"people"},
     "sensors": {"scan", "skeleton/observation", "camera/depth", "camera/camera_info"},
     "follower": {"cmd_vel", "follower/state", "target/observation", "legs/observation"},
     "viewer": set(),

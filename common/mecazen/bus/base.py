@@ -206,8 +206,12 @@ class Bus(ABC):
             self._last_report[key] = now
             logger.warning("msg=refused key=%s count=%d reason=%r", key, self.refused[key], reason)
 
+    def _whole_key(self, topic: Topic[Any]) -> str:
+        """Return a topic's key with the namespace, which those that robots share are not in."""
+        return topic.key if topic.shared else self._prefix + topic.key
+
     def _subscribers_of(self, topic: Topic[MessageT]) -> Subscribers[MessageT]:
-        return self._subscribers.setdefault(self._prefix + topic.key, Subscribers(topic))
+        return self._subscribers.setdefault(self._whole_key(topic), Subscribers(topic))
 
     def _deliver_bytes(
         self, key: str, payload: bytes, encoding: str, attachment: bytes | None

@@ -76,7 +76,7 @@ class ZenohBus(Bus):
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic."""
         publisher = self._session.declare_publisher(
-            self._prefix + topic.key,
+            self._whole_key(topic),
             encoding=ENCODINGS[self._format],
             congestion_control=self._congestion,
         )
@@ -92,7 +92,7 @@ class ZenohBus(Bus):
         with `every` share another.
         """
         self._subscribers_of(topic).handlers.append(handler)
-        handlers = self._heard.setdefault((self._prefix + topic.key, every), [])
+        handlers = self._heard.setdefault((self._whole_key(topic), every), [])
         handlers.append(handler)
         if len(handlers) == 1:
             self._hear(topic, handlers, every=every)
@@ -101,7 +101,7 @@ class ZenohBus(Bus):
         self, topic: Topic[MessageT], handlers: list[Handler[MessageT]], *, every: bool
     ) -> None:
         """Subscribe to what other processes publish on a topic."""
-        key = self._prefix + topic.key
+        key = self._whole_key(topic)
         refuse = partial(self._refusals.add, key)
 
         def decoded(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
@@ -138,7 +138,7 @@ class ZenohBus(Bus):
             keep = Backlog(self._queue, take, BACKLOG_BYTES, full).receive
         else:
             keep = Inbox(self._queue, take, is_good).receive
-        self._declare_subscriber(topic.key, receive, zenoh.Locality.REMOTE)
+        self._declare_subscriber(key, receive, zenoh.Locality.REMOTE)
 
     def subscribe_bytes(
         self,
@@ -158,14 +158,14 @@ class ZenohBus(Bus):
         reason = f"more than {backlog_bytes:.0f} bytes wait"
         full = partial(self._refusals.add, self._prefix + key, reason)
         keep = Backlog(self._queue, take, backlog_bytes, full).receive
-        self._declare_subscriber(key, keep, zenoh.Locality.ANY)
+        self._declare_subscriber(self._prefix + key, keep, zenoh.Locality.ANY)
 
     def _declare_subscriber(
         self, key: str, keep: Callable[[zenoh.Sample], None], origin: zenoh.Locality
     ) -> None:
         handler = direct(self._pause.after(keep))
         try:
-            self._session.declare_subscriber(self._prefix + key, handler, allowed_origin=origin)
+            self._session.declare_subscriber(key, handler, allowed_origin=origin)
         except zenoh.ZError as error:
             raise BusError(f"{key!r} is not a key expression: {reason_of(error)}") from None
 

@@ -25,7 +25,7 @@ class Link:
         name: The robot's; of a single one, empty.
         clock: Whose runs and ticks it takes part in.
         row: What the world takes and gives.
-        graph: The nodes of the scenario: inputs that one of them gives are awaited every tick.
+        graph: The nodes of the scenario: inputs that one of them gives are awaited when due.
         world: Whose robot it is.
         pending: The answers that are still to come, of all links.
     """
@@ -42,16 +42,23 @@ class Link:
         self.name = name
         self.bus = clock.bus.namespaced(name)
         lockstep = clock.scenario.sim.mode == "lockstep"
+        # of several robots the first one takes what they share
+        taken = [i for i in row.inputs if not i.topic.shared or name == clock.scenario.names[0]]
         self._givers = {
             i.topic: giver.part_of
-            for i in row.inputs
-            if i.rule == "every" and (giver := graph.giver(i.topic.key)) is not None
+            for i in taken
+            if i.rule != "latest" and (giver := graph.giver(i.topic.key)) is not None
         }
+        self._periods_ns = dict.fromkeys(self._givers, clock.tick_ns)
+        for i in taken:
+            if i.rule == "due":
+                ticks = clock.scenario.ticks_per(graph.rate(i.topic.key))
+                self._periods_ns[i.topic] = ticks * clock.tick_ns
         self._pending = pending
         self._clock = self.bus.publisher(CLOCK)
         self._publishers = {topic: self.bus.publisher(topic) for topic in row.outputs}
         self._samples: dict[Topic[Any], Message] = {}
-        for given in row.inputs:
+        for given in taken:
             topic = given.topic
             only_stamped = lockstep and topic in self._givers
             clock.subscribe(
@@ -72,7 +79,11 @@ class Link:
         """Await the answers to a tick."""
         self.stamp = Stamp(stamp.time_ns, stamp.run, self._seed)
         self._samples = {}
-        self._pending.update((self.name, topic) for topic in self._givers)
+        self._pending.update(
+            (self.name, topic)
+            for topic in self._givers
+            if stamp.time_ns % self._periods_ns[topic] == 0
+        )
 
     @property
     def awaits(self) -> bool:

@@ -57,6 +57,8 @@ class Participant:
         self._early: deque[tuple[Handler[Any], Any, Stamp]] = deque(maxlen=EARLY_AT_MOST)
         """Samples of other runs than this one, on topics that begin none."""
         self._heard: dict[str, _Heard] = {}
+        self._of_robots: set[Topic[Any]] = set()
+        """Topics of one of several robots, where this is of all."""
         self._reported = self.stamp
         self._diagnostics = bus.publisher(keys.diagnostics(name))
 
@@ -86,11 +88,12 @@ class Participant:
         """Deliver the samples of a topic that belong to this run, or have no stamp.
 
         The first sample of a new run resets the participant before it is delivered; not on a
-        topic that anyone publishes on: there it is kept until the run begins. With the name of
+        topic that anyone publishes on, nor between what is of one robot and what is of all, which
+        have other seeds: there it is kept until the run begins. With the name of
         a `robot` it is that robot's topic.
         """
         heard = self._heard.setdefault(join_key(topic.key, robot), _Heard())
-        advances_clock = not topic.open
+        advances_clock = not topic.open and not topic.shared and topic not in self._of_robots
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             # within a process all samples of a tick have the same stamp: most are known at once

@@ -9,7 +9,7 @@ from typing import Any
 from mecazen.bus import Bus, Publisher, Reply
 from mecazen.config import Scenario
 from mecazen.graph import Graph
-from mecazen.keys import Call, Topic
+from mecazen.keys import CLOCK, Call, Topic
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Tick
 from mecazen.runtime.join import Joined, make_join
@@ -42,6 +42,8 @@ class Service(Participant):
     ) -> None:
         super().__init__(name, bus, scenario)
         self.nodes = [_Stepped(part, kind, self, graph) for part, kind in kinds.items()]
+        if scenario.robots:
+            self._of_robots = {i.topic for node in self.nodes for i in node.row.inputs} - {CLOCK}
         takers: dict[Topic[Any], list[_Stepped]] = {}
         for node in self.nodes:
             for given in node.row.inputs:
@@ -97,7 +99,8 @@ class _Stepped:
 
     def __init__(self, name: str, kind: type[Node], service: Service, graph: Graph) -> None:
         scenario = service.scenario
-        self.row = row = graph.row(name)
+        row = graph.row(name)
+        self.row = row = row.beside(scenario.names) if scenario.robots else row
         self._is_own = name in scenario.programs
         make = partial(kind, scenario)
         self.node = guarded(name, make) if self._is_own else make()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, wrap
@@ -68,6 +69,13 @@ class Walker:
         self.style = Style(body, norm.factors, gait)
         self._gait = Lookup(self.style, self.segments)
         self.reset(Motion(Pose2D()))
+
+    def twin(self) -> Walker:
+        """Return somebody else of the same body: the gait is found once."""
+        twin = copy(self)
+        twin._gait = copy(self._gait)
+        twin.reset(Motion(Pose2D()))
+        return twin
 
     def reset(self, motion: Motion) -> Posture:
         """Stand at the pose of `motion` and return the posture."""

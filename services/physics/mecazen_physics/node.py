@@ -15,6 +15,7 @@ from mecazen.keys import (
     GROUND_TRUTH,
     JOINT_COMMAND,
     JOINT_STATES,
+    PEOPLE,
     ROBOT_DESCRIPTION,
     TARGET_ODOM,
     Call,
@@ -24,6 +25,7 @@ from mecazen.messages import (
     JointState,
     Message,
     Odometry,
+    Person,
     Point,
     Pose,
     PoseWithCovariance,
@@ -57,11 +59,16 @@ class PhysicsWorld(World):
         self.config = scenario.section(PhysicsConfig, "physics")
         self.steps_per_tick = _steps(scenario.sim.tick_s, self.config.dt_s)
         self.parts = {name: scenario.of(name) for name in scenario.names}
+        self.followed = {name or "target" for name in scenario.names}
 
     def reset(self, seed: int) -> None:
         """Put the robots back to the start, in a world made anew."""
         del seed
         self.world = self.make_world()
+        self.walkers: dict[str, int] = {}
+        """The numbers of those whom no robot follows, after those of the others."""
+        self.walking: list[Person] = []
+        """Those of them who were reported, unless that is too long ago."""
         self.robots = {
             name: _Commanded(self.world, number, self.config.watchdog_s)
             for number, name in enumerate(self.parts)
@@ -76,8 +83,24 @@ class PhysicsWorld(World):
         """Simulate a control period; return the state of each robot at its end."""
         if tick.number > 0:
             commands = [robot.command(inputs[name]) for name, robot in self.robots.items()]
+            self._place_walkers(next(iter(inputs.values())))
             self.world.advance(commands, self.steps_per_tick)
         return {name: robot.state(tick) for name, robot in self.robots.items()}
+
+    def _place_walkers(self, inputs: Inputs) -> None:
+        """Put those whom no robot follows where they are; they stand where nobody says it."""
+        people = inputs.get(PEOPLE)
+        if people is not None:
+            self.walking = [one for one in people.persons if one.id not in self.followed]
+        silent = inputs.age_s(PEOPLE) > self.config.watchdog_s
+        if people is None and not silent:
+            return
+        for one in self.walking:
+            number = self.walkers.setdefault(one.id, len(self.robots) + len(self.walkers))
+            twist = Twist2D() if silent else _slowed(one.twist)
+            self.world.place_person(number, one.pose.to_planar(), twist)
+        if silent:
+            self.walking = []
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
         """Return a robot's URDF."""
@@ -114,6 +137,13 @@ def _steps(tick_s: float, dt_s: float) -> int:
     return steps
 
 
+def _slowed(twist: Twist) -> Twist2D:
+    """Return the velocity of somebody, as far as it counts."""
+    x, y, _ = twist.to_planar()
+    slower = FASTEST_M_S / max(math.hypot(x, y), FASTEST_M_S)
+    return Twist2D(x * slower, y * slower)
+
+
 class _Commanded:
     """A robot of the world: what commands it and the person beside it, and its state."""
 
@@ -140,9 +170,7 @@ class _Commanded:
         person = inputs.get(TARGET_ODOM)
         if person is not None:
             self.walking = person.pose.pose.to_planar()
-            twist = person.twist.twist.to_planar()
-            slower = FASTEST_M_S / max(math.hypot(twist.x, twist.y), FASTEST_M_S)
-            self._place(self.walking, Twist2D(twist.x * slower, twist.y * slower))
+            self._place(self.walking, _slowed(person.twist.twist))
         elif self.walking is not None and inputs.age_s(TARGET_ODOM) > self.watchdog_s:
             self._place(self.walking, Twist2D())
             self.walking = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from mecazen import messages as m
 from mecazen.config import Scenario, whole_ticks
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
@@ -11,11 +12,13 @@ from mecazen.keys import (
     CAMERA_INFO,
     DEPTH,
     GROUND_TRUTH,
+    PEOPLE,
     SCAN,
     SKELETONS,
     TARGET_SKELETON,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.skeleton import JOINTS
 
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar
@@ -24,20 +27,44 @@ from mecazen_sensors.tracker import Tracker
 
 
 class _Sensor(Node):
-    """What sees the person, obstacles and the ground from the robot."""
+    """What sees people, other robots, obstacles and the ground from the robot."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.scene = Scene(scenario.world, (scenario.robot,))
+        name, robots = scenario.fleet
+        self.own = name or "target"
+        """The name of its own robot's person."""
+        self.others = [other for other in robots if other != name]
+        self.robots = [scenario.robot, *(robots[other] for other in self.others)]
+        self.scene = Scene(scenario.world, self.robots)
+        self.around = m.People()
+        """Everybody, as last known."""
 
-    def _place(self, inputs: Inputs) -> tuple[Pose2D, Floats]:
-        """Put everybody where they are; return the robot's pose and the person's joints."""
+    def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
+        """Put everybody where they are; return the robot's pose, and the joints of all people.
+
+        The robot's own person is the first of them, and the others keep their order.
+        """
         robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
         body = inputs[TARGET_SKELETON]
-        joints = np.array([(joint.x, joint.y, joint.z) for joint in body.joints])
+        self.around = around = inputs.get(PEOPLE) or self.around
+        bodies = [(body.joints, body.height)]
+        bodies += [
+            (one.joints, one.height)
+            for one in around.persons
+            if one.id != self.own and len(one.joints) == len(JOINTS)
+        ]
+        people = [np.array([(p.x, p.y, p.z) for p in joints]) for joints, _ in bodies]
+        if len(people) > self.scene.people:
+            self.scene = Scene(self.scenario.world, self.robots, len(people))
         self.scene.place_robot(0, robot)
-        self.scene.place_person(0, joints, body.height)
-        return robot, joints
+        places = {one.name: one.pose.to_planar() for one in around.robots}
+        for number, name in enumerate(self.others, 1):
+            if name in places:
+                self.scene.place_robot(number, places[name])
+        for number, (joints, (_, height)) in enumerate(zip(people, bodies, strict=True)):
+            self.scene.place_person(number, joints, height)
+        return robot, people
 
     def _check_captures(self, key: str, ticks: int, latency: int = 0) -> None:
         """Refuse a sensor that would look while the body does not move.
@@ -96,10 +123,10 @@ class TrackerNode(_Sensor):
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the frame that arrives, if one does."""
-        robot, joints = Pose2D(), np.empty(0)
+        robot, people = Pose2D(), list[Floats]()
         if self.tracker.captures(tick.number):
-            robot, joints = self._place(inputs)
-        frame = self.tracker.observe(tick.number, self.scene, robot, (joints,))
+            robot, people = self._place(inputs)
+        frame = self.tracker.observe(tick.number, self.scene, robot, people)
         return {} if frame is None else {SKELETONS: frame}
 
 

@@ -95,6 +95,11 @@ class Scene:
             self._reach[geoms] = np.max(self._model.geom_rbound[geoms])
         self._heights = [0.0] * people
 
+    @property
+    def people(self) -> int:
+        """How many there are."""
+        return len(self._people)
+
     def limbs(self, person: int) -> slice:
         """Return the numbers of a person's geoms, in the order of `mecazen.skeleton.LIMBS`."""
         return self._people[person]

@@ -55,11 +55,14 @@ _ONES = np.ones(3)
 
 
 class _Track:
-    """What the tracker remembers of one person."""
+    """What the tracker remembers of one person, of whom its errors are drawn by `random`."""
 
-    def __init__(self, bias: Floats, drift: Floats) -> None:
-        self.bias = bias  # (60, 5) over the basis of views, in base_link
-        self.drift = drift  # (20, 3), of unit variance
+    def __init__(self, random: np.random.Generator, bias_weights: Floats) -> None:
+        self.random = random
+        self.bias: Floats = random.standard_normal((3 * COUNT, 5)) * bias_weights
+        """(60, 5) over the basis of views, in base_link."""
+        self.drift: Floats = random.standard_normal((COUNT, 3))
+        """(20, 3), of unit variance."""
         self.relative: Floats | None = None  # (20, 3): the joints about the pelvis, with lag
         self.swapped = self.flipped = False
         self.identity = ""
@@ -83,7 +86,8 @@ class _Rays(NamedTuple):
 class Tracker:
     """A body tracker on a robot.
 
-    As many numbers are drawn for each frame, whatever is seen.
+    As many numbers are drawn for each frame and person, whatever is seen, and of each person by
+    themselves: one more changes nothing of the others'.
 
     Args:
         config: Its figures.
@@ -91,7 +95,6 @@ class Tracker:
         seed: Of its errors.
         tick_s: The control period.
         robot: That number.
-        people: How many are in the scene.
 
     Raises:
         ConfigError: The rate does not divide the tick rate, or the latency is not whole ticks.
@@ -105,9 +108,8 @@ class Tracker:
         tick_s: float,
         *,
         robot: int = 0,
-        people: int = 1,
     ) -> None:
-        self._config, self._robot = config, robot
+        self._config, self._robot, self._seed = config, robot, seed
         self._camera = Camera(
             mount,
             config.horizontal_fov_deg,
@@ -134,15 +136,9 @@ class Tracker:
         self._bias_variance = bias * bias
         self._guess_variance = (scales(GUESSED_STD_M) * IS_LEG) ** 2
         self._pull = config.hidden_pull * IS_LEG
-        self._random = np.random.Generator(np.random.PCG64(seed))
-        weights = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)  # of three orders of harmonics
-        self._tracks = [
-            _Track(
-                self._random.standard_normal((3 * COUNT, 5)) * weights,
-                self._random.standard_normal((COUNT, 3)),
-            )
-            for _ in range(people)
-        ]
+        # of three orders of harmonics
+        self._bias_weights: Floats = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)
+        self._tracks: list[_Track] = []
         self._names = 0
 
     def captures(self, tick: int) -> bool:
@@ -176,8 +172,10 @@ class Tracker:
     def _capture(
         self, tick: int, scene: Scene, robot: Pose2D, people: Sequence[Floats]
     ) -> m.Skeletons:
-        normals = self._random.standard_normal((len(self._tracks), 2, COUNT, 3))
-        chances = self._random.random((len(self._tracks), 2)).tolist()
+        while len(self._tracks) < len(people):
+            number = len(self._tracks)
+            bits = np.random.PCG64([self._seed, number] if number else self._seed)
+            self._tracks.append(_Track(np.random.Generator(bits), self._bias_weights))
         camera = self._camera.position(robot)
         rays = np.concatenate(people) - camera
         distances = np.sqrt((rays * rays) @ _ONES)
@@ -188,21 +186,21 @@ class Tracker:
         time = m.Time.from_ns(tick * self._tick_ns)
         header = m.Header(stamp=time, frame_id="base_link")
         skeletons = []
-        for number, track in enumerate(self._tracks):
+        for number, track in enumerate(self._tracks[: len(people)]):
             rows = slice(number * COUNT, (number + 1) * COUNT)
             first = scene.limbs(number).start
             limbs = [n - first if 0 <= n - first < FOREIGN else FOREIGN for n in numbers[rows]]
             view = _Rays(vectors[rows], depths[rows], seen[rows], reached[rows], limbs)
-            skeleton = self._report(track, view, normals[number], chances[number], header)
+            skeleton = self._report(track, view, header)
             if skeleton is not None:
                 skeletons.append(skeleton)
         return m.Skeletons(header=header, skeletons=tuple(skeletons))
 
-    def _report(
-        self, track: _Track, rays: _Rays, normals: Floats, chances: list[float], header: m.Header
-    ) -> m.Skeleton | None:
+    def _report(self, track: _Track, rays: _Rays, header: m.Header) -> m.Skeleton | None:
         """Return what is told of a person; None if nothing is, as its pelvis is not seen."""
         config = self._config
+        normals: Floats = track.random.standard_normal((2, COUNT, 3))
+        chances = track.random.random(2).tolist()
         vectors, depths, inside, reached, limbs = rays
         track.drift = self._keep * track.drift + self._fresh * normals[0]
         if not inside[0] or (limbs[0] == FOREIGN and not reached[0]):

@@ -1,0 +1,61 @@
+"""The section of a scenario that says who else is there: `[crowd]`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from mecazen.schema import Finite, Section
+from mecazen_people.config import Body, SteadyWalk, Walk
+
+Interval = tuple[Finite, Finite]
+"""From, to."""
+
+
+class Goal(SteadyWalk, tag="goal", kw_only=True):
+    """Goes to a place, and gives way: the only path that depends on who else is there."""
+
+    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.5)] = 1.3
+    """Preferred speed."""
+    goal_m: tuple[Finite, Finite]
+    """In the world."""
+    back_and_forth: bool = False
+    """Whether the walker goes back to the start from there, and so on; else stands there."""
+
+
+class Walker(Section, kw_only=True):
+    """Somebody whom no robot follows."""
+
+    path: Walk | Goal
+    """Who is not on the way to a `goal` walks regardless of all others."""
+    body: Body = Body()
+    """A child of 6 has a `height_m` of about 1.15."""
+
+
+class Reactive(Section, kw_only=True):
+    """Walkers who cross an area back and forth between places drawn at its edges, and give way."""
+
+    count: Annotated[int, msgspec.Meta(ge=1, le=50)]
+    x_m: Interval
+    """Extent of the area in the world, as `y_m`."""
+    y_m: Interval
+    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.0)] = 1.34
+    """Mean of the preferred speeds, as `speed_std_m_s` of U. Weidmann, Transporttechnik der
+    Fussgänger, ETH Zürich, 1993."""
+    speed_std_m_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.26
+    body: Body = Body()
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("x_m", self.x_m), ("y_m", self.y_m)):
+            if low >= high:
+                raise ValueError(f"{name}: {low:g} must be below {high:g}")
+        (left, right), (near, far) = self.x_m, self.y_m
+        if self.count > (right - left) * (far - near):
+            raise ValueError("count: at most one walker for each square metre of x_m and y_m")
+
+
+class CrowdConfig(Section):
+    """Everybody besides the persons that robots follow."""
+
+    walkers: tuple[Walker, ...] = ()
+    reactive: Reactive | None = None

@@ -1,0 +1,121 @@
+"""The social force: how people steer clear of each other, of robots and of what stands there.
+
+D. Helbing & P. Molnár, Social force model for pedestrian dynamics, Phys. Rev. E 51:4282, 1995,
+with their parameters: a drive towards the preferred velocity, a repulsion by potentials that are
+ellipses ahead of others, one by obstacles, and fluctuations. Bodies are points there. So that they
+do not touch, a second repulsion acts over the gap between them: D. Helbing, I. Farkas & T. Vicsek,
+Simulating dynamical features of escape panic, Nature 407:487, 2000.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.world import Box, Cylinder
+
+Floats = npt.NDArray[np.float64]
+
+RELAXATION_S = 0.5
+"""Helbing & Molnár's τ, as the next five."""
+POTENTIAL_M2_S2, POTENTIAL_M = 2.1, 0.3
+STRIDE_S = 2.0
+"""Over this time the ellipse of somebody extends ahead."""
+OBSTACLE_M2_S2, OBSTACLE_M = 10.0, 0.2
+COS_VIEW, BEHIND = math.cos(math.radians(100.0)), 0.5
+"""Of half the field of view, and the weight of what is behind."""
+FASTEST = 1.3
+"""Of the preferred speed."""
+CONTACT_M_S2, CONTACT_M = 25.0, 0.08
+"""Helbing, Farkas & Vicsek's A/m and B."""
+FLUCTUATION_M_S2 = 0.1
+"""Standard deviation; Helbing & Molnár leave it open. Who meets head on needs a little."""
+STRONGEST_M_S2 = 8.0
+"""Nobody changes their velocity faster, whatever is near."""
+LEAST_M = 0.05
+"""Potentials are not taken nearer: their gradient grows without bounds."""
+
+
+def drive(velocities: Floats, preferred: Floats) -> Floats:
+    """Return accelerations (n, 2) towards the preferred velocities (n, 2) [m/s]."""
+    towards: Floats = (preferred - velocities) / RELAXATION_S
+    return towards
+
+
+def repulsion(
+    places: Floats, heading: Floats, others: Floats, velocities: Floats, touching: Floats
+) -> Floats:
+    """Return the acceleration of each of n people by each of m others (n, m, 2) [m/s²].
+
+    Args:
+        places: Of the people (n, 2) [m].
+        heading: Unit vectors of where they want to go (n, 2), or zeros.
+        others: Places of the others (m, 2) [m].
+        velocities: Theirs (m, 2) [m/s].
+        touching: Distance of centres at which the bodies touch (n, m) [m]; infinite where there is
+            no force, as of oneself.
+    """
+    apart = places[:, None] - others
+    distance = np.maximum(_length(apart), 1e-9)
+    away = apart / distance[..., None]
+    step = velocities * STRIDE_S
+    ahead = apart - step
+    ahead_m = np.maximum(_length(ahead), 1e-9)
+    total = distance + ahead_m
+    b = np.maximum(0.5 * np.sqrt(np.maximum(total**2 - _length(step) ** 2, 0.0)), LEAST_M)
+    size = POTENTIAL_M2_S2 / POTENTIAL_M * np.exp(-b / POTENTIAL_M) * total / (4.0 * b)
+    force = size[..., None] * (away + ahead / ahead_m[..., None])
+    seen = np.einsum("ik,ijk->ij", heading, force) <= -COS_VIEW * _length(force)
+    force *= np.where(seen, 1.0, BEHIND)[..., None]
+    gap = np.maximum(distance - touching, 0.0)
+    force += (CONTACT_M_S2 * np.exp(-gap / CONTACT_M))[..., None] * away
+    forces: Floats = np.where(np.isfinite(touching)[..., None], force, 0.0)
+    return forces
+
+
+def from_obstacles(places: Floats, obstacles: Sequence[Box | Cylinder]) -> Floats:
+    """Return accelerations (n, 2) away from the nearest point of each obstacle [m/s²]."""
+    force = np.zeros_like(places)
+    for thing in obstacles:
+        away, distance = nearest(places, thing)
+        size = OBSTACLE_M2_S2 / OBSTACLE_M * np.exp(-np.maximum(distance, 0.0) / OBSTACLE_M)
+        force += size[:, None] * away
+    return force
+
+
+def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
+    """Return unit vectors (n, 2) away from an obstacle, and distances (n,) [m]; inside negative."""
+    apart = places - thing.position_m
+    if isinstance(thing, Cylinder):
+        distance = np.maximum(_length(apart), 1e-9)
+        gaps: Floats = distance - thing.size_m[0]
+        return apart / distance[:, None], gaps
+    yaw = math.radians(thing.yaw_deg)
+    c, s = math.cos(yaw), math.sin(yaw)
+    axes = np.array(((c, s), (-s, c)))
+    local = np.stack((apart @ axes[0], apart @ axes[1]), axis=-1)
+    half = np.array(thing.size_m[:2]) / 2
+    over = np.abs(local) - half
+    outside = np.maximum(over, 0.0)
+    distance = _length(outside)
+    inside = distance == 0.0
+    # inside, out through the nearest face
+    face = np.where(over == over.max(axis=1, keepdims=True), 1.0, 0.0)
+    way = np.sign(local) * np.where(inside[:, None], face, outside)
+    way /= np.maximum(_length(way), 1e-9)[:, None]
+    turned = way[:, :1] * axes[0] + way[:, 1:] * axes[1]
+    return turned, np.where(inside, over.max(axis=1), distance)
+
+
+def limited(vectors: Floats, most: Floats | float) -> Floats:
+    """Return vectors (n, 2), none longer than `most`."""
+    length = np.maximum(_length(vectors), 1e-9)
+    shorter: Floats = vectors * np.minimum(1.0, most / length)[:, None]
+    return shorter
+
+
+def _length(vectors: Floats) -> Floats:
+    length: Floats = np.sqrt(vectors[..., 0] ** 2 + vectors[..., 1] ** 2)
+    return length

@@ -1,0 +1,143 @@
+"""The crowd: everybody in the world, of whom some walk here."""
+
+from __future__ import annotations
+
+import math
+
+from mecazen import messages as m
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D
+from mecazen.graph import TABLE
+from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
+from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen_people.body.walker import Walker as Body
+from mecazen_people.motion import Motion, Path
+from mecazen_people.paths import make_path
+
+from mecazen_crowd.config import CrowdConfig, Goal, Walker
+from mecazen_crowd.reactive import Errand, Other, Pedestrians, drawn
+
+ROBOT_MARGIN_M = 0.1
+"""People keep farther from a robot's corners than from each other."""
+MISSED_AT_MOST = 50
+"""So many steps are made up for at once, where a process was held up."""
+
+
+class CrowdNode(Node):
+    """Tells where everybody is: those whom robots follow, walkers, and the robots."""
+
+    ROW = TABLE["crowd"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self.config = config = scenario.section(CrowdConfig, "crowd")
+        self.period = scenario.ticks_per("sensors.skeleton_rate_hz")
+        if any(name.startswith("walker_") for name in scenario.names):
+            raise ConfigError("robots: names that begin with walker_ are those of the crowd")
+        self.paths = [_path(number, one) for number, one in enumerate(config.walkers)]
+        self.errands = [Errand.of(one.path) for one in config.walkers if isinstance(one.path, Goal)]
+        bodies = [one.body for one in config.walkers]
+        if config.reactive is not None:
+            self.paths += [None] * config.reactive.count
+            bodies += [config.reactive.body] * config.reactive.count
+        self.heights = [body.height_m for body in bodies]
+        self.bodies: list[Body] = []
+        if "skeleton" in scenario.sensor.features:
+            # to find a body's gait takes longer than to walk a minute
+            made = {body: Body(body) for body in dict.fromkeys(bodies)}
+            self.bodies = [made[body].twin() for body in bodies]
+        self.radius = scenario.world.person.radius_m
+        self.reach = {
+            name: math.hypot(*scenario.of(name).robot.footprint) + ROBOT_MARGIN_M
+            for name in scenario.names
+        }
+
+    def reset(self, seed: int) -> None:
+        """Begin a run, with walkers drawn from `seed`."""
+        self.seed = seed
+        self.last = 0
+        self.robots: dict[str, m.Odometry] = {}
+        self.targets: dict[str, m.Odometry] = {}
+        self.skeletons: dict[str, m.Skeleton] = {}
+        self.pedestrians: Pedestrians | None = None
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return everybody, in ticks in which bodies move."""
+        for name in self.scenario.names:
+            self.robots[name] = inputs[of_robot(GROUND_TRUTH, name)]
+            if (odometry := inputs.get(of_robot(TARGET_ODOM, name))) is not None:
+                self.targets[name] = odometry
+            if (skeleton := inputs.get(of_robot(TARGET_SKELETON, name))) is not None:
+                self.skeletons[name] = skeleton
+        if tick.number % self.period:
+            return {}
+        steps = min((tick.number - self.last) // self.period, MISSED_AT_MOST)
+        self.last = tick.number
+        motions = self._walk(tick.time_ns / 1e9, steps)
+        persons = [self._target(name) for name in self.targets]
+        persons += [self._walker(n, motion, steps) for n, motion in enumerate(motions)]
+        robots = [
+            m.NamedPose(name or "robot", m.Pose.planar(odometry.pose.pose.to_planar()))
+            for name, odometry in self.robots.items()
+        ]
+        header = m.Header(stamp=tick.time, frame_id="world")
+        return {PEOPLE: m.People(header, tuple(persons), tuple(robots))}
+
+    def _walk(self, time: float, steps: int) -> list[Motion]:
+        """Return the walkers' motions at a time [s], so many steps after the last one."""
+        on_paths = [None if path is None else path.at(time) for path in self.paths]
+        others = [_other(motion, self.radius) for motion in on_paths if motion is not None]
+        others += [_other(_motion(odometry), self.radius) for odometry in self.targets.values()]
+        others += [_other(_motion(one), self.reach[name]) for name, one in self.robots.items()]
+        if self.pedestrians is None:
+            obstacles, errands = self.scenario.world.obstacles, list(self.errands)
+            if self.config.reactive is not None:
+                taken = [one[:2] for one in others] + [one.start[:2] for one in errands]
+                errands += drawn(self.config.reactive, self.seed, taken, obstacles)
+            self.pedestrians = Pedestrians(errands, obstacles, self.radius, self.seed)
+        for _ in range(steps):
+            self.pedestrians.step(time, self.period * self.scenario.sim.tick_s, others)
+        reacting = iter(self.pedestrians.motions)
+        return [next(reacting) if motion is None else motion for motion in on_paths]
+
+    def _target(self, name: str) -> m.Person:
+        """Return the person whom a robot follows."""
+        odometry, skeleton = self.targets[name], self.skeletons.get(name, m.Skeleton())
+        pose, twist = odometry.pose.pose, odometry.twist.twist
+        return m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
+
+    def _walker(self, number: int, motion: Motion, steps: int) -> m.Person:
+        joints: tuple[m.Point, ...] = ()
+        if self.bodies:
+            duration = steps * self.period * self.scenario.sim.tick_s
+            body = self.bodies[number]
+            posture = body.step(motion, duration) if steps else body.reset(motion)
+            joints = tuple([m.Point(*joint) for joint in posture.joints.tolist()])
+        pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
+        return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return how many walk here."""
+        return {"walkers": len(self.paths)}
+
+
+def _path(number: int, walker: Walker) -> Path | None:
+    """Return the path of a walker; None where it depends on others.
+
+    Raises:
+        ConfigError: There is none as it is configured.
+    """
+    try:
+        return None if isinstance(walker.path, Goal) else make_path(walker.path)
+    except ValueError as error:
+        raise ConfigError(f"crowd.walkers[{number}].path: {error}") from None
+
+
+def _motion(odometry: m.Odometry) -> Motion:
+    return Motion(odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar())
+
+
+def _other(motion: Motion, radius: float) -> Other:
+    velocity = Pose2D(yaw=motion.pose.yaw).compose(Pose2D(motion.twist.x, motion.twist.y))
+    return Other(motion.pose.x, motion.pose.y, velocity.x, velocity.y, radius)

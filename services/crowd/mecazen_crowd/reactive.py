@@ -1,0 +1,190 @@
+"""Walkers who give way: to each other, to all others, to robots and to obstacles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.world import Box, Cylinder
+from mecazen_people.motion import Motion
+from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
+
+from mecazen_crowd import forces
+from mecazen_crowd.config import Goal, Reactive
+from mecazen_crowd.forces import Floats
+
+ARRIVED_M = 0.3
+"""A goal is reached within this distance."""
+TURN_HZ = 5.0
+"""Gain by which a body turns to where it goes."""
+CLEAR_M = 0.8
+"""Nobody begins nearer to anybody or anything."""
+DRAWS = 200
+"""Places that are tried for somebody to begin at; an area may be full."""
+
+
+class Other(NamedTuple):
+    """Somebody or something else that moves: a disc."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    radius: float
+
+
+class Errand(NamedTuple):
+    """Where somebody goes."""
+
+    start: Pose2D
+    goals: tuple[tuple[float, float], ...]
+    """One after the other."""
+    endless: bool
+    """Whether the first comes again after the last."""
+    speed: float
+    start_after: float = 0.0
+
+    @classmethod
+    def of(cls, path: Goal) -> Errand:
+        """Return what a path says."""
+        start = Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
+        goals = (path.goal_m, (path.x_m, path.y_m)) if path.back_and_forth else (path.goal_m,)
+        return cls(start, goals, path.back_and_forth, path.speed_m_s, path.start_after_s)
+
+
+def drawn(
+    config: Reactive,
+    seed: int,
+    taken: Sequence[tuple[float, float]],
+    obstacles: Sequence[Box | Cylinder],
+) -> list[Errand]:
+    """Return errands across an area, each drawn by itself: back and forth between two edges.
+
+    They begin somewhere on their way, clear of those places that are `taken` [m], of each other and
+    of obstacles where there is room.
+    """
+    errands: list[Errand] = []
+    here = list(taken)
+    for number in range(config.count):
+        random = np.random.Generator(np.random.PCG64([seed, number]))
+        speed = config.speed_m_s + config.speed_std_m_s * float(random.standard_normal())
+        for _ in range(DRAWS):
+            axis, way = random.random(2).tolist()
+            one, other, part = random.random(3).tolist()
+            edges = [config.x_m, config.y_m]
+            along, across = edges if axis < 0.5 else edges[::-1]
+            ends = [
+                (end, across[0] + share * (across[1] - across[0]))
+                for end, share in zip(along, (one, other), strict=True)
+            ]
+            ends = ends if axis < 0.5 else [(y, x) for x, y in ends]
+            begin, goal = ends if way < 0.5 else ends[::-1]
+            x, y = (a + part * (b - a) for a, b in zip(begin, goal, strict=True))
+            if _is_clear((x, y), here, obstacles):
+                break
+        here.append((x, y))
+        yaw = math.atan2(goal[1] - y, goal[0] - x)
+        errands.append(Errand(Pose2D(x, y, yaw), (goal, begin), True, max(speed, 0.3)))
+    return errands
+
+
+def _is_clear(
+    place: tuple[float, float],
+    taken: Sequence[tuple[float, float]],
+    obstacles: Sequence[Box | Cylinder],
+) -> bool:
+    point = np.array([place])
+    return all(math.dist(place, one) >= CLEAR_M for one in taken) and all(
+        forces.nearest(point, thing)[1][0] >= CLEAR_M for thing in obstacles
+    )
+
+
+class Pedestrians:
+    """Reactive walkers, step by step.
+
+    Fluctuations are drawn for each by themselves: one more of them changes no other's.
+
+    Args:
+        errands: Where each goes.
+        obstacles: What stands there.
+        radius: Of each body [m].
+        seed: Of the fluctuations.
+    """
+
+    def __init__(
+        self,
+        errands: Sequence[Errand],
+        obstacles: Sequence[Box | Cylinder],
+        radius: float,
+        seed: int,
+    ) -> None:
+        self._errands, self._obstacles, self._radius = errands, obstacles, radius
+        self._places: Floats = np.array([one.start[:2] for one in errands]).reshape(-1, 2)
+        self._velocities: Floats = np.zeros_like(self._places)
+        self._fastest = np.array([forces.FASTEST * one.speed for one in errands])
+        self._yaws = [one.start.yaw for one in errands]
+        self._next = [0] * len(errands)
+        self._random = [
+            np.random.Generator(np.random.PCG64([seed, n, 1])) for n in range(len(errands))
+        ]
+        self.motions = [Motion(one.start) for one in errands]
+        """Of each, now."""
+
+    def step(self, time: float, dt: float, others: Sequence[Other]) -> None:
+        """Advance to a time by `dt` [s] among others."""
+        if not self._errands:
+            return
+        preferred = np.array([self._preferred(n, time) for n in range(len(self._errands))])
+        heading = forces.limited(preferred * 1e3, 1.0)
+        around = np.array([one[:4] for one in others]).reshape(-1, 4)
+        touching = np.full((len(self._errands), len(self._errands) + len(others)), 0.0)
+        touching += 2.0 * self._radius
+        touching[:, len(self._errands) :] = [self._radius + one.radius for one in others]
+        np.fill_diagonal(touching, math.inf)
+        force = forces.drive(self._velocities, preferred)
+        force += forces.repulsion(
+            self._places,
+            heading,
+            np.concatenate((self._places, around[:, :2])),
+            np.concatenate((self._velocities, around[:, 2:])),
+            touching,
+        ).sum(axis=1)
+        force += forces.from_obstacles(self._places, self._obstacles)
+        chance = np.array([random.standard_normal(2) for random in self._random])
+        force = forces.limited(force, forces.STRONGEST_M_S2) + forces.FLUCTUATION_M_S2 * chance
+        self._velocities = forces.limited(self._velocities + force * dt, self._fastest)
+        self._places = self._places + self._velocities * dt
+        rows = zip(self._places.tolist(), self._velocities.tolist(), strict=True)
+        self.motions = [self._motion(n, place, v, dt) for n, (place, v) in enumerate(rows)]
+
+    def _preferred(self, number: int, time: float) -> tuple[float, float]:
+        """Return the velocity that somebody wants to have [m/s]."""
+        errand = self._errands[number]
+        if time < errand.start_after:
+            return 0.0, 0.0
+        x, y = self._places[number].tolist()
+        gx, gy = errand.goals[self._next[number]]
+        distance = math.hypot(gx - x, gy - y)
+        if distance < ARRIVED_M:
+            last = self._next[number] == len(errand.goals) - 1
+            if last and not errand.endless:
+                return 0.0, 0.0
+            self._next[number] = 0 if last else self._next[number] + 1
+        return errand.speed * (gx - x) / max(distance, 1e-9), errand.speed * (gy - y) / max(
+            distance, 1e-9
+        )
+
+    def _motion(self, number: int, place: list[float], velocity: list[float], dt: float) -> Motion:
+        """Return somebody's motion: the body turns to where it goes, as fast as people do."""
+        (x, y), (vx, vy) = place, velocity
+        speed, yaw = math.hypot(vx, vy), self._yaws[number]
+        rate = 0.0
+        if speed > STANDING_M_S:
+            lag = wrap(math.atan2(vy, vx) - yaw)
+            rate = min(max(TURN_HZ * lag, -MAX_YAW_RATE), MAX_YAW_RATE)
+        yaw = self._yaws[number] = wrap(yaw + rate * dt)
+        walked = self.motions[number].distance + speed * dt
+        return Motion(Pose2D(x, y, yaw), Twist2D(*rotate(vx, vy, -yaw), rate), walked)
