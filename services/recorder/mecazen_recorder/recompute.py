@@ -14,6 +14,7 @@ from mecazen.bus import LocalBus
 from mecazen.config import split_key
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, TABLE
+from mecazen.keys import TOPICS
 from mecazen.messages import Message
 from mecazen.node import Node
 from mecazen.programs import classes
@@ -26,6 +27,9 @@ from mecazen_recorder.writer import RecordingError
 
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs}
 """Keys whose last sample tells how far a recording goes."""
+
+ALL_SEE = {topic.key for topic in TOPICS if topic.shared}
+"""Keys that are in no robot's namespace."""
 
 
 class Difference(NamedTuple):
@@ -69,10 +73,7 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     for run, samples in _whole_runs(recording).items():
         bus = LocalBus()
         service = _make_service(recording, run, program, robot, bus)
-        # those in the namespace of the robot, with keys relative to it
-        split = ((sample, *split_key(sample.key, recording.robots(run))) for sample in samples)
-        own = [sample._replace(key=key) for sample, name, key in split if name == robot]
-        compared = _recompute_run(own, service, bus.namespaced(robot))
+        compared = _recompute_run(_seen_by(robot, samples), service, bus, robot)
         service.close()
         counts += compared.counts
         if compared.difference is not None:
@@ -80,6 +81,12 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     if not counts:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
     return Comparison(counts, None)
+
+
+def _seen_by(robot: str, samples: Sequence[Sample]) -> list[Sample]:
+    """Return what a robot's services see, with keys relative to its namespace; without one, all."""
+    split = ((sample, *split_key(sample.key, {robot} - {""})) for sample in samples)
+    return [s._replace(key=key) for s, name, key in split if name == robot or key in ALL_SEE]
 
 
 def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
@@ -122,8 +129,10 @@ def _make_service(
     return service
 
 
-def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -> Comparison:
-    """Feed a service with its inputs among the samples and compare its outputs."""
+def _recompute_run(
+    samples: Sequence[Sample], service: Service, bus: LocalBus, robot: str
+) -> Comparison:
+    """Feed a robot's service with its inputs among the samples and compare its outputs."""
     rows = [node.row for node in service.nodes]
     triggers = {row.on_bus(i.topic).key for row in rows for i in row.inputs if i.rule == "every"}
     topics = {
@@ -135,7 +144,7 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
     recorded: dict[str, Outputs] = {topic.key: [] for topic in outputs}
     recomputed: dict[str, Outputs] = {topic.key: [] for topic in outputs}
     for topic in outputs:
-        bus.subscribe(topic, partial(_keep, recomputed[topic.key]))
+        bus.namespaced(robot).subscribe(topic, partial(_keep, recomputed[topic.key]))
 
     def place_in_time(sample: Sample) -> tuple[int, bool, bool]:
         # the recorder gets the samples of a tick from several processes, in any order;
@@ -147,7 +156,9 @@ def _recompute_run(samples: Sequence[Sample], service: Service, bus: LocalBus) -
         if sample.key not in topics:
             continue
         if sample.key not in recorded:
-            bus.put_bytes(sample.key, *sample.as_published(topics[sample.key].type))
+            topic = topics[sample.key]
+            to = bus if topic.shared else bus.namespaced(robot)
+            to.put_bytes(sample.key, *sample.as_published(topic.type))
             bus.spin()
         elif sample.stamp is not None:
             _keep(recorded[sample.key], sample.message(topics[sample.key].type), sample.stamp)

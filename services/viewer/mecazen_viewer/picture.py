@@ -12,6 +12,7 @@ from mecazen import messages as m
 from mecazen.config import Scenario, wanted_view
 from mecazen.description import RobotDescription
 from mecazen.geometry import Pose2D
+from mecazen.graph import CROWD
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 
@@ -37,6 +38,8 @@ def surroundings(scenario: Scenario) -> Iterator[Entity]:
     for number, obstacle in enumerate(scenario.world.obstacles):
         (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
         yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
+    if CROWD in scenario.services:
+        yield e.PEOPLE, rr.LineStrips3D.from_fields(colors=[e.GREY], radii=senses.BONE_RADIUS)
     yield from plots.styles(plots.TIME_LINES)
 
 
@@ -126,6 +129,12 @@ class Picture:
             return
         if (robot := self._robot.at(time_ns)) is not None:
             yield from plots.errors(self._standoff, pose.between(robot))
+
+    def on_people(self, people: m.People, time_ns: int) -> Iterator[Entity]:
+        """Move those whom no robot follows."""
+        del time_ns
+        followed = {name or "target" for name in self._scenario.names}
+        yield senses.people([one for one in people.persons if one.id not in followed])
 
     def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> Iterator[Entity]:
         """Move the person's limbs."""

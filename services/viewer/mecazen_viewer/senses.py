@@ -66,6 +66,21 @@ def skeletons(seen: Sequence[m.Skeleton], robot: Pose2D) -> Entity:
     return e.SKELETON, components.lines(strips)
 
 
+def people(persons: Sequence[m.Person]) -> Entity:
+    """Return the true bones of people, in world; who has no body is a line as tall as they are."""
+    strips: list[Array] = []
+    for one in persons:
+        if one.joints:
+            joints = _joints(one)
+            strips += [joints[[a, b]] for a, b in _BONES]
+        else:
+            place = one.pose.position
+            if max(abs(place.x), abs(place.y), one.height) > FARTHEST_M:
+                raise ValueError(f"pose out of range: {one.pose}")
+            strips.append(np.array([(place.x, place.y, 0.0), (place.x, place.y, one.height)]))
+    return e.PEOPLE, components.lines(strips)
+
+
 def scan(message: m.LaserScan, lidar: Sequence[float], robot: Pose2D) -> Entity:
     """Return the points of a scan in world; the lidar is at (3,) [m] in base_link."""
     ranges = np.array(message.ranges)
@@ -90,7 +105,7 @@ def depth(image: m.Image) -> Entity:
     return e.DEPTH, rr.DepthImage(pixels, meter=1000.0)
 
 
-def _joints(skeleton: m.Skeleton) -> Array:
+def _joints(skeleton: m.Skeleton | m.Person) -> Array:
     if len(skeleton.joints) != len(JOINTS):
         raise ValueError(f"a skeleton has {len(JOINTS)} joints, not {len(skeleton.joints)}")
     joints: Array = np.array([(joint.x, joint.y, joint.z) for joint in skeleton.joints])
