@@ -66,7 +66,11 @@ class Driven:
         return self.tick_all({name: others})[name]
 
     def tick_all(self, told: Mapping[str, Mapping[str, Any]]) -> dict[str, Inputs]:
-        topics = {"command": keys.JOINT_COMMAND, "person": keys.TARGET_ODOM}
+        topics = {
+            "command": keys.JOINT_COMMAND,
+            "person": keys.TARGET_ODOM,
+            "people": keys.PEOPLE,
+        }
         inputs = {}
         for name, heard in self.heard.items():
             samples = {topics[what]: message for what, message in told.get(name, {}).items()}
@@ -189,6 +193,20 @@ def test_the_person_stops_the_robot_and_pushes_it():
         walking = person(Pose2D(0.6 - 0.01 * tick), Twist2D(x=-1.0))
         driven.tick(command=joints(effort=[0.0] * 4), person=walking)
     assert driven.pose().x < -0.5
+
+
+def people(*walkers: m.Person) -> m.People:
+    """Everybody: the robot's own person, far away, and walkers."""
+    return m.People(persons=(m.Person("target", m.Pose.planar(FAR)), *walkers))
+
+
+def test_a_walker_stops_the_robot_as_its_person_does_and_its_person_is_not_placed_twice():
+    driven = Driven()
+    walker = m.Person("walker_1", m.Pose.planar(Pose2D(x=0.8)))
+    for _ in range(100):
+        driven.tick(command=joints([10.0] * 4), person=person(), people=people(walker))
+    assert driven.pose().x < 0.45  # 0.2 m of the walker, 0.2 m of the robot
+    assert list(driven.world.walkers.values()) == [1]
 
 
 def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():

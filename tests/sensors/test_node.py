@@ -6,7 +6,17 @@ from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
-from mecazen.messages import Header, Point, Skeleton, Time, planar_odometry
+from mecazen.messages import (
+    Header,
+    NamedPose,
+    People,
+    Person,
+    Point,
+    Pose,
+    Skeleton,
+    Time,
+    planar_odometry,
+)
 from mecazen_sensors.node import DepthNode, LidarNode, TrackerNode
 from people import HEIGHT, body
 
@@ -89,3 +99,55 @@ def test_the_same_seed_sees_the_same_and_another_one_other_noise():
     first, again = (Sensor(LidarNode).tick(0)[keys.SCAN] for _ in range(2))
     assert first == again
     assert Sensor(LidarNode, "seed=2").tick(0)[keys.SCAN] != first
+
+
+class Among(Sensor):
+    """A sensor of the robot `two`, among another robot ahead and two other people."""
+
+    def __init__(self, kind, others):
+        Steps.__init__(self, kind, load_scenario(SCENARIOS / "convoy.toml", (FUSED,)).of("two"))
+        self.people = People(
+            persons=tuple(
+                Person(name, height=HEIGHT, joints=points(body(pose=(*place, 0.0))))
+                for name, place in {"two": (1.5, 0.0), **others}.items()
+            ),
+            robots=(
+                NamedPose("one", Pose.planar(Pose2D(0.0, 2.0))),
+                NamedPose("two", Pose.planar(Pose2D())),
+            ),
+        )
+
+    def tick(self, tick):
+        skeleton = Skeleton(height=HEIGHT, joints=self.people.persons[0].joints)
+        truth = planar_odometry(Time(), "world", "x", Pose2D(), Twist2D())
+        inputs = {keys.GROUND_TRUTH: truth, keys.TARGET_SKELETON: skeleton}
+        return self.step(tick, {**inputs, keys.PEOPLE: self.people})
+
+
+FUSED = "sensor.kind=fused"
+OTHERS = {"one": (2.5, 0.9), "walker_1": (-2.0, 0.0)}
+
+
+def points(joints):
+    return tuple(Point(*joint) for joint in joints.tolist())
+
+
+def test_the_lidar_sees_everybody_and_other_robots():
+    ranges = Among(LidarNode, OTHERS).tick(0)[keys.SCAN].ranges
+    # the lidar is 0.13 m behind the robot's middle, legs are 0.15 m about where somebody is
+    assert min(ranges[:10]) == pytest.approx(1.87, abs=0.15)  # behind: the walker
+    assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
+    # on the left the other robot's lidar: at this height, 0.04 m in radius; noise of 0.01 m
+    assert min(r for r in ranges[520:550] if r) == pytest.approx(1.96, abs=0.05)
+    assert max(Sensor(LidarNode).tick(0)[keys.SCAN].ranges[:10]) == 13.0
+
+
+def test_the_tracker_names_everybody_in_view_and_draws_nobodys_errors_from_anothers():
+    sensors = Among(TrackerNode, {}), Among(TrackerNode, OTHERS)
+    alone, among = (
+        [sensor.tick(tick).get(keys.SKELETONS) for tick in range(0, 30, 2)] for sensor in sensors
+    )
+    frames = [frame for frame in among if frame is not None and frame.skeletons]
+    assert {tuple(one.id for one in frame.skeletons) for frame in frames} == {("1", "2")}
+    first = [f and f.skeletons[:1] for f in among]
+    assert first == [f and f.skeletons for f in alone]

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from harness import load_robot
@@ -275,3 +276,12 @@ def test_what_several_robots_have_is_below_their_names_and_what_they_share_is_no
     assert e.of_robot(e.DISTANCE, "two") == "plots/two/distance"
     assert e.of_robot(e.HEALTH, "two") == e.HEALTH
     assert e.of_robot(e.GOAL, "") == e.GOAL
+
+
+def test_walkers_are_shown_by_their_bones_or_as_tall_as_they_are_and_who_is_followed_is_not():
+    walker = m.Person("walker_1", m.Pose.planar(Pose2D(1.0, 2.0)), height=1.7)
+    ((path, _),) = picture().on_people(m.People(persons=(m.Person("target"), walker)), 0)
+    assert path == e.PEOPLE
+    far = msgspec.structs.replace(walker, pose=m.Pose.planar(Pose2D(1e9)))
+    with pytest.raises(ValueError, match="out of range"):
+        list(picture().on_people(m.People(persons=(far,)), 0))

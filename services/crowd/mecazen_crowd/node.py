@@ -131,7 +131,7 @@ def _path(number: int, walker: Walker) -> Path | None:
     try:
         return None if isinstance(walker.path, Goal) else make_path(walker.path)
     except ValueError as error:
-        raise ConfigError(f"crowd.walkers[{number}].path: {error}") from None
+        raise ConfigError(f"crowd.walkers.{number}.path: {error}") from None
 
 
 def _motion(odometry: m.Odometry) -> Motion:

@@ -1,0 +1,115 @@
+"""The crowd as a node: who is told of, when, and what a scenario may say of it."""
+
+import msgspec
+import pytest
+from harness import SCENARIOS, Steps, error_of
+from mecazen import keys
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.keys import of_robot
+from mecazen.loading import load_scenario
+from mecazen.messages import Clock, Point, Skeleton, Time, planar_odometry
+from mecazen.skeleton import JOINTS
+from mecazen_crowd.config import CrowdConfig
+from mecazen_crowd.node import CrowdNode
+
+WALKERS = (
+    "crowd.walkers=[{ path = { kind = 'goal', x_m = 3.0, goal_m = [0.0, 3.0] }, "
+    "body = { height_m = 1.1 } }, { path = { kind = 'straight', y_m = -2.0, speed_m_s = 1.0 } }]"
+)
+
+
+def moving(x, y):
+    return planar_odometry(Time(), "world", "x", Pose2D(x, y, 0.0), Twist2D(0.5))
+
+
+class Crowd(Steps):
+    """The node, among robots and their persons who stand side by side."""
+
+    def __init__(self, name, *settings):
+        super().__init__(CrowdNode, load_scenario(SCENARIOS / f"{name}.toml", settings))
+        self.names = self.node.scenario.names
+
+    def tick(self, tick):
+        samples = {keys.CLOCK: Clock()}
+        for y, robot in enumerate(self.names):
+            samples[of_robot(keys.GROUND_TRUTH, robot)] = moving(-1.0, y)
+            samples[of_robot(keys.TARGET_ODOM, robot)] = moving(0.0, y)
+            skeleton = Skeleton(height=1.7, joints=(Point(y=y),) * len(JOINTS))
+            samples[of_robot(keys.TARGET_SKELETON, robot)] = skeleton
+        return self.step(tick, samples).get(keys.PEOPLE)
+
+
+def test_everybody_is_told_of_at_the_rate_of_the_skeleton():
+    crowd = Crowd("senses", WALKERS)
+    frames = {tick: crowd.tick(tick) for tick in range(5)}
+    assert [tick for tick, frame in frames.items() if frame] == [0, 2, 4]
+    frame = frames[4]
+    assert [one.id for one in frame.persons] == ["target", "walker_1", "walker_2"]
+    assert [one.height for one in frame.persons] == [1.7, 1.1, 1.75]
+    assert all(len(one.joints) == len(JOINTS) for one in frame.persons)
+    # the child's head is above where it stands: 0.93 of 1.1 m by Winter's table, and half a head
+    child = frame.persons[1]
+    assert 0.9 < max(joint.z for joint in child.joints) < 1.1
+    assert frame.persons[2].pose.position.x == pytest.approx(0.04)
+    assert [one.name for one in frame.robots] == ["robot"]
+    assert frame.robots[0].pose.position.x == -1.0
+
+
+def test_of_several_robots_all_and_their_persons_are_told_of():
+    frame = Crowd("convoy", "sensor.kind=fused").tick(0)
+    assert [one.id for one in frame.persons] == ["one", "two"]
+    assert [one.pose.position.y for one in frame.persons] == [0.0, 1.0]
+    assert [one.name for one in frame.robots] == ["one", "two"]
+
+
+def test_where_nobody_looks_at_bodies_there_are_none():
+    frame = Crowd("back", WALKERS).tick(0)
+    assert [len(one.joints) for one in frame.persons[1:]] == [0, 0]
+
+
+def test_a_run_begun_anew_is_the_same_again():
+    crowd = Crowd("crowd")
+    first = [crowd.tick(tick) for tick in range(0, 60, 2)]
+    crowd.reset(crowd.node.scenario.seed)
+    assert [crowd.tick(tick) for tick in range(0, 60, 2)] == first
+    crowd.reset(99)
+    assert crowd.tick(0) != first[0]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "settings", "takes_part"),
+    [
+        ("back", (), False),
+        ("senses", (), False),
+        ("convoy", (), False),
+        ("convoy", ("sensor.kind=fused",), True),
+        ("back", (WALKERS,), True),
+        ("crowd", (), True),
+    ],
+)
+def test_the_crowd_takes_part_where_there_is_one(scenario, settings, takes_part):
+    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", settings)
+    assert ("crowd" in loaded.services) == takes_part
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ({"reactive": {"count": 3, "x_m": [1.0, 0.0], "y_m": [0.0, 1.0]}}, "must be below"),
+        ({"reactive": {"count": 9, "x_m": [0.0, 2.0], "y_m": [0.0, 2.0]}}, "square metre"),
+        ({"reactive": {"count": 0, "x_m": [0.0, 2.0], "y_m": [0.0, 2.0]}}, ">= 1"),
+        ({"walkers": [{"path": {"kind": "driven"}}]}, "driven"),
+        ({"walkers": [{}]}, "path"),
+        ({"wakers": []}, "wakers"),
+    ],
+)
+def test_the_section_is_strict(table, told):
+    with pytest.raises(msgspec.ValidationError, match=told):
+        msgspec.convert(table, CrowdConfig)
+
+
+def test_a_path_that_cannot_be_walked_is_named_in_one_line():
+    points = "path = { kind = 'waypoints', points_m = [[0, 0], [0, 0]] }"
+    told = error_of(ConfigError, lambda: Crowd("back", f"crowd.walkers=[{{ {points} }}]"))
+    assert told.startswith("crowd.walkers.0.path: points_m: points 1 and 2 are the same")

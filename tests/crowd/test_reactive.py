@@ -1,0 +1,87 @@
+"""Walkers who give way: where they go, and whom they keep clear of; the same for the same seed."""
+
+import math
+from itertools import combinations, pairwise
+
+import pytest
+from mecazen.geometry import Pose2D
+from mecazen.world import Box
+from mecazen_crowd.config import Goal, Reactive
+from mecazen_crowd.reactive import CLEAR_M, Errand, Other, Pedestrians, drawn
+
+RADIUS_M, DT_S = 0.2, 0.02
+AREA = Reactive(count=12, x_m=(-4.0, 4.0), y_m=(-3.0, 3.0))
+
+
+def walk(errands, seconds, others=lambda t: (), obstacles=()):
+    """Return the places of all at each step."""
+    crowd = Pedestrians(errands, obstacles, RADIUS_M, 7)
+    places = []
+    for step in range(1, round(seconds / DT_S) + 1):
+        crowd.step(step * DT_S, DT_S, others(step * DT_S))
+        places.append([motion.pose for motion in crowd.motions])
+    return places
+
+
+def errand(x, goal, speed=1.3):
+    yaw = math.atan2(goal[1], goal[0] - x)
+    return Errand(Pose2D(x, 0.0, yaw), (goal,), False, speed)
+
+
+def test_who_is_alone_reaches_the_goal_at_the_preferred_speed_and_stands_there():
+    places = walk([errand(0.0, (8.0, 0.0))], 12.0)
+    # after 5 s: the speed relaxes within 0.5 s, so that 0.65 m are lost
+    assert places[249][0].x == pytest.approx(1.3 * 5.0 - 0.65, abs=0.05)
+    assert places[-1][0].distance(Pose2D(8.0, 0.0)) < 0.6
+    assert places[-1][0].distance(places[-50][0]) < 0.05
+
+
+def test_two_who_meet_head_on_pass_each_other_and_do_not_touch():
+    places = walk([errand(0.0, (8.0, 0.0)), errand(8.0, (0.0, 0.0))], 10.0)
+    assert min(a.distance(b) for a, b in places) > 2 * RADIUS_M
+    assert places[-1][0].distance(Pose2D(8.0, 0.0)) < 0.6
+    assert places[-1][1].distance(Pose2D(0.0, 0.0)) < 0.6
+
+
+def test_a_robot_is_walked_round_whether_it_stands_or_comes():
+    for speed in (0.0, -0.5):
+
+        def robot(t, speed=speed):
+            return (Other(4.0 + speed * t, 0.05, speed, 0.0, 0.45),)
+
+        places = walk([errand(0.0, (8.0, 0.0))], 10.0, robot)
+        gaps = [
+            math.hypot(one.x - 4.0 - speed * DT_S * n, one.y - 0.05)
+            for n, (one,) in enumerate(places, 1)
+        ]
+        assert min(gaps) > 0.45 + RADIUS_M
+        assert places[-1][0].x > 7.0
+
+
+def test_a_crowd_keeps_clear_of_a_wall_and_of_each_other():
+    wall = Box(size_m=(1.0, 0.2, 2.0), position_m=(0.0, 0.0))
+    places = walk(drawn(AREA, 3, (), [wall]), 20.0, obstacles=[wall])
+    for now in places:
+        for one in now:
+            over = (abs(one.x) - 0.5, abs(one.y) - 0.1)
+            assert math.hypot(*(max(part, 0.0) for part in over)) > RADIUS_M
+    near = min(a.distance(b) for now in places for a, b in combinations(now, 2))
+    # twelve on 48 m² squeeze past each other: shoulders, not trunks
+    assert near > 1.5 * RADIUS_M
+
+
+def test_those_who_are_drawn_begin_clear_of_others_and_the_same_for_the_same_seed():
+    errands = drawn(AREA, 3, [(0.0, 0.0)], ())
+    starts = [Pose2D(), *(one.start for one in errands)]
+    assert all(a.distance(b) >= CLEAR_M for a, b in combinations(starts, 2))
+    assert errands == drawn(AREA, 3, [(0.0, 0.0)], ())
+    assert errands != drawn(AREA, 4, [(0.0, 0.0)], ())
+    speeds = [one.speed for one in errands]
+    assert all(0.3 <= speed <= 1.34 + 4 * 0.26 for speed in speeds)
+
+
+def test_a_goal_back_and_forth_is_walked_again_and_again():
+    there = Errand.of(Goal(goal_m=(3.0, 0.0), back_and_forth=True))
+    places = [now[0].x for now in walk([there], 15.0)]
+    far = [x > 2.6 for x in places]
+    assert sum(b and not a for a, b in pairwise(far)) >= 2
