@@ -33,6 +33,7 @@ BUILT = (
     "recorder",
     "score",
     "sensors",
+    "crowd",
 )
 """Services of docker-compose.yml, one for each image."""
 
