@@ -176,9 +176,11 @@ def _take_sensors(raw: dict[str, Any]) -> None:
     if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
         return
     also = sensor.get("also", ())
-    wanted = features(str(sensor.get("kind")), map(str, also) if isinstance(also, list) else ())
+    wanted = features(str(sensor.get("kind")), [*map(str, also)] if isinstance(also, list) else [])
     needed = dict.fromkeys(row.part_of for row in GRAPH if row.needs in wanted)
-    if raw.get(CROWD) or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
+    crowd = raw.get(CROWD)
+    walked = any(crowd.values()) if isinstance(crowd, dict) else False
+    if walked or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
         needed[CROWD] = None
     raw["services"] = [*listed, *(name for name in needed if name not in listed)]
 

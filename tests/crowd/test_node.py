@@ -84,6 +84,7 @@ def test_a_run_begun_anew_is_the_same_again():
         ("senses", (), False),
         ("convoy", (), False),
         ("convoy", ("sensor.kind=fused",), True),
+        ("back", ("crowd.walkers=[]",), False),
         ("back", (WALKERS,), True),
         ("crowd", (), True),
     ],
