@@ -280,7 +280,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "follower",
         "keeps the robot at its place beside the person",
-        inputs=(every(keys.ODOM), due(keys.OBSERVATION), due(keys.LEGS)),
+        inputs=(every(keys.ODOM), due(keys.OBSERVATION), due(keys.LEGS), due(keys.SCAN)),
         outputs=(keys.FOLLOWER_STATE, keys.CMD_VEL),
         priority=2,
         resets_with=("controller",),

@@ -381,6 +381,11 @@ class FollowerState(Message):
     """Heading of the robot less of the goal [rad]."""
     last_seen_s: Float = 0.0
     """Simulated time since the last frame that showed the person [s]."""
+    plan: str = ""
+    """open (nothing is near), avoiding, gave_up_distance, gave_up_visibility, gave_up_bearing,
+    gave_up_heading or waiting; empty without a planner."""
+    plan_reason: str = ""
+    """Why it is not open."""
 
 
 class SimState(Message):

@@ -12,6 +12,10 @@ from mecazen.schema import AngleDeg, NonNegative, Positive, Section
 from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
 from mecazen_follower.pid import Gains, PoseController
+from mecazen_follower.planner.config import PlannerConfig
+from mecazen_follower.planner.costs import Body, Sight
+from mecazen_follower.planner.law import PolarGains
+from mecazen_follower.planner.planner import Planner
 from mecazen_follower.polar import UNLIMITED, Approach, PolarController
 
 
@@ -77,6 +81,8 @@ class FollowerConfig(Section):
     """Parameters of the estimator by name; missing ones get their defaults."""
     control: PolarControl | PidControl = PolarControl()
     """The control law; `kind` selects it."""
+    planner: PlannerConfig | None = None
+    """Left out, the robot goes straight to its place, whatever is in the way."""
     response_s: NonNegative = 0.0
     """Dead time from a command to the robot's motion; commands are computed that far ahead."""
     coast_after_s: Positive = 0.1
@@ -108,6 +114,22 @@ class FollowerConfig(Section):
         """Return a new estimator."""
         params = make_params(self.estimator, self.estimator_params)
         return ESTIMATORS[self.estimator](params)
+
+    def make_planner(self, drive: Drive, body: Body, sight: Sight, seed: int) -> Planner | None:
+        """Return a new planner for such a robot, if one is asked for."""
+        if self.planner is None:
+            return None
+        law = self.control if isinstance(self.control, PolarControl) else PolarControl()
+        gains = PolarGains(
+            law.linear_gain_1_s,
+            law.linear_braking_m_s2,
+            law.heading_gain_1_s,
+            law.heading_braking_rad_s2,
+            law.max_yaw_rate_rad_s,
+        )
+        return Planner(
+            self.planner, self.standoff, gains, drive, law.max_speed_m_s, body, sight, seed
+        )
 
     def make_controller(
         self, drive: Drive = UNLIMITED, view: float = math.inf

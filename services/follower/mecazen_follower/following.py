@@ -13,6 +13,8 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
+from mecazen_follower.planner.planner import Planner
+from mecazen_follower.planner.verdict import Plan
 from mecazen_follower.polar import UNLIMITED
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
@@ -38,6 +40,8 @@ class Step(NamedTuple):
     person: Estimate | None = None
     goal: Pose2D = Pose2D()
     errors: Errors = Errors(0.0, 0.0, 0.0)
+    plan: Plan | None = None
+    """What the planner does, where there is one, while the robot follows."""
 
 
 class Following:
@@ -50,9 +54,11 @@ class Following:
         drive: Drive = UNLIMITED,
         view: float = math.inf,
         hold: float = 0.0,
+        planner: Planner | None = None,
     ) -> None:
         self.people = PersonTracker(config, sensor, hold)
         self._controller = config.make_controller(drive, view)
+        self.planner = planner
         self._sees_all = math.isinf(view)
         self._side = 1.0
         self._standoff = config.standoff
@@ -71,25 +77,28 @@ class Following:
         if self._robot is not None and _jumped(self._robot, robot, dt):
             self.people.forget()
             self._controller.stop()
+            if self.planner is not None:
+                self.planner.forget()
         person = self.people.step(time, frame, self._standoff.person(robot))
         self._robot = robot
         tracking, unseen = self.people.tracker.state, self.people.tracker.unseen
         if person is None:
             return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
         lost = tracking is TrackingState.LOST
-        command = self._search() if lost else self._drive(person, robot, dt)
+        command = self._search() if lost else self._drive(time, person, robot, dt)
         if not lost:
             self._side = robot.between(person.pose).y
         goal = self._standoff.goal(person.pose)
         errors = self._standoff.errors(person.pose, robot)
-        return Step(self._send(command, dt), tracking, unseen, person, goal, errors)
+        plan = None if lost or self.planner is None else self.planner.plan
+        return Step(self._send(command, dt), tracking, unseen, person, goal, errors, plan)
 
     def _search(self) -> Twist2D:
         """Return rest, or a turn to the side on which the person left the field of view."""
         twist = self._controller.stop()
         return twist if self._sees_all else twist._replace(yaw=math.copysign(SEARCH, self._side))
 
-    def _drive(self, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
+    def _drive(self, time: float, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
         """Return the command for the time at which the robot responds to it.
 
         Until then the person walks on, and the robot executes the pending commands.
@@ -99,7 +108,13 @@ class Following:
             robot = robot.integrate(command, duration)
         goal = self._standoff.goal(person.pose)
         velocity = self._standoff.goal_velocity(person.pose, person.velocity)
-        return self._controller.command(goal, velocity, robot, dt)
+        command = self._controller.command(goal, velocity, robot, dt)
+        if self.planner is None:
+            return command
+        planned = self.planner.command(time, dt, person, robot, command)
+        if planned is not command:
+            self._controller.resume(planned)
+        return planned
 
     def _send(self, command: Twist2D, dt: float) -> Twist2D:
         """Return `command`, noted as pending for `dt` [s]."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace as replace_row
 from itertools import repeat
 
 from mecazen import messages as m
-from mecazen.config import Scenario, SensorConfig
+from mecazen.config import Scenario, SensorConfig, ticks_per_sample
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.graph import TABLE
-from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM
+from mecazen.graph import TABLE, Row
+from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.wire import NS_PER_S
@@ -22,6 +23,7 @@ from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
+from mecazen_follower.planner.costs import Body, Sight
 from mecazen_follower.polar import kept_view
 from mecazen_follower.tracking import Frame
 
@@ -55,15 +57,28 @@ class FollowerNode(Node):
                 f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
                 f"{CLEARANCE_M:g} between them"
             )
+        if self.config.planner is not None:
+            key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
+            ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
+        x, y, _ = scenario.robot.lidar.position_m
+        self.lidar = Pose2D(x, y)
+
+    @classmethod
+    def row(cls, scenario: Scenario) -> Row:
+        """Return the row: scans are for the planner."""
+        if scenario.section(FollowerConfig, "follower").planner is not None:
+            return cls.ROW
+        return replace_row(cls.ROW, inputs=tuple(i for i in cls.ROW.inputs if i.topic is not SCAN))
 
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
-        del seed
         sensor, drive = self.sensor, Drive.of(self.scenario)
         view = kept_view(math.radians(sensor.fov_deg))
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
-        self.following = Following(self.config, sensor, drive, view, hold_s)
+        body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
+        planner = self.config.make_planner(drive, body, _sight(self.scenario, sensor), seed)
+        self.following = Following(self.config, sensor, drive, view, hold_s, planner)
         self.robot = PoseHistory(round((HISTORY_S + sensor.latency_s) * NS_PER_S))
         self.state: m.FollowerState | None = None
 
@@ -77,9 +92,12 @@ class FollowerNode(Node):
         robot = odom.pose.pose.to_planar()
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
-        scan = inputs.get(LEGS)
+        legs = inputs.get(LEGS)
+        if legs is not None:
+            self._add_legs(tick.time_ns, inputs, legs)
+        scan = inputs.get(SCAN)
         if scan is not None:
-            self._add_legs(tick.time_ns, inputs, scan)
+            self._add_scan(inputs, scan)
         try:
             frame = self._frame(tick.time_ns, inputs.get(OBSERVATION))
             step = self.following.step(time_s, period_s, robot, frame)
@@ -99,6 +117,18 @@ class FollowerNode(Node):
             return
         if frame is not None:
             self.following.people.add(frame._replace(begins=self.sensor.kind == "legs"))
+
+    def _add_scan(self, inputs: Inputs, scan: m.LaserScan) -> None:
+        """Give a scan to the planner, placed with the robot's pose at its capture."""
+        if self.following.planner is None:
+            return
+        stamp_ns = scan.header.stamp.ns
+        try:
+            robot = self.robot.at(stamp_ns)
+        except ValueError as refusal:
+            inputs.refuse(SCAN, str(refusal))
+            return
+        self.following.planner.see(stamp_ns / NS_PER_S, scan, robot.compose(self.lidar))
 
     def _frame(self, now_ns: int, message: m.Observation | None) -> Frame | None:
         """Return everybody in a frame in odom, if it shows anybody.
@@ -141,6 +171,8 @@ class FollowerNode(Node):
         if self.state is not None:
             values["tracking"] = self.state.tracking
             values["distance_error_m"] = round(self.state.distance_error, 3)
+            if self.state.plan:
+                values["plan"] = self.state.plan
         return values
 
 
@@ -161,6 +193,17 @@ def data_sheet(scenario: Scenario) -> SensorConfig:
     )
 
 
+def _sight(scenario: Scenario, sensor: SensorConfig) -> Sight:
+    """Return where the sensor looks by which the person is found."""
+    half_fov = math.radians(sensor.fov_deg) / 2
+    if sensor.kind == "pose":
+        return Sight(0.0, half_fov, sensor.max_range_m)
+    if sensor.kind == "legs":
+        return Sight(0.0, half_fov, scenario.sensors.lidar.max_range_m)
+    yaw = math.radians(scenario.robot.camera.yaw_deg)
+    return Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
+
+
 def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:
     tracking, errors = step.tracking, step.errors
     if step.person is None:
@@ -175,6 +218,8 @@ def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:
         bearing_error=errors.bearing,
         heading_error=errors.yaw,
         last_seen_s=step.unseen,
+        plan="" if step.plan is None else step.plan.state,
+        plan_reason="" if step.plan is None else step.plan.reason,
     )
 
 

@@ -90,6 +90,11 @@ class PoseController:
             self._yaw.update(error.yaw, measured.yaw - expected.yaw, dt, expected.yaw),
         )
 
+    def resume(self, twist: Twist2D) -> None:
+        """Begin anew: the integrals are not those of the twist that was commanded instead."""
+        del twist
+        self.stop()
+
     def stop(self) -> Twist2D:
         """Reset the controller and return the zero twist."""
         for pid in (self._x, self._y, self._yaw):

@@ -122,6 +122,10 @@ class PolarController:
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
         return off - min(max(off - facing, -self._view), self._view)
 
+    def resume(self, twist: Twist2D) -> None:
+        """Go on from a twist in base_link that was commanded in place of the last one."""
+        self._last = twist
+
     def stop(self) -> Twist2D:
         """Return the zero twist."""
         self._last = Twist2D()

@@ -53,23 +53,29 @@ def _person(x: float, y: float, std: float) -> tuple[Pose2D, PlanarCovariance]:
     return Pose2D(x, y), ((variance, 0.0, 0.0), (0.0, variance, 0.0), (0.0, 0.0, NO_HEADING))
 
 
-def _legs(scan: LaserScan) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Return the centres of single legs, and of two legs that stand together."""
+def clusters(scan: LaserScan) -> tuple[Floats, npt.NDArray[np.intp]]:
+    """Return what was hit, in the lidar's frame, thing by thing, and where each thing begins."""
     ranges: Floats = np.array(scan.ranges)
     (valid,) = np.nonzero((ranges >= scan.range_min) & (ranges <= scan.range_max))
-    if len(valid) < LEAST_POINTS:
-        return [], []
     angles = scan.angle_min + scan.angle_increment * valid
     points = ranges[valid, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    if not len(points):
+        return points, valid
     steps = np.diff(points, axis=0, append=points[:1])
     (cuts,) = np.nonzero(np.einsum("ij,ij->i", steps, steps) > GAP_M**2)
     if not len(cuts):  # one thing: it begins after the widest gap between its beams
         cuts = np.argmax(np.diff(valid, append=valid[0] + len(ranges)), keepdims=True)
     # the scan is a circle: what begins before the first beam goes on after the last
     points = np.roll(points, -(cuts[0] + 1), axis=0)
-    ends = np.append(cuts[1:], cuts[0] + len(points)) - cuts[0]
-    starts = np.concatenate(([0], ends[:-1]))
-    counts = ends - starts
+    return points, np.concatenate(([0], cuts[1:] - cuts[0]))
+
+
+def _legs(scan: LaserScan) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Return the centres of single legs, and of two legs that stand together."""
+    points, starts = clusters(scan)
+    if len(points) < LEAST_POINTS:
+        return [], []
+    counts = np.diff(starts, append=len(points))
     middles = np.add.reduceat(points, starts) / counts[:, None]
     off = np.sum((points - np.repeat(middles, counts, axis=0)) ** 2, axis=-1)
     widths = 2.0 * np.sqrt(np.maximum.reduceat(off, starts))

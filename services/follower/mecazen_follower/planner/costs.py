@@ -1,0 +1,147 @@
+"""What a way costs: what is given up of the place beside the person, and how near things are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mecazen_follower.planner.field import Field, Shadows
+from mecazen_follower.planner.rollout import Array, Rollout
+
+Floats = npt.NDArray[np.float64]
+
+FACTOR = 3.0
+"""Weight of a priority over that of the next one."""
+DISTANCE_M = 0.5
+"""An error of the distance that costs as much as not to see the person."""
+NEAR, TOUCHING = 60.0, 2e3
+"""Costs of being near something, and of touching it: above all that may be given up."""
+JERKY = 0.4
+"""Cost of a squared change of the velocities [m/s, rad/s] from a step to the next."""
+
+
+class Sight(NamedTuple):
+    """A camera's direction on the robot and half its field of view [rad], and its range [m]."""
+
+    yaw: float = 0.0
+    half_fov: float = math.pi
+    max_range: float = math.inf
+
+
+class Body(NamedTuple):
+    """Half the robot's length and width, and the radius of a person [m]."""
+
+    length: float
+    width: float
+    person: float
+
+    @property
+    def discs(self) -> list[tuple[float, float]]:
+        """Where four discs are, each about a quarter of the robot."""
+        return [(x * self.length / 2, y * self.width / 2) for x in (1, -1) for y in (1, -1)]
+
+    @property
+    def disc(self) -> float:
+        """The radius of a disc [m]."""
+        return math.hypot(self.length, self.width) / 2
+
+
+class Scene(NamedTuple):
+    """What is around the robot, about the origin of the plan; `person` (steps, 3), `goals`
+    (steps, 3) with x, y, yaw, and `movers` (steps, n, 2)."""
+
+    person: Floats
+    goals: Floats
+    movers: Floats
+    field: Field
+    shadows: Shadows
+
+
+class Costs:
+    """Costs of ways by these weights.
+
+    Args:
+        priorities: What is given up last comes first.
+        standoff: The distance to keep [m].
+        clearance: To be kept to everything [m].
+        body: Of robot and person.
+        sight: Of the sensor that sees the person.
+    """
+
+    def __init__(
+        self,
+        priorities: Sequence[str],
+        standoff: float,
+        clearance: float,
+        body: Body,
+        sight: Sight,
+    ) -> None:
+        self.weights = {name: FACTOR**-rank for rank, name in enumerate(priorities)}
+        scale = FACTOR ** (len(priorities) - 1)
+        self.weights = {name: scale * weight for name, weight in self.weights.items()}
+        self._standoff, self._clearance = standoff, clearance
+        self._body, self._sight = body, sight
+
+    def of(self, ways: Rollout, scene: Scene) -> Array:
+        """Return the mean cost of a step of each way (n); the last steps count three times."""
+        kind = ways.x.dtype
+        person, goals = scene.person.astype(kind), scene.goals.astype(kind)
+        x, y = ways.x - person[:, :1], ways.y - person[:, 1:2]
+        distance = np.maximum(np.hypot(x, y), kind.type(1e-6))
+        weights = self.weights
+        cost = weights["distance"] * _huber(np.abs(distance - self._standoff) / DISTANCE_M)
+        reach = goals[:, :2] - person[:, :2]
+        reach /= np.hypot(reach[:, :1], reach[:, 1:])
+        along = (x * reach[:, :1] + y * reach[:, 1:]) / distance
+        cost += weights["bearing"] * 2.0 * (1.0 - along)
+        c, s = np.cos(goals[:, 2:]), np.sin(goals[:, 2:])
+        cost += weights["heading"] * 2.0 * (1.0 - ways.c * c - ways.s * s)
+        cost += weights["visibility"] * self.unseen(ways, scene, x, y, distance)
+        cost += self._near(self.clearance(ways, scene))
+        # the person is no obstacle as far as the standoff asks for it
+        least = self._body.person + math.hypot(self._body.length, self._body.width)
+        cost += self._near(distance - least, min(self._clearance, self._standoff - least))
+        steps = np.linspace(0.5, 1.5, len(x), dtype=kind)[:, None]
+        jerk = np.diff(ways.commands, axis=0)
+        return (steps * cost).mean(axis=0) + JERKY * (jerk * jerk).sum(axis=(0, 1))
+
+    def unseen(
+        self, ways: Rollout, scene: Scene, x: Array, y: Array, distance: Array
+    ) -> npt.NDArray[np.bool_]:
+        """Return where the person is not seen from offsets from them (steps, n)."""
+        hidden = scene.shadows.hide(x, y, distance) | (distance > self._sight.max_range)
+        if self._sight.half_fov < math.pi:
+            c, s = math.cos(self._sight.yaw), math.sin(self._sight.yaw)
+            ahead = -(x * (c * ways.c - s * ways.s) + y * (s * ways.c + c * ways.s)) / distance
+            hidden |= ahead < math.cos(self._sight.half_fov)
+        return hidden
+
+    def clearance(self, ways: Rollout, scene: Scene) -> Array:
+        """Return how far obstacles and walkers are from the robot (steps, n)."""
+        least: Array = np.full_like(ways.x, np.inf)
+        for ox, oy in self._body.discs:
+            px, py = ways.x + ox * ways.c - oy * ways.s, ways.y + ox * ways.s + oy * ways.c
+            np.minimum(least, scene.field.distance(px, py), out=least)
+        least -= self._body.disc
+        between = self._body.person + math.hypot(self._body.length, self._body.width)
+        movers = scene.movers.astype(ways.x.dtype)
+        for i in range(movers.shape[1]):
+            gap = np.hypot(ways.x - movers[:, i, :1], ways.y - movers[:, i, 1:])
+            np.minimum(least, gap - between, out=least)
+        return least
+
+    def _near(self, gap: Array, wanted: float | None = None) -> Array:
+        wanted = self._clearance if wanted is None else max(wanted, 1e-3)
+        near = np.maximum(1.0 - gap / wanted, 0.0)
+        cost: Array = NEAR * near * near + TOUCHING * (gap < 0.0)
+        return cost
+
+
+def _huber(error: Array) -> Array:
+    square = np.minimum(error, 2.0)
+    huber: Array = square * (2.0 * error - square)
+    return huber

@@ -1,0 +1,104 @@
+"""Nominal ways: places about the person, the person's own trail, and to stay."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.geometry import Pose2D, wrap
+
+from mecazen_follower.estimators import Estimate
+from mecazen_follower.goal import Standoff
+from mecazen_follower.planner.law import Goals
+
+TRAIL_M = 0.1
+"""From one point of the trail to the next."""
+ASIDE = math.radians(45.0)
+"""Between the place to keep and the next ones that are tried."""
+ALIKE = math.radians(5.0)
+"""Places that differ by less are one."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class Prediction(NamedTuple):
+    """The person after each step: poses and velocities (steps, 3), from the robot's place on."""
+
+    poses: Floats
+    velocities: Floats
+
+    @classmethod
+    def of(cls, person: Estimate, robot: Pose2D, steps: int, dt: float) -> Prediction:
+        """Return what the estimator predicts; the axes are those of odom."""
+        later = [person.after(dt * (k + 1)) for k in range(steps)]
+        poses = np.array([one.pose for one in later])
+        poses[:, :2] -= robot[:2]
+        return cls(poses, np.array([one.velocity for one in later]))
+
+
+class Trail:
+    """Where the person has walked, as far back as the robot may be."""
+
+    def __init__(self, standoff: float) -> None:
+        self._points: deque[tuple[float, float]] = deque(maxlen=round((standoff + 3.0) / TRAIL_M))
+
+    def add(self, person: Pose2D) -> None:
+        """Note where the person is, in odom."""
+        here = person.x, person.y
+        if not self._points or math.dist(self._points[-1], here) >= TRAIL_M:
+            self._points.append(here)
+
+    def points(self, robot: Pose2D) -> Floats:
+        """Return the trail (n, 2), oldest first, from the robot's place on."""
+        return np.array(self._points).reshape(-1, 2) - robot[:2]
+
+
+def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
+    """Return the modes: the place to keep, others about the person, the trail, and to stay.
+
+    All but the first are turned about the person so that the robot sees them as it does there.
+    """
+    behind, mirrored = wrap(math.pi - standoff.bearing), wrap(-2.0 * standoff.bearing)
+    turns = [0.0]
+    for turn in (behind, ASIDE, -ASIDE, mirrored):
+        if all(abs(wrap(turn - other)) > ALIKE for other in turns):
+            turns.append(turn)
+    poses, velocities = [], []
+    facing = standoff.heading - standoff.bearing  # heading, from the direction person to robot
+    for turn in turns:
+        bearing = standoff.bearing + turn
+        direction = person.poses[:, 2] + bearing
+        reach = standoff.distance * np.stack((np.cos(direction), np.sin(direction)), axis=-1)
+        place = person.poses[:, :2] + reach
+        poses.append(np.column_stack((place, direction + facing)))
+        yaw_rate = person.velocities[:, 2]
+        vx = person.velocities[:, 0] - yaw_rate * reach[:, 1]
+        vy = person.velocities[:, 1] + yaw_rate * reach[:, 0]
+        velocities.append(np.column_stack((vx, vy, yaw_rate)))
+
+    for places, speeds in (_along(trail, person, standoff.distance), _stay(len(person.poses))):
+        off = places - person.poses[:, :2]
+        heading = np.arctan2(off[:, 1], off[:, 0]) + facing
+        poses.append(np.column_stack((places, heading)))
+        velocities.append(np.column_stack((speeds, np.zeros(len(speeds)))))
+    turn_rates = np.array([*[person.velocities[0, 2]] * len(turns), 0.0, 0.0])
+    return Goals(np.stack(poses, axis=-1), np.stack(velocities, axis=-1), turn_rates)
+
+
+def _along(trail: Floats, person: Prediction, distance: float) -> tuple[Floats, Floats]:
+    """Return places a distance behind the person along their way, and the velocities there."""
+    way = np.concatenate((trail, person.poses[:, :2]))
+    lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
+    speeds = np.hypot(person.velocities[:, 0], person.velocities[:, 1])
+    at = np.maximum(lengths[len(trail) :] - distance, 0.0)
+    x, y = (np.interp(at, lengths, axis) for axis in way.T)
+    dx, dy = (np.interp(at + 0.1, lengths, axis) - v for axis, v in zip(way.T, (x, y), strict=True))
+    length = np.maximum(np.hypot(dx, dy), 1e-6)
+    return np.column_stack((x, y)), np.column_stack((dx, dy)) * (speeds / length)[:, None]
+
+
+def _stay(steps: int) -> tuple[Floats, Floats]:
+    return np.zeros((steps, 2)), np.zeros((steps, 2))

@@ -1,0 +1,68 @@
+"""Model predictive path integral control: the mean of random commands, weighted by their costs.
+
+Williams, Aldrich & Theodorou, Model predictive path integral control: from theory to parallel
+computation, J. Guid. Control Dyn. 40(2), 2017. Here each of several nominal ways is sampled for
+itself, as a mean of ways on both sides of a pillar leads into it, and the cheapest one is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from mecazen_follower.planner.rollout import Array, Rollout
+
+STEPS = 20
+KNOTS = 6
+"""The noise is piecewise linear between as many random values."""
+NOISE = 0.5, 0.5, 0.8
+"""Its standard deviations [m/s, m/s, rad/s]."""
+FINE = 0.25
+"""Every other sample has so much of it."""
+TEMPERATURE = 0.5
+"""Difference of costs by which a sample's weight falls to 1/e."""
+
+Floats32 = npt.NDArray[np.float32]
+
+
+class Mppi:
+    """Samples about nominal commands with the same seeded noise at each plan."""
+
+    def __init__(self, samples: int, seed: int) -> None:
+        random = np.random.Generator(np.random.PCG64(seed))
+        knots = random.standard_normal((KNOTS, 3, samples)) * np.array(NOISE)[:, None]
+        at = np.linspace(0.0, KNOTS - 1.0, STEPS)
+        before = np.minimum(at.astype(int), KNOTS - 2)
+        share = (at - before)[:, None, None]
+        noise = (1.0 - share) * knots[before] + share * knots[before + 1]
+        noise[..., 1::2] *= FINE
+        self._noise = noise.astype(np.float32)
+
+    def plan(
+        self,
+        nominal: Array,
+        roll: Callable[[Array], Rollout],
+        cost: Callable[[Rollout], Array],
+    ) -> tuple[Array, Array]:
+        """Return the best commands (STEPS, 3, 2 modes) and their costs: the nominal ones first.
+
+        Args:
+            nominal: Commands of each mode (STEPS, 3, modes).
+            roll: Where commands (STEPS, 3, n) lead.
+            cost: What that costs (n).
+        """
+        modes, samples = nominal.shape[-1], self._noise.shape[-1]
+        parts = [part.tolist() for part in np.array_split(np.arange(samples), modes)]
+        of = np.repeat(np.arange(modes), [len(part) for part in parts])
+        commands = self._noise + nominal.astype(np.float32)[..., of]
+        ways = roll(commands)
+        costs = cost(ways)
+        means = np.empty_like(nominal)
+        for mode, part in enumerate(parts):
+            own = slice(part[0], part[-1] + 1)
+            weights = np.exp((costs[own].min() - costs[own]) / np.float32(TEMPERATURE))
+            means[..., mode] = (commands[..., own] * (weights / weights.sum())).sum(axis=-1)
+        best = np.concatenate((nominal, means), axis=-1)
+        return best, cost(roll(best))

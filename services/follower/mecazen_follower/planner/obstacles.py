@@ -1,0 +1,90 @@
+"""What surrounds the robot: from scans to points that stand, and to people who walk."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.geometry import Pose2D
+from mecazen.messages import LaserScan
+
+from mecazen_follower.perception.legs import BOTH_LEGS_M, clusters, persons
+from mecazen_follower.planner.movers import Movers
+
+VOXEL_M = 0.1
+"""One point is kept of each square of this width."""
+MOST_POINTS = 60
+"""The nearest ones count."""
+MEMORY_S = 1.5
+"""For so long a point is remembered that something hides."""
+BEHIND_M = 0.15
+"""A point is hidden by what is nearer by at least this."""
+OWN_M = 0.5
+"""Legs are not farther from whom they carry: half a stride."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class Surroundings:
+    """Everything that the lidar sees, but for the person whom the robot follows, in odom."""
+
+    def __init__(self) -> None:
+        self.movers = Movers()
+        self._points: Floats = np.empty((0, 2))
+        self._times: Floats = np.empty(0)
+
+    def see(self, time: float, scan: LaserScan, lidar: Pose2D, person: Pose2D) -> None:
+        """Take a scan that was captured at `time` [s] with the lidar at a pose in odom."""
+        found = [lidar.compose(pose) for pose, _ in persons(scan)]
+        others = [(x, y) for x, y, _ in found if not _near(x, y, person)]
+        self.movers.update(time, others)
+        walkers = np.vstack((self.movers.places(time), [person[:2]]))
+
+        hidden = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
+        points, starts = clusters(scan)
+        c, s = math.cos(lidar.yaw), math.sin(lidar.yaw)
+        points = points @ np.array(((c, s), (-s, c))) + (lidar.x, lidar.y)
+        standing = points[~_of_walkers(points, starts, walkers)]
+        self._points = np.vstack((self._points[hidden], standing))
+        self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
+
+    def standing(self, robot: Pose2D) -> Floats:
+        """Return the places of what stands (n, 2), the nearest ones, thinned out, in odom."""
+        offsets = self._points - robot[:2]
+        order = np.argsort(np.einsum("ij,ij->i", offsets, offsets), kind="stable")
+        near = self._points[order]
+        voxels = np.floor(near / VOXEL_M).astype(np.int64)
+        _, first = np.unique(voxels[:, 0] * (1 << 32) + voxels[:, 1], return_index=True)
+        return near[np.sort(first)[:MOST_POINTS]]
+
+    def _hidden(self, scan: LaserScan, lidar: Pose2D) -> npt.NDArray[np.bool_]:
+        """Return which known points this scan could not see: no others are remembered."""
+        offsets = self._points - lidar[:2]
+        away = np.hypot(offsets[:, 0], offsets[:, 1])
+        angles = np.arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
+        beams = np.round((angles % math.tau) / (scan.angle_increment or 1.0)).astype(int)
+        ranges = np.array(scan.ranges)
+        if not len(ranges):
+            return np.ones(len(away), bool)
+        beams %= round(math.tau / (scan.angle_increment or 1.0))
+        seen = ranges[np.minimum(beams, len(ranges) - 1)]
+        hidden: npt.NDArray[np.bool_] = (seen < away - BEHIND_M) | (beams >= len(ranges))
+        return hidden
+
+
+def _near(x: float, y: float, person: Pose2D) -> bool:
+    return math.hypot(x - person.x, y - person.y) <= OWN_M
+
+
+def _of_walkers(
+    points: Floats, starts: npt.NDArray[np.intp], walkers: Floats
+) -> npt.NDArray[np.bool_]:
+    """Return which points are legs: of things no wider than two, beside somebody who walks."""
+    if not len(points) or not len(walkers):
+        return np.zeros(len(points), bool)
+    counts = np.diff(starts, append=len(points))
+    middles = np.add.reduceat(points, starts) / counts[:, None]
+    widths = np.hypot(*(np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)).T)
+    gaps = np.linalg.norm(middles[:, None] - walkers, axis=-1).min(axis=1)
+    return np.repeat((widths <= BOTH_LEGS_M) & (gaps <= OWN_M), counts)

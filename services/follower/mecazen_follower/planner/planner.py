@@ -1,0 +1,168 @@
+"""The following planner: the polar law where nothing is near, else the best way round."""
+
+from __future__ import annotations
+
+import math
+import numpy as np
+import numpy.typing as npt
+from mecazen.drive import Drive
+from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.messages import LaserScan
+
+from mecazen_follower.estimators import Estimate
+from mecazen_follower.goal import Standoff
+from mecazen_follower.planner.config import PlannerConfig
+from mecazen_follower.planner.costs import Body, Costs, Scene, Sight
+from mecazen_follower.planner.field import Field, Shadows
+from mecazen_follower.planner.law import PolarGains, towards
+from mecazen_follower.planner.modes import Prediction, Trail, goals_of
+from mecazen_follower.planner.mppi import STEPS, Mppi
+from mecazen_follower.planner.obstacles import Surroundings
+from mecazen_follower.planner.rollout import Able, Array, Rollout, follow, roll, step_towards
+from mecazen_follower.planner.verdict import OPEN, Plan, free, verdict
+
+POINT_M = 0.05
+"""Half the width of what a point hides."""
+LOYALTY = 0.5
+"""A way must be cheaper by this to take the place of the last one."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class Planner:
+    """Plans from time to time; between plans it follows the last one.
+
+    Args:
+        config: Its config.
+        standoff: The place to keep beside the person.
+        gains: Of the polar law.
+        drive: What wheels and controller can do.
+        max_speed: Of base_link in any direction [m/s].
+        body: Sizes of robot and person.
+        sight: Of the sensor that sees the person.
+        seed: Of the samples.
+
+    Attributes:
+        plan: What it does, and why.
+    """
+
+    def __init__(
+        self,
+        config: PlannerConfig,
+        standoff: Standoff,
+        gains: PolarGains,
+        drive: Drive,
+        max_speed: float,
+        body: Body,
+        sight: Sight,
+        seed: int,
+    ) -> None:
+        self._config, self._standoff, self._gains = config, standoff, gains
+        self._drive, self._max_speed, self._body = drive, max_speed, body
+        self._dt = config.horizon_s / STEPS
+        self._able = Able(drive, max_speed, self._dt, float)
+        self._able32 = Able(drive, max_speed, self._dt, np.float32)
+        self._costs = Costs(
+            config.priorities, standoff.distance, config.clearance_m, body, sight
+        )
+        self._mppi = Mppi(config.samples, seed)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: odom is another, or the person."""
+        self.plan = OPEN
+        self.surroundings = Surroundings()
+        self._trail = Trail(self._standoff.distance)
+        self._person: Pose2D | None = None
+        self._commands: Array | None = None
+        self._sent = Twist2D()
+        self._planned = -math.inf
+
+    def see(self, time: float, scan: LaserScan, lidar: Pose2D) -> None:
+        """Take a scan of `time` [s] with the lidar at a pose in odom.
+
+        Before the person is known their legs can't be told from obstacles: nothing is taken.
+        """
+        if self._person is not None:
+            self.surroundings.see(time, scan, lidar, self._person)
+
+    def command(
+        self, time: float, dt: float, person: Estimate, robot: Pose2D, nominal: Twist2D
+    ) -> Twist2D:
+        """Return the twist in base_link for now; where nothing is near, `nominal` as it is.
+
+        Args:
+            time: Now [s].
+            dt: Since the last call [s].
+            person: The estimate, in odom.
+            robot: Its pose in odom.
+            nominal: What the polar law commands.
+        """
+        self._person = person.pose
+        self._trail.add(person.pose)
+        if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
+            elapsed = time - self._planned
+            self._planned = time
+            self._replan(time, elapsed, person, robot)
+        if self._commands is None:
+            self._sent = nominal
+            return nominal
+        x, y, yaw = self._commands[0].tolist()
+        wanted = Twist2D(*rotate(x, y, -robot.yaw), yaw)
+        able = Able(self._drive, self._max_speed, dt, float)
+        self._sent = step_towards(self._sent, wanted, able)
+        return self._sent
+
+    def _replan(self, time: float, elapsed: float, person: Estimate, robot: Pose2D) -> None:
+        prediction = Prediction.of(person, robot, STEPS, self._dt)
+        goals = goals_of(self._standoff, prediction, self._trail.points(robot))
+        nominal = roll(
+            robot.yaw,
+            self._sent,
+            goals.poses.shape[-1],
+            STEPS,
+            self._dt,
+            self._able,
+            towards(prediction.poses, goals, self._gains),
+        )
+        standing = self.surroundings.standing(robot) - robot[:2]
+        times = time + self._dt * np.arange(1, STEPS + 1)
+        movers = self.surroundings.movers.ahead(times) - robot[:2]
+        shadows = self._shadows(prediction.poses[:, :2], standing, movers)
+        was = self._config.clearance_m
+        wanted = was if self._commands is None else 1.5 * was  # back to the law with room to spare
+        obstacle = free(nominal, standing, movers, self._body, prediction, shadows, wanted, self._dt)
+        if not obstacle:
+            self.plan, self._commands = OPEN, None
+            return
+        scene = Scene(
+            prediction.poses, goals.poses[..., 0], movers, Field(standing), shadows
+        )
+        modes = nominal.commands
+        if self._commands is not None:
+            modes = np.concatenate((modes, _shifted(self._commands, elapsed / self._dt)), axis=-1)
+
+        def rolled(commands: Array) -> Rollout:
+            able = self._able32 if commands.dtype == np.float32 else self._able
+            n = commands.shape[-1]
+            return roll(robot.yaw, self._sent, n, STEPS, self._dt, able, follow(commands))
+
+        best, costs = self._mppi.plan(modes, rolled, lambda ways: self._costs.of(ways, scene))
+        if self._commands is not None:  # its own nominal way, and what the samples make of it
+            costs[[modes.shape[-1] - 1, -1]] -= LOYALTY
+        chosen = int(np.argmin(costs))
+        self._commands = best[..., chosen]
+        way = rolled(self._commands[..., None])
+        self.plan = verdict(way, scene, self._costs, self._standoff, self._body, obstacle)
+
+    def _shadows(self, person: Floats, standing: Floats, movers: Floats) -> Shadows:
+        points = np.concatenate((np.broadcast_to(standing, (STEPS, *standing.shape)), movers), axis=1)
+        radius = np.repeat((POINT_M, self._body.person), (len(standing), movers.shape[1]))
+        return Shadows(person, points, radius)
+
+
+def _shifted(commands: Array, steps: float) -> Array:
+    """Return commands (steps, 3), begun some steps ago, from now on (steps, 3, 1)."""
+    at = np.arange(len(commands)) + steps
+    known = np.arange(len(commands))
+    return np.stack([np.interp(at, known, axis) for axis in commands.T], axis=-1)[..., None]

@@ -1,0 +1,110 @@
+"""Where commands take the robot, within what its wheels and its controller can do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.drive import Drive
+from mecazen.geometry import Twist2D
+
+Array = npt.NDArray[np.floating[Any]]
+
+Command = Callable[[int, Array, Array, Array], Array]
+"""From step, x, y and yaw, each (n), to velocities along odom's axes and yaw rates (3, n)."""
+
+
+class Rollout(NamedTuple):
+    """Poses after each step, each (steps, n): x, y [m], cos and sin of the yaw.
+
+    `commands` (steps, 3, n) are what was commanded, `twists` (steps, 3, n) what the robot does of
+    it, in base_link.
+    """
+
+    x: Array
+    y: Array
+    c: Array
+    s: Array
+    commands: Array
+    twists: Array
+
+
+class Able:
+    """What the robot is able to do in a step of `dt` [s]: its axes first, then its wheels.
+
+    As the controller: each axis keeps its limits, then all are slowed down alike until no rim is
+    faster than it can be. `max_speed` [m/s] limits the planar speed.
+    """
+
+    def __init__(self, drive: Drive, max_speed: float, dt: float, dtype: npt.DTypeLike) -> None:
+        axes = drive.axes
+        self._up, self._down, self._fastest = (
+            np.array(values, dtype)[:, None]
+            for values in (
+                [axis.acceleration * dt for axis in axes],
+                [axis.deceleration * dt for axis in axes],
+                [axis.velocity for axis in axes],
+            )
+        )
+        self._rims = np.array((1.0, drive.sideways, drive.lever), dtype)[:, None]
+        self._rim_speed, self._max_speed = drive.rim_speed, max_speed
+
+    def reach(self, twist: Array, wanted: Array) -> Array:
+        """Return the twist (3, n) after a step from `twist` towards `wanted`, in base_link."""
+        up, down = self._up, self._down
+        low = twist - np.where(twist > 0.0, down, up)
+        high = twist + np.where(twist < 0.0, down, up)
+        reached = np.minimum(np.maximum(wanted, low), high)
+        reached = np.minimum(np.maximum(reached, -self._fastest), self._fastest)
+        rims = (self._rims * np.abs(reached)).sum(axis=0)
+        slower = np.minimum(self._rim_speed / np.maximum(rims, 1e-6), 1.0)
+        reached *= slower
+        speed = np.hypot(reached[0], reached[1])
+        reached[:2] *= np.minimum(self._max_speed / np.maximum(speed, 1e-6), 1.0)
+        return reached
+
+
+def step_towards(twist: Twist2D, wanted: Twist2D, able: Able) -> Twist2D:
+    """Return the twist after a single step, both in base_link."""
+    reached = able.reach(np.array(twist)[:, None], np.array(wanted)[:, None])
+    return Twist2D(*reached[:, 0].tolist())
+
+
+def roll(
+    yaw: float, twist: Twist2D, n: int, steps: int, dt: float, able: Able, command: Command
+) -> Rollout:
+    """Return where `n` robots get that begin at the origin with a yaw [rad] and a twist.
+
+    The twist changes evenly over a step. `command` gives the arrays' type by what it returns.
+    """
+    first = command(0, *(np.full(n, value) for value in (0.0, 0.0, yaw)))
+    dtype = first.dtype
+    x, y = np.zeros(n, dtype), np.zeros(n, dtype)
+    angle = np.full(n, yaw, dtype)
+    now = np.repeat(np.array(twist, dtype)[:, None], n, axis=1)
+    c, s = np.cos(angle), np.sin(angle)
+    poses = np.empty((4, steps, n), dtype)
+    commands, twists = np.empty((steps, 3, n), dtype), np.empty((steps, 3, n), dtype)
+    wanted = np.empty((3, n), dtype)
+    for k in range(steps):
+        commands[k] = first if k == 0 else command(k, x, y, angle)
+        vx, vy, wanted[2] = commands[k]
+        wanted[0], wanted[1] = c * vx + s * vy, c * vy - s * vx
+        reached = able.reach(now, wanted)
+        mx, my, turn = (now + reached) * dtype.type(dt / 2.0)
+        middle = angle + turn * dtype.type(0.5)
+        c, s = np.cos(middle), np.sin(middle)
+        x = x + c * mx - s * my
+        y = y + s * mx + c * my
+        angle = angle + turn
+        c, s = np.cos(angle), np.sin(angle)
+        poses[0, k], poses[1, k], poses[2, k], poses[3, k] = x, y, c, s
+        now = twists[k] = reached
+    return Rollout(*poses, commands, twists)
+
+
+def follow(commands: Array) -> Command:
+    """Return what gives the commands (steps, 3, n), wherever the robots are."""
+    return lambda k, *_: commands[k]

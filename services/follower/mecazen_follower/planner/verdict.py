@@ -1,0 +1,96 @@
+"""What a plan gives up, in a word and a reason."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from mecazen_follower.goal import Standoff
+from mecazen_follower.planner.costs import Body, Costs, Scene
+from mecazen_follower.planner.field import Shadows
+from mecazen_follower.planner.modes import Prediction
+from mecazen_follower.planner.rollout import Rollout
+
+GIVEN_UP_M, GIVEN_UP_RAD = 0.3, math.radians(30.0)
+"""Errors at the end of a plan of a distance and of an angle that is given up."""
+STILL_M = 0.15
+"""Who gets no farther in a whole plan waits."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class Plan(NamedTuple):
+    """What the planner does: open, avoiding, gave_up_<priority> or waiting; and why."""
+
+    state: str
+    reason: str = ""
+
+
+OPEN = Plan("open")
+
+
+def free(
+    ways: Rollout,
+    standing: Floats,
+    movers: Floats,
+    body: Body,
+    person: Prediction,
+    shadows: Shadows,
+    clearance: float,
+    dt: float,
+) -> str:
+    """Return what is in the first way's way, or between it and the person; "" where nothing is.
+
+    Points count by their distance from the robot's rectangle, walkers by that from its corners.
+    """
+    x, y, c, s = (values[:, :1] for values in ways[:4])
+    dx, dy = standing[:, 0] - x, standing[:, 1] - y
+    gaps = np.hypot(
+        np.maximum(np.abs(c * dx + s * dy) - body.length, 0.0),
+        np.maximum(np.abs(c * dy - s * dx) - body.width, 0.0),
+    )
+    gap = gaps.min(axis=1, initial=math.inf)
+    reach = math.hypot(body.length, body.width) + body.person
+    passing = np.hypot(movers[..., 0] - x, movers[..., 1] - y) - reach
+    crossing = passing.min(axis=1, initial=math.inf)
+    off_x, off_y = x - person.poses[:, :1], y - person.poses[:, 1:2]
+    hidden = shadows.hide(off_x, off_y, np.hypot(off_x, off_y))[:, 0]
+    for bad, reason in (
+        (gap < clearance, "an obstacle is in the way"),
+        (crossing < clearance, "somebody comes across"),
+        (hidden, "the person would be hidden"),
+    ):
+        if bad.any():
+            return f"{reason} in {dt * (int(np.argmax(bad)) + 1):.1f} s"
+    return ""
+
+
+def verdict(
+    way: Rollout, scene: Scene, costs: Costs, standoff: Standoff, body: Body, obstacle: str
+) -> Plan:
+    """Return what a single way is, that is taken because of an obstacle."""
+    x, y = way.x - scene.person[:, :1], way.y - scene.person[:, 1:2]
+    distance = np.hypot(x, y)
+    px, py, yaw = scene.person[-1]
+    bearing = math.remainder(
+        math.atan2(float(y[-1, 0]), float(x[-1, 0])) - yaw - standoff.bearing, math.tau
+    )
+    heading = math.atan2(float(way.s[-1, 0]), float(way.c[-1, 0]))
+    off = math.remainder(heading - yaw - standoff.heading, math.tau)
+    error = abs(float(distance[-1, 0]) - standoff.distance)
+    moved = math.hypot(float(way.x[-1, 0]), float(way.y[-1, 0]))
+    if moved < STILL_M and error > GIVEN_UP_M:
+        return Plan("waiting", obstacle)
+    lost = {
+        "distance": error > GIVEN_UP_M,
+        "visibility": bool(costs.unseen(way, scene, x, y, distance).mean() > 0.5),
+        "bearing": abs(bearing) > GIVEN_UP_RAD,
+        "heading": abs(off) > GIVEN_UP_RAD,
+    }
+    for name in costs.weights:  # the dearest first
+        if lost[name]:
+            return Plan(f"gave_up_{name}", obstacle)
+    return Plan("avoiding", obstacle)
