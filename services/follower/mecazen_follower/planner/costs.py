@@ -18,7 +18,7 @@ FACTOR = 3.0
 """Weight of a priority over that of the next one."""
 DISTANCE_M = 0.5
 """An error of the distance that costs as much as not to see the person."""
-NEAR, TOUCHING = 60.0, 2e3
+NEAR, TOUCHING = 400.0, 1e5
 """Costs of being near something, and of touching it: above all that may be given up."""
 JERKY = 0.4
 """Cost of a squared change of the velocities [m/s, rad/s] from a step to the next."""
@@ -91,7 +91,7 @@ class Costs:
         kind = ways.x.dtype
         person, goals = scene.person.astype(kind), scene.goals.astype(kind)
         x, y = ways.x - person[:, :1], ways.y - person[:, 1:2]
-        distance = np.maximum(np.hypot(x, y), kind.type(1e-6))
+        distance = np.maximum(np.sqrt(x * x + y * y), kind.type(1e-6))
         weights = self.weights
         cost = weights["distance"] * _huber(np.abs(distance - self._standoff) / DISTANCE_M)
         reach = goals[:, :2] - person[:, :2]
@@ -130,8 +130,8 @@ class Costs:
         between = self._body.person + math.hypot(self._body.length, self._body.width)
         movers = scene.movers.astype(ways.x.dtype)
         for i in range(movers.shape[1]):
-            gap = np.hypot(ways.x - movers[:, i, :1], ways.y - movers[:, i, 1:])
-            np.minimum(least, gap - between, out=least)
+            x, y = ways.x - movers[:, i, :1], ways.y - movers[:, i, 1:]
+            np.minimum(least, np.sqrt(x * x + y * y) - between, out=least)
         return least
 
     def _near(self, gap: Array, wanted: float | None = None) -> Array:
@@ -142,6 +142,6 @@ class Costs:
 
 
 def _huber(error: Array) -> Array:
-    square = np.minimum(error, 2.0)
+    square = np.minimum(error, 1.0)
     huber: Array = square * (2.0 * error - square)
     return huber

@@ -25,24 +25,20 @@ class Field:
 
     def __init__(self, points: Floats) -> None:
         at = (np.arange(CELLS, dtype=np.float32) - (CELLS - 1) / 2) * np.float32(CELL_M)
-        if len(points):
-            x, y = points.astype(np.float32).T
-            dx, dy = (at[:, None] - x) ** 2, (at[:, None] - y) ** 2
-            table = np.empty((CELLS, CELLS), np.float32)
-            for i in range(CELLS):  # row by row: small enough for the processor's cache
-                (dx[i] + dy).min(axis=1, out=table[i])
-            self._table = np.sqrt(table).ravel()
-        else:
-            self._table = np.full(CELLS * CELLS, np.inf, np.float32)
+        table = np.full((CELLS, CELLS), np.inf, np.float32)
+        for x, y in points.astype(np.float32):
+            np.minimum(table, ((at - x) ** 2)[:, None] + (at - y) ** 2, out=table)
+        self._table = np.sqrt(table).ravel()
 
     def distance(self, x: Array, y: Array) -> Array:
         """Return the distances at places of any shape, to half a cell's diagonal."""
         i, j = (
-            np.clip(v * np.float32(1.0 / CELL_M) + np.float32(CELLS / 2), 0, CELLS - 1)
+            np.minimum(
+                np.maximum(v * np.float32(1.0 / CELL_M) + np.float32(CELLS / 2), 0), CELLS - 1
+            ).astype(np.int32)
             for v in (x, y)
         )
-        table: Array = self._table[i.astype(np.int32) * CELLS + j.astype(np.int32)]
-        return table
+        return self._table.take(i * CELLS + j)
 
 
 class Shadows:
@@ -56,7 +52,7 @@ class Shadows:
 
     def __init__(self, person: Floats, points: Floats, radius: Floats) -> None:
         steps = len(person)
-        self._nearest = np.full((steps, BINS), np.inf)
+        nearest = np.full((steps, BINS), np.inf)
         offsets = points - person[:, None]
         ranges = np.hypot(offsets[..., 0], offsets[..., 1])
         angles = np.arctan2(offsets[..., 1], offsets[..., 0])
@@ -66,11 +62,14 @@ class Shadows:
         for spread in range(-SPREAD, SPREAD + 1):
             covers = abs(spread) <= half + 0.5
             where = rows[covers], (bins[covers] + spread) % BINS
-            np.minimum.at(self._nearest, where, ranges[covers])
-        self._nearest = self._nearest.astype(np.float32)
+            np.minimum.at(nearest, where, ranges[covers])
+        self._flat = nearest.astype(np.float32).ravel()
+        self._rows = np.arange(0, steps * BINS, BINS, dtype=np.int32)[:, None]
 
     def hide(self, x: Array, y: Array, distance: Array) -> npt.NDArray[np.bool_]:
         """Return whether the person is hidden from robots (steps, n) at offsets from the person."""
-        bins = np.floor(np.arctan2(y, x) * np.float32(BINS / math.tau)).astype(np.int32) % BINS
-        hidden: npt.NDArray[np.bool_] = np.take_along_axis(self._nearest, bins, axis=1) < distance
+        # the bin of -π is the one of π: the table is circular
+        bins = (np.arctan2(y, x) * np.float32(BINS / math.tau) + np.float32(BINS)).astype(np.int32)
+        bins -= BINS * (bins >= BINS)
+        hidden: npt.NDArray[np.bool_] = self._flat.take(self._rows + bins) < distance
         return hidden

@@ -45,8 +45,8 @@ class Mppi:
         nominal: Array,
         roll: Callable[[Array], Rollout],
         cost: Callable[[Rollout], Array],
-    ) -> tuple[Array, Array]:
-        """Return the best commands (STEPS, 3, 2 modes) and their costs: the nominal ones first.
+    ) -> tuple[Rollout, Array]:
+        """Return the best ways (2 modes) and their costs: the nominal ones first.
 
         Args:
             nominal: Commands of each mode (STEPS, 3, modes).
@@ -64,5 +64,5 @@ class Mppi:
             own = slice(part[0], part[-1] + 1)
             weights = np.exp((costs[own].min() - costs[own]) / np.float32(TEMPERATURE))
             means[..., mode] = (commands[..., own] * (weights / weights.sum())).sum(axis=-1)
-        best = np.concatenate((nominal, means), axis=-1)
-        return best, cost(roll(best))
+        best = roll(np.concatenate((nominal, means), axis=-1))
+        return best, cost(best)

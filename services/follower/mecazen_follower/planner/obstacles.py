@@ -85,6 +85,8 @@ def _of_walkers(
         return np.zeros(len(points), bool)
     counts = np.diff(starts, append=len(points))
     middles = np.add.reduceat(points, starts) / counts[:, None]
-    widths = np.hypot(*(np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)).T)
+    widths = np.hypot(
+        *(np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)).T
+    )
     gaps = np.linalg.norm(middles[:, None] - walkers, axis=-1).min(axis=1)
     return np.repeat((widths <= BOTH_LEGS_M) & (gaps <= OWN_M), counts)

@@ -62,9 +62,7 @@ class Planner:
         self._dt = config.horizon_s / STEPS
         self._able = Able(drive, max_speed, self._dt, float)
         self._able32 = Able(drive, max_speed, self._dt, np.float32)
-        self._costs = Costs(
-            config.priorities, standoff.distance, config.clearance_m, body, sight
-        )
+        self._costs = Costs(config.priorities, standoff.distance, config.clearance_m, body, sight)
         self._mppi = Mppi(config.samples, seed)
         self.forget()
 
@@ -131,13 +129,13 @@ class Planner:
         shadows = self._shadows(prediction.poses[:, :2], standing, movers)
         was = self._config.clearance_m
         wanted = was if self._commands is None else 1.5 * was  # back to the law with room to spare
-        obstacle = free(nominal, standing, movers, self._body, prediction, shadows, wanted, self._dt)
+        obstacle = free(
+            nominal, standing, movers, self._body, prediction, shadows, wanted, self._dt
+        )
         if not obstacle:
             self.plan, self._commands = OPEN, None
             return
-        scene = Scene(
-            prediction.poses, goals.poses[..., 0], movers, Field(standing), shadows
-        )
+        scene = Scene(prediction.poses, goals.poses[..., 0], movers, Field(standing), shadows)
         modes = nominal.commands
         if self._commands is not None:
             modes = np.concatenate((modes, _shifted(self._commands, elapsed / self._dt)), axis=-1)
@@ -151,12 +149,14 @@ class Planner:
         if self._commands is not None:  # its own nominal way, and what the samples make of it
             costs[[modes.shape[-1] - 1, -1]] -= LOYALTY
         chosen = int(np.argmin(costs))
-        self._commands = best[..., chosen]
-        way = rolled(self._commands[..., None])
-        self.plan = verdict(way, scene, self._costs, self._standoff, self._body, obstacle)
+        way = Rollout(*(values[..., [chosen]] for values in best))
+        self._commands = way.commands[..., 0]
+        self.plan = verdict(way, scene, self._costs, self._standoff, obstacle, self.plan.state)
 
     def _shadows(self, person: Floats, standing: Floats, movers: Floats) -> Shadows:
-        points = np.concatenate((np.broadcast_to(standing, (STEPS, *standing.shape)), movers), axis=1)
+        points = np.concatenate(
+            (np.broadcast_to(standing, (STEPS, *standing.shape)), movers), axis=1
+        )
         radius = np.repeat((POINT_M, self._body.person), (len(standing), movers.shape[1]))
         return Shadows(person, points, radius)
 

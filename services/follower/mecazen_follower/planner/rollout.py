@@ -48,20 +48,28 @@ class Able:
                 [axis.velocity for axis in axes],
             )
         )
-        self._rims = np.array((1.0, drive.sideways, drive.lever), dtype)[:, None]
-        self._rim_speed, self._max_speed = drive.rim_speed, max_speed
+        self._even = bool((self._up == self._down).all())
+        self._drive, self._max_speed = drive, max_speed
+        # of what the wheels can do, nothing may be left to limit
+        self._any_speed = max_speed >= drive.rim_speed / min(drive.sideways, 1.0)
 
     def reach(self, twist: Array, wanted: Array) -> Array:
         """Return the twist (3, n) after a step from `twist` towards `wanted`, in base_link."""
         up, down = self._up, self._down
-        low = twist - np.where(twist > 0.0, down, up)
-        high = twist + np.where(twist < 0.0, down, up)
+        if self._even:
+            low, high = twist - up, twist + up
+        else:
+            low = twist - np.where(twist > 0.0, down, up)
+            high = twist + np.where(twist < 0.0, down, up)
         reached = np.minimum(np.maximum(wanted, low), high)
-        reached = np.minimum(np.maximum(reached, -self._fastest), self._fastest)
-        rims = (self._rims * np.abs(reached)).sum(axis=0)
-        slower = np.minimum(self._rim_speed / np.maximum(rims, 1e-6), 1.0)
-        reached *= slower
-        speed = np.hypot(reached[0], reached[1])
+        np.minimum(np.maximum(reached, -self._fastest, out=reached), self._fastest, out=reached)
+        x, y, yaw = np.abs(reached)
+        rims = x + self._drive.sideways * y + self._drive.lever * yaw
+        reached *= np.minimum(self._drive.rim_speed / np.maximum(rims, 1e-6), 1.0)
+        if self._any_speed:
+            return reached
+        x, y, _ = reached
+        speed = np.sqrt(x * x + y * y)
         reached[:2] *= np.minimum(self._max_speed / np.maximum(speed, 1e-6), 1.0)
         return reached
 
@@ -77,7 +85,7 @@ def roll(
 ) -> Rollout:
     """Return where `n` robots get that begin at the origin with a yaw [rad] and a twist.
 
-    The twist changes evenly over a step. `command` gives the arrays' type by what it returns.
+    The twist changes evenly over a step, and heads where the mean of both ends heads. `command` gives the arrays' type by what it returns.
     """
     first = command(0, *(np.full(n, value) for value in (0.0, 0.0, yaw)))
     dtype = first.dtype
@@ -88,18 +96,19 @@ def roll(
     poses = np.empty((4, steps, n), dtype)
     commands, twists = np.empty((steps, 3, n), dtype), np.empty((steps, 3, n), dtype)
     wanted = np.empty((3, n), dtype)
+    half, half_dt = dtype.type(0.5), dtype.type(dt / 2.0)
     for k in range(steps):
         commands[k] = first if k == 0 else command(k, x, y, angle)
         vx, vy, wanted[2] = commands[k]
         wanted[0], wanted[1] = c * vx + s * vy, c * vy - s * vx
         reached = able.reach(now, wanted)
-        mx, my, turn = (now + reached) * dtype.type(dt / 2.0)
-        middle = angle + turn * dtype.type(0.5)
-        c, s = np.cos(middle), np.sin(middle)
-        x = x + c * mx - s * my
-        y = y + s * mx + c * my
+        mx, my, turn = (now + reached) * half_dt
         angle = angle + turn
+        last_c, last_s = c, s
         c, s = np.cos(angle), np.sin(angle)
+        mean_c, mean_s = (last_c + c) * half, (last_s + s) * half
+        x = x + mean_c * mx - mean_s * my
+        y = y + mean_s * mx + mean_c * my
         poses[0, k], poses[1, k], poses[2, k], poses[3, k] = x, y, c, s
         now = twists[k] = reached
     return Rollout(*poses, commands, twists)

@@ -69,9 +69,12 @@ def free(
 
 
 def verdict(
-    way: Rollout, scene: Scene, costs: Costs, standoff: Standoff, body: Body, obstacle: str
+    way: Rollout, scene: Scene, costs: Costs, standoff: Standoff, obstacle: str, last: str
 ) -> Plan:
-    """Return what a single way is, that is taken because of an obstacle."""
+    """Return what a single way is, that is taken because of an obstacle.
+
+    What the last plan gave up or waited for is so until it is regained by half.
+    """
     x, y = way.x - scene.person[:, :1], way.y - scene.person[:, 1:2]
     distance = np.hypot(x, y)
     px, py, yaw = scene.person[-1]
@@ -82,15 +85,16 @@ def verdict(
     off = math.remainder(heading - yaw - standoff.heading, math.tau)
     error = abs(float(distance[-1, 0]) - standoff.distance)
     moved = math.hypot(float(way.x[-1, 0]), float(way.y[-1, 0]))
-    if moved < STILL_M and error > GIVEN_UP_M:
+    if moved < STILL_M * (2 if last == "waiting" else 1) and error > GIVEN_UP_M:
         return Plan("waiting", obstacle)
     lost = {
-        "distance": error > GIVEN_UP_M,
-        "visibility": bool(costs.unseen(way, scene, x, y, distance).mean() > 0.5),
-        "bearing": abs(bearing) > GIVEN_UP_RAD,
-        "heading": abs(off) > GIVEN_UP_RAD,
+        "distance": error / GIVEN_UP_M,
+        "visibility": 2.0 * float(costs.unseen(way, scene, x, y, distance).mean()),
+        "bearing": abs(bearing) / GIVEN_UP_RAD,
+        "heading": abs(off) / GIVEN_UP_RAD,
     }
     for name in costs.weights:  # the dearest first
-        if lost[name]:
-            return Plan(f"gave_up_{name}", obstacle)
+        state = f"gave_up_{name}"
+        if lost[name] > (0.5 if last == state else 1.0):
+            return Plan(state, obstacle)
     return Plan("avoiding", obstacle)
