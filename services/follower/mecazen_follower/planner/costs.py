@@ -51,8 +51,10 @@ class Body(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What is around the robot, about the origin of the plan; `person` (steps, 3), `goals`
-    (steps, 3) with x, y, yaw, and `movers` (steps, n, 2)."""
+    """What is around the robot, from its place on.
+
+    `person` and `goals` (steps, 3) have x, y and yaw, `movers` (steps, n, 2) places.
+    """
 
     person: Floats
     goals: Floats
@@ -107,7 +109,8 @@ class Costs:
         cost += self._near(distance - least, min(self._clearance, self._standoff - least))
         steps = np.linspace(0.5, 1.5, len(x), dtype=kind)[:, None]
         jerk = np.diff(ways.commands, axis=0)
-        return (steps * cost).mean(axis=0) + JERKY * (jerk * jerk).sum(axis=(0, 1))
+        total: Array = (steps * cost).mean(axis=0) + JERKY * (jerk * jerk).sum(axis=(0, 1))
+        return total
 
     def unseen(
         self, ways: Rollout, scene: Scene, x: Array, y: Array, distance: Array

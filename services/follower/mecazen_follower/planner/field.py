@@ -38,7 +38,8 @@ class Field:
             ).astype(np.int32)
             for v in (x, y)
         )
-        return self._table.take(i * CELLS + j)
+        distances: Array = self._table.take(i * CELLS + j)
+        return distances
 
 
 class Shadows:

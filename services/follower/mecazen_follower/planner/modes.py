@@ -53,7 +53,8 @@ class Trail:
 
     def points(self, robot: Pose2D) -> Floats:
         """Return the trail (n, 2), oldest first, from the robot's place on."""
-        return np.array(self._points).reshape(-1, 2) - robot[:2]
+        points: Floats = np.array(self._points).reshape(-1, 2) - robot[:2]
+        return points
 
 
 def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:

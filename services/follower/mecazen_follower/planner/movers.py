@@ -79,10 +79,12 @@ class Movers:
 
     def places(self, time: float) -> Floats:
         """Return where those are who walk (n, 2)."""
-        return self.ahead(np.array([time]))[0]
+        places: Floats = self.ahead(np.array([time]))[0]
+        return places
 
     def ahead(self, times: Floats) -> Floats:
         """Return where those who walk will be (times, n, 2)."""
         walking = [track for track in self.tracks if track.walks]
         state = np.array([track[:5] for track in walking]).reshape(-1, 5)
-        return state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]
+        ahead: Floats = state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]
+        return ahead

@@ -56,7 +56,8 @@ class Surroundings:
         near = self._points[order]
         voxels = np.floor(near / VOXEL_M).astype(np.int64)
         _, first = np.unique(voxels[:, 0] * (1 << 32) + voxels[:, 1], return_index=True)
-        return near[np.sort(first)[:MOST_POINTS]]
+        kept: Floats = near[np.sort(first)[:MOST_POINTS]]
+        return kept
 
     def _hidden(self, scan: LaserScan, lidar: Pose2D) -> npt.NDArray[np.bool_]:
         """Return which known points this scan could not see: no others are remembered."""

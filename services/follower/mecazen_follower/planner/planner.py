@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 import numpy as np
 import numpy.typing as npt
 from mecazen.drive import Drive
@@ -19,7 +20,7 @@ from mecazen_follower.planner.modes import Prediction, Trail, goals_of
 from mecazen_follower.planner.mppi import STEPS, Mppi
 from mecazen_follower.planner.obstacles import Surroundings
 from mecazen_follower.planner.rollout import Able, Array, Rollout, follow, roll, step_towards
-from mecazen_follower.planner.verdict import OPEN, Plan, free, verdict
+from mecazen_follower.planner.verdict import OPEN, free, verdict
 
 POINT_M = 0.05
 """Half the width of what a point hides."""
@@ -124,7 +125,7 @@ class Planner:
             towards(prediction.poses, goals, self._gains),
         )
         standing = self.surroundings.standing(robot) - robot[:2]
-        times = time + self._dt * np.arange(1, STEPS + 1)
+        times: Floats = time + self._dt * np.arange(1.0, STEPS + 1.0)
         movers = self.surroundings.movers.ahead(times) - robot[:2]
         shadows = self._shadows(prediction.poses[:, :2], standing, movers)
         was = self._config.clearance_m

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from mecazen.drive import Drive
 from mecazen.geometry import Twist2D
 
-Array = npt.NDArray[np.floating[Any]]
+Array = npt.NDArray[Any]
+"""In double precision for few, in single precision for many."""
 
 Command = Callable[[int, Array, Array, Array], Array]
 """From step, x, y and yaw, each (n), to velocities along odom's axes and yaw rates (3, n)."""
@@ -19,8 +20,7 @@ Command = Callable[[int, Array, Array, Array], Array]
 class Rollout(NamedTuple):
     """Poses after each step, each (steps, n): x, y [m], cos and sin of the yaw.
 
-    `commands` (steps, 3, n) are what was commanded, `twists` (steps, 3, n) what the robot does of
-    it, in base_link.
+    `commands` (steps, 3, n) are what was commanded.
     """
 
     x: Array
@@ -28,7 +28,6 @@ class Rollout(NamedTuple):
     c: Array
     s: Array
     commands: Array
-    twists: Array
 
 
 class Able:
@@ -61,7 +60,7 @@ class Able:
         else:
             low = twist - np.where(twist > 0.0, down, up)
             high = twist + np.where(twist < 0.0, down, up)
-        reached = np.minimum(np.maximum(wanted, low), high)
+        reached: Array = np.minimum(np.maximum(wanted, low), high)
         np.minimum(np.maximum(reached, -self._fastest, out=reached), self._fastest, out=reached)
         x, y, yaw = np.abs(reached)
         rims = x + self._drive.sideways * y + self._drive.lever * yaw
@@ -85,7 +84,8 @@ def roll(
 ) -> Rollout:
     """Return where `n` robots get that begin at the origin with a yaw [rad] and a twist.
 
-    The twist changes evenly over a step, and heads where the mean of both ends heads. `command` gives the arrays' type by what it returns.
+    The twist changes evenly over a step, along the mean of the directions at its ends. The arrays
+    are of the type that `command` returns.
     """
     first = command(0, *(np.full(n, value) for value in (0.0, 0.0, yaw)))
     dtype = first.dtype
@@ -94,7 +94,7 @@ def roll(
     now = np.repeat(np.array(twist, dtype)[:, None], n, axis=1)
     c, s = np.cos(angle), np.sin(angle)
     poses = np.empty((4, steps, n), dtype)
-    commands, twists = np.empty((steps, 3, n), dtype), np.empty((steps, 3, n), dtype)
+    commands = np.empty((steps, 3, n), dtype)
     wanted = np.empty((3, n), dtype)
     half, half_dt = dtype.type(0.5), dtype.type(dt / 2.0)
     for k in range(steps):
@@ -110,8 +110,8 @@ def roll(
         x = x + mean_c * mx - mean_s * my
         y = y + mean_s * mx + mean_c * my
         poses[0, k], poses[1, k], poses[2, k], poses[3, k] = x, y, c, s
-        now = twists[k] = reached
-    return Rollout(*poses, commands, twists)
+        now = reached
+    return Rollout(poses[0], poses[1], poses[2], poses[3], commands)
 
 
 def follow(commands: Array) -> Command:

@@ -77,7 +77,7 @@ def verdict(
     """
     x, y = way.x - scene.person[:, :1], way.y - scene.person[:, 1:2]
     distance = np.hypot(x, y)
-    px, py, yaw = scene.person[-1]
+    yaw = float(scene.person[-1, 2])
     bearing = math.remainder(
         math.atan2(float(y[-1, 0]), float(x[-1, 0])) - yaw - standoff.bearing, math.tau
     )
