@@ -72,6 +72,18 @@ class Able:
         reached[:2] *= np.minimum(self._max_speed / np.maximum(speed, 1e-6), 1.0)
         return reached
 
+    def mean(self, twist: Array, reached: Array) -> Array:
+        """Return the mean twist (3, n) of a step: each axis changes as fast as it can, then stays.
+
+        A change Δ takes the time Δ/a, in which half of it is missing: Δ²/(2a) in all.
+        """
+        change = reached - twist
+        limit = self._up
+        if not self._even:
+            limit = np.where(np.abs(reached) < np.abs(twist), self._down, self._up)
+        mean: Array = reached - change * np.abs(change) / (2.0 * limit)
+        return mean
+
 
 def step_towards(twist: Twist2D, wanted: Twist2D, able: Able) -> Twist2D:
     """Return the twist after a single step, both in base_link."""
@@ -84,8 +96,8 @@ def roll(
 ) -> Rollout:
     """Return where `n` robots get that begin at the origin with a yaw [rad] and a twist.
 
-    The twist changes evenly over a step, along the mean of the directions at its ends. The arrays
-    are of the type that `command` returns.
+    A step leads along the mean of the directions at its ends. The arrays are of the type that
+    `command` returns.
     """
     first = command(0, *(np.full(n, value) for value in (0.0, 0.0, yaw)))
     dtype = first.dtype
@@ -96,13 +108,13 @@ def roll(
     poses = np.empty((4, steps, n), dtype)
     commands = np.empty((steps, 3, n), dtype)
     wanted = np.empty((3, n), dtype)
-    half, half_dt = dtype.type(0.5), dtype.type(dt / 2.0)
+    half, full_dt = dtype.type(0.5), dtype.type(dt)
     for k in range(steps):
         commands[k] = first if k == 0 else command(k, x, y, angle)
         vx, vy, wanted[2] = commands[k]
         wanted[0], wanted[1] = c * vx + s * vy, c * vy - s * vx
         reached = able.reach(now, wanted)
-        mx, my, turn = (now + reached) * half_dt
+        mx, my, turn = able.mean(now, reached) * full_dt
         angle = angle + turn
         last_c, last_s = c, s
         c, s = np.cos(angle), np.sin(angle)

@@ -1,0 +1,93 @@
+"""A flat world of circles for the planner: a scan of them, and a closed loop without physics."""
+
+import math
+
+import numpy as np
+from harness import load_robot
+from mecazen.config import Scenario
+from mecazen.drive import Drive
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import LaserScan
+from mecazen_follower.config import FollowerConfig
+from mecazen_follower.estimators import Estimate
+from mecazen_follower.planner.config import PlannerConfig
+from mecazen_follower.planner.costs import Body, Sight
+from mecazen_follower.planner.rollout import Able, step_towards
+
+SCENARIO = Scenario(robot=load_robot())
+DRIVE = Drive.of(SCENARIO)
+BODY = Body(*SCENARIO.robot.footprint, person=0.2)
+CAMERA = Sight(0.0, math.radians(37.5), 3.86)
+NO_NOISE = ((0.0,) * 3,) * 3
+BEAMS, LEG = 360, 0.06
+TICK = 0.05
+
+
+def wall(x_from, x_to, y):
+    """Return a wall along x as posts 5 cm apart."""
+    return [(x, y, 0.03) for x in np.arange(x_from, x_to, 0.05)]
+
+
+def legs(x, y):
+    """Return two legs side by side."""
+    return [(x, y - 0.1, LEG), (x, y + 0.1, LEG)]
+
+
+def scan(lidar, circles):
+    """Return what a lidar without noise sees of circles (x, y, radius)."""
+    angles = lidar.yaw - math.pi + math.tau / BEAMS * np.arange(BEAMS)
+    directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
+    x, y, radius = np.array(circles, float).reshape(-1, 3).T
+    centres = np.stack((x - lidar.x, y - lidar.y), axis=-1)
+    along = directions @ centres.T
+    off = np.sum(centres**2, axis=-1) - along**2
+    hit = (off < radius**2) & (along > 0.0)
+    ranges = np.where(hit, along - np.sqrt(np.maximum(radius**2 - off, 0.0)), 13.0)
+    return LaserScan(
+        angle_min=-math.pi,
+        angle_max=math.pi - math.tau / BEAMS,
+        angle_increment=math.tau / BEAMS,
+        range_min=0.05,
+        range_max=12.0,
+        ranges=tuple(ranges.min(axis=1, initial=13.0).tolist()),
+    )
+
+
+def planner_of(config=None, sight=CAMERA, **settings):
+    config = FollowerConfig(planner=PlannerConfig(**{"samples": 400, **settings}), **config or {})
+    return config, config.make_planner(DRIVE, BODY, sight, seed=1)
+
+
+def standing(place, velocity=(0.0, 0.0)):
+    return Estimate(Pose2D(*place), Twist2D(*velocity), NO_NOISE)
+
+
+def follow(seconds, circles, walkers=(), speed=0.6, **config):
+    """Yield robot, person, the plan and the least gap of each tick; the person walks along x.
+
+    The robot is a circle about its rectangle here. `walkers` are (x, y, vx, vy) at time 0.
+    """
+    config, planner = planner_of(config)
+    law = config.make_controller(DRIVE, math.radians(22.5))
+    able = Able(DRIVE, 2.0, TICK, float)
+    person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
+    robot = config.standoff.goal(person.pose)
+    for tick in range(round(seconds / TICK)):
+        time = tick * TICK
+        now = [(x + vx * time, y + vy * time) for x, y, vx, vy in walkers]
+        if tick % 2 == 0:
+            around = [*circles, *legs(person.pose.x, person.pose.y)]
+            around += [leg for place in now for leg in legs(*place)]
+            planner.see(time, scan(robot, around), robot)
+        goal = config.standoff.goal(person.pose)
+        velocity = config.standoff.goal_velocity(person.pose, person.velocity)
+        nominal = law.command(goal, velocity, robot, TICK)
+        command = planner.command(time, TICK, person, robot, nominal)
+        if command is not nominal:
+            law.resume(command)
+        twist = step_towards(twist, command, able)
+        robot = robot.integrate(twist, TICK)
+        person = person.after(TICK)
+        things = [*circles, *((*place, 0.2) for place in now)]
+        gaps = [math.dist(robot[:2], (x, y)) - radius for x, y, radius in things]
+        yield robot, person.pose, planner.plan.state, min(gaps, default=math.inf)
