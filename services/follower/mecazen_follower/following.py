@@ -96,6 +96,8 @@ class Following:
     def _search(self) -> Twist2D:
         """Return rest, or a turn to the side on which the person left the field of view."""
         twist = self._controller.stop()
+        if self.planner is not None:
+            self.planner.rest()
         return twist if self._sees_all else twist._replace(yaw=math.copysign(SEARCH, self._side))
 
     def _drive(self, time: float, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:

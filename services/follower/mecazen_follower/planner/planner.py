@@ -68,11 +68,15 @@ class Planner:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: odom is another, or the person."""
-        self.plan = OPEN
+        """Begin anew: odom is another."""
+        self.rest()
         self.surroundings = Surroundings()
         self._trail = Trail(self._standoff.distance)
         self._person: Pose2D | None = None
+
+    def rest(self) -> None:
+        """Drop the plan: the robot stands, or turns on the spot."""
+        self.plan = OPEN
         self._commands: Array | None = None
         self._sent = Twist2D()
         self._planned = -math.inf
