@@ -40,13 +40,8 @@ class Body(NamedTuple):
     person: float
 
     @property
-    def discs(self) -> list[tuple[float, float]]:
-        """Where four discs are, each about a quarter of the robot."""
-        return [(x * self.length / 2, y * self.width / 2) for x in (1, -1) for y in (1, -1)]
-
-    @property
     def disc(self) -> float:
-        """The radius of a disc [m]."""
+        """The radius of a disc about a quarter of the robot [m]."""
         return math.hypot(self.length, self.width) / 2
 
 
@@ -102,7 +97,7 @@ class Costs:
         cost += weights["bearing"] * 2.0 * (1.0 - along)
         c, s = np.cos(goals[:, 2:]), np.sin(goals[:, 2:])
         cost += weights["heading"] * 2.0 * (1.0 - ways.c * c - ways.s * s)
-        cost += weights["visibility"] * self.unseen(ways, scene, x, y, distance)
+        cost += weights["visibility"] * self.unseen(ways, scene, x, y, distance).astype(kind)
         cost += self._near(self.clearance(ways, scene))
         # the person is no obstacle as far as the standoff asks for it
         least = self._body.person + math.hypot(self._body.length, self._body.width)
@@ -126,9 +121,12 @@ class Costs:
     def clearance(self, ways: Rollout, scene: Scene) -> Array:
         """Return how far obstacles and walkers are from the robot (steps, n)."""
         least: Array = np.full_like(ways.x, np.inf)
-        for ox, oy in self._body.discs:
-            px, py = ways.x + ox * ways.c - oy * ways.s, ways.y + ox * ways.s + oy * ways.c
-            np.minimum(least, scene.field.distance(px, py), out=least)
+        c, s = ways.c * (self._body.length / 2), ways.s * (self._body.length / 2)
+        across_c, across_s = ways.c * (self._body.width / 2), ways.s * (self._body.width / 2)
+        # four discs, each about a quarter of the robot
+        for dx, dy in ((c - across_s, s + across_c), (c + across_s, s - across_c)):
+            np.minimum(least, scene.field.distance(ways.x + dx, ways.y + dy), out=least)
+            np.minimum(least, scene.field.distance(ways.x - dx, ways.y - dy), out=least)
         least -= self._body.disc
         between = self._body.person + math.hypot(self._body.length, self._body.width)
         movers = scene.movers.astype(ways.x.dtype)
@@ -140,7 +138,7 @@ class Costs:
     def _near(self, gap: Array, wanted: float | None = None) -> Array:
         wanted = self._clearance if wanted is None else max(wanted, 1e-3)
         near = np.maximum(1.0 - gap / wanted, 0.0)
-        cost: Array = NEAR * near * near + TOUCHING * (gap < 0.0)
+        cost: Array = NEAR * near * near + TOUCHING * (gap < 0.0).astype(gap.dtype)
         return cost
 
 

@@ -8,6 +8,7 @@ itself, as a mean of ways on both sides of a pillar leads into it, and the cheap
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -54,15 +55,16 @@ class Mppi:
             cost: What that costs (n).
         """
         modes, samples = nominal.shape[-1], self._noise.shape[-1]
-        parts = [part.tolist() for part in np.array_split(np.arange(samples), modes)]
-        of = np.repeat(np.arange(modes), [len(part) for part in parts])
-        commands = self._noise + nominal.astype(np.float32)[..., of]
+        ends = np.arange(modes + 1) * samples // modes
+        commands = np.repeat(nominal.astype(np.float32), np.diff(ends), axis=-1)
+        commands += self._noise
         ways = roll(commands)
         costs = cost(ways)
         means = np.empty_like(nominal)
-        for mode, part in enumerate(parts):
-            own = slice(part[0], part[-1] + 1)
+        for mode, (begin, end) in enumerate(pairwise(ends.tolist())):
+            own = slice(begin, end)
             weights = np.exp((costs[own].min() - costs[own]) / np.float32(TEMPERATURE))
-            means[..., mode] = (commands[..., own] * (weights / weights.sum())).sum(axis=-1)
+            weights /= weights.sum()
+            means[..., mode] = np.einsum("kan,n->ka", commands[..., own], weights)
         best = roll(np.concatenate((nominal, means), axis=-1))
         return best, cost(best)
