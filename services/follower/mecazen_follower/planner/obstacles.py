@@ -64,11 +64,11 @@ class Surroundings:
         offsets = self._points - lidar[:2]
         away = np.hypot(offsets[:, 0], offsets[:, 1])
         angles = np.arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
-        beams = np.round((angles % math.tau) / (scan.angle_increment or 1.0)).astype(int)
         ranges = np.array(scan.ranges)
-        if not len(ranges):
+        if not len(ranges) or not scan.angle_increment:
             return np.ones(len(away), bool)
-        beams %= round(math.tau / (scan.angle_increment or 1.0))
+        turn = abs(math.tau / scan.angle_increment)
+        beams = np.round((angles / scan.angle_increment) % turn).astype(int) % round(turn)
         seen = ranges[np.minimum(beams, len(ranges) - 1)]
         hidden: npt.NDArray[np.bool_] = (seen < away - BEHIND_M) | (beams >= len(ranges))
         return hidden
