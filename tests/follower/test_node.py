@@ -221,4 +221,5 @@ def test_a_new_run_forgets_the_person():
 
 
 def test_the_truth_is_never_read():
-    assert [i.topic for i in FollowerNode.ROW.inputs] == [keys.ODOM, keys.OBSERVATION, keys.LEGS]
+    seen = [keys.ODOM, keys.OBSERVATION, keys.LEGS, keys.SCAN]
+    assert [i.topic for i in FollowerNode.ROW.inputs] == seen
