@@ -13,6 +13,7 @@ from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_physics import model
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.motors import WheelCommand
+from mecazen_physics.people import MovingPerson
 from mecazen_physics.rollers import Roller
 from mecazen_physics.state import RobotState
 from mecazen_physics.world import World
@@ -84,7 +85,7 @@ class Rig:
         ]
 
     def place_person(self, pose: Pose2D, velocity: Twist2D = Twist2D()) -> None:  # noqa: B008
-        self.world.place_person(0, pose, velocity)
+        self.world.place_person(0, MovingPerson.upright(pose, velocity))
 
 
 def trajectory(robot: Robot) -> str:

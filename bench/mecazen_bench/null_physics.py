@@ -14,6 +14,7 @@ from mecazen.robot import WHEEL_JOINTS, WHEELS, Robot, roller_joint
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.node import PhysicsWorld
+from mecazen_physics.people import MovingPerson
 from mecazen_physics.state import RobotState
 from mecazen_physics.world import World
 
@@ -59,7 +60,7 @@ class NullWorld:
             joint_effort=[*self._speeds, *self._numbers],
         )
 
-    def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
+    def place_person(self, number: int, person: MovingPerson) -> None:
         """Do nothing: there are no contacts."""
 
 

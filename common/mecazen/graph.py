@@ -177,7 +177,12 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "physics",
         "the world: robots with all their rollers",
-        inputs=(every(keys.JOINT_COMMAND), every(keys.TARGET_ODOM), due(keys.PEOPLE)),
+        inputs=(
+            every(keys.JOINT_COMMAND),
+            every(keys.TARGET_ODOM),
+            due(keys.TARGET_SKELETON),
+            due(keys.PEOPLE),
+        ),
         outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH),
         calls=(keys.ROBOT_DESCRIPTION,),
         shared=True,

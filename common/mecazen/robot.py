@@ -167,6 +167,15 @@ class Robot(Section):
         return length, width
 
     @property
+    def height(self) -> float:
+        """Height of its highest point above the ground [m]."""
+        tops = [self.base.clearance_m + self.base.height_m, 2.0 * self.wheels.radius_m]
+        for part in (self.camera, self.lidar, self.payload):
+            if part is not None:
+                tops.append(part.position_m[2] + part.size_m[-1] / 2)
+        return max(tops)
+
+    @property
     def roller_angle(self) -> float:
         """Angle between a roller's axis and the wheel's axle [rad]."""
         return math.radians(self.rollers.angle_deg)

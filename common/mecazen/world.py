@@ -1,19 +1,34 @@
 """The section `[world]`: what surrounds the robots, for every service that needs to know it.
 
 The world frame's x-y plane is the ground. Static obstacles stand on it; a slope leans gravity.
+Walls and tables are boxes to all who need their shapes (`WorldConfig.solids`), ramps and sills
+are ridges (`WorldConfig.ridges`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Iterator
+from itertools import pairwise, product
+from typing import Annotated, NamedTuple
 
 import msgspec
 
+from mecazen.geometry import Pose2D
 from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
+
+HIGHEST_SILL_M = 0.01
+"""Robots are measured to cross sills up to this height: docs/world.md."""
+SILL_BEVEL = 2.0
+"""Run by rise of a sill's bevels: 1:2, as thresholds have by ICC A117.1 and the ADA standards."""
+STEEPEST = 0.08
+"""Rise by run of the steepest ramp, just below the 1:12 of the same standards."""
+RAIL_M = 0.05, 0.9
+"""Thickness and height of a ramp's rails."""
 
 
 class Box(Section, tag_field="kind", tag="box", frozen=True, kw_only=True):
-    """A static box that stands on the ground, higher than the wheels' axles."""
+    """A static box: it stands on the ground, higher than the wheels' axles, or is above it."""
 
     size_m: tuple[Positive, Positive, Positive]
     """Length (x), width (y), height (z)."""
@@ -21,6 +36,8 @@ class Box(Section, tag_field="kind", tag="box", frozen=True, kw_only=True):
     """Its centre in the world frame."""
     yaw_deg: AngleDeg = 0.0
     """Its heading in the world frame."""
+    bottom_m: NonNegative = 0.0
+    """Height of its underside above the ground."""
     friction: NonNegative = 1.0
     """Coulomb coefficient between it and the robot."""
 
@@ -34,6 +51,195 @@ class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=T
     """Its centre in the world frame."""
     friction: NonNegative = 1.0
     """Coulomb coefficient between it and the robot."""
+
+
+class Ridge(NamedTuple):
+    """What rollers drive over: up a slope, along a level top and down the same slope.
+
+    `middle` is the pose of its top's middle in the world frame; its x axis leads across. `run` is
+    the length of each slope on the ground, `top` that of the top, both along x, `width` the
+    whole width along y, and `rise` the height of the top, all in [m].
+    """
+
+    middle: Pose2D
+    run: float
+    top: float
+    rise: float
+    width: float
+
+
+class Door(Section, frozen=True, kw_only=True):
+    """A gap in a wall, all the way up."""
+
+    at_m: Positive
+    """From the wall's first point to the door's middle, along the wall."""
+    width_m: Positive
+    sill_m: Annotated[float, msgspec.Meta(ge=0.0, le=HIGHEST_SILL_M)] = 0.0
+    """Height of a sill as deep as the wall, with bevels of 1:2 before and behind it."""
+
+
+class Wall(Section, frozen=True, kw_only=True):
+    """A wall along a line of straight pieces."""
+
+    points_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(min_length=2)]
+    """The middle of the wall, in the world frame."""
+    thickness_m: Positive = 0.1
+    height_m: Positive = 2.0
+    doors: tuple[Door, ...] = ()
+    friction: NonNegative = 1.0
+    """Coulomb coefficient between it and the robot."""
+
+    def __post_init__(self) -> None:
+        if any(length == 0.0 for _, _, length in self._pieces()):
+            raise ValueError("points_m: two points that follow each other must differ")
+        edges = sorted((d.at_m - d.width_m / 2, d.at_m + d.width_m / 2) for d in self.doors)
+        if any(end > begin for (_, end), (begin, _) in pairwise(edges)):
+            raise ValueError("doors: two of them overlap")
+        for begin, end in edges:
+            if not any(a <= begin and end <= a + length for _, a, length in self._pieces()):
+                raise ValueError(
+                    f"doors: one from {begin:g} m to {end:g} m along the wall is not within one of "
+                    "its straight pieces"
+                )
+
+    def _pieces(self) -> Iterator[tuple[Pose2D, float, float]]:
+        """Yield each straight piece: the pose of its begin, how far along that is, its length."""
+        along = 0.0
+        for (x, y), (to_x, to_y) in pairwise(self.points_m):
+            length = math.hypot(to_x - x, to_y - y)
+            yield Pose2D(x, y, math.atan2(to_y - y, to_x - x)), along, length
+            along += length
+
+    def boxes(self) -> Iterator[Box]:
+        """Yield what is between the doors; pieces reach into the corners that they share."""
+        last, is_closed = len(self.points_m) - 2, self.points_m[0] == self.points_m[-1]
+        for number, (start, along, length) in enumerate(self._pieces()):
+            begin = -self.thickness_m / 2 if number > 0 or is_closed else 0.0
+            end = length + (self.thickness_m / 2 if number < last or is_closed else 0.0)
+            gaps = sorted(
+                (door.at_m - along - door.width_m / 2, door.at_m - along + door.width_m / 2)
+                for door in self.doors
+                if along <= door.at_m <= along + length
+            )
+            edges = [begin, *(edge for gap in gaps for edge in gap), end]
+            for a, b in zip(edges[::2], edges[1::2], strict=True):
+                if b > a:
+                    middle = start.compose(Pose2D((a + b) / 2, 0.0))
+                    yield Box(
+                        size_m=(b - a, self.thickness_m, self.height_m),
+                        position_m=(middle.x, middle.y),
+                        yaw_deg=math.degrees(start.yaw),
+                        friction=self.friction,
+                    )
+
+    def sills(self) -> Iterator[Ridge]:
+        """Yield the sills of its doors."""
+        for start, along, length in self._pieces():
+            for door in self.doors:
+                if door.sill_m > 0.0 and along <= door.at_m <= along + length:
+                    middle = start.compose(Pose2D(door.at_m - along, 0.0, math.pi / 2))
+                    run = SILL_BEVEL * door.sill_m
+                    yield Ridge(middle, run, self.thickness_m, door.sill_m, door.width_m)
+
+
+class Table(Section, frozen=True, kw_only=True):
+    """A top on four legs, such as a table or a bed."""
+
+    size_m: tuple[Positive, Positive, Positive]
+    """Length (x), width (y), height of the top's upper side."""
+    position_m: tuple[Finite, Finite]
+    """Its centre in the world frame."""
+    yaw_deg: AngleDeg = 0.0
+    """Its heading in the world frame."""
+    thickness_m: Positive = 0.04
+    """Of the top."""
+    leg_m: Positive = 0.05
+    """Width of each of the square legs, at the corners."""
+    friction: NonNegative = 1.0
+    """Coulomb coefficient between it and the robot."""
+
+    def __post_init__(self) -> None:
+        length, width, height = self.size_m
+        if self.thickness_m >= height:
+            raise ValueError(f"thickness_m = {self.thickness_m:g} must be below its height")
+        if 2.0 * self.leg_m > min(length, width):
+            raise ValueError(f"leg_m = {self.leg_m:g} must be at most half of length and width")
+
+    def boxes(self) -> Iterator[Box]:
+        """Yield the top and the legs."""
+        (length, width, height), leg = self.size_m, self.leg_m
+        below = height - self.thickness_m
+        yield self._box((length, width, self.thickness_m), (0.0, 0.0), below)
+        for i, j in product((1, -1), repeat=2):
+            corner = i * (length - leg) / 2, j * (width - leg) / 2
+            yield self._box((leg, leg, below), corner, 0.0)
+
+    def _box(
+        self, size: tuple[float, float, float], place: tuple[float, float], bottom: float
+    ) -> Box:
+        at = Pose2D(*self.position_m, math.radians(self.yaw_deg)).compose(Pose2D(*place))
+        return Box(
+            size_m=size,
+            position_m=(at.x, at.y),
+            yaw_deg=self.yaw_deg,
+            bottom_m=bottom,
+            friction=self.friction,
+        )
+
+
+class Ramp(Section, frozen=True, kw_only=True):
+    """Up a slope, along a landing and down the same slope, between rails."""
+
+    length_m: Positive
+    """Of each slope, on the ground."""
+    width_m: Positive
+    """Between the rails."""
+    rise_m: Positive
+    position_m: tuple[Finite, Finite]
+    """The middle of the landing in the world frame."""
+    heading_deg: AngleDeg = 0.0
+    """The way across it."""
+    landing_m: Positive = 1.0
+    """Length of the landing."""
+
+    def __post_init__(self) -> None:
+        if self.rise_m > STEEPEST * self.length_m:
+            raise ValueError(
+                f"rise_m = {self.rise_m:g} must be at most {STEEPEST:.0%} of "
+                f"length_m = {self.length_m:g}"
+            )
+
+    @property
+    def ridge(self) -> Ridge:
+        """What is driven over."""
+        middle = Pose2D(*self.position_m, math.radians(self.heading_deg))
+        return Ridge(middle, self.length_m, self.landing_m, self.rise_m, self.width_m)
+
+    def boxes(self) -> Iterator[Box]:
+        """Yield the rails: nobody drives over the side."""
+        size = 2.0 * self.length_m + self.landing_m, RAIL_M[0], RAIL_M[1]
+        for side in (0.5, -0.5):
+            at = self.ridge.middle.compose(Pose2D(0.0, side * (self.width_m + RAIL_M[0])))
+            yield Box(size_m=size, position_m=(at.x, at.y), yaw_deg=self.heading_deg)
+
+
+class Patch(Section, frozen=True, kw_only=True):
+    """A rectangle of the ground with a friction of its own."""
+
+    size_m: tuple[Positive, Positive]
+    """Length (x), width (y)."""
+    position_m: tuple[Finite, Finite]
+    """Its centre in the world frame."""
+    yaw_deg: AngleDeg = 0.0
+    """Its heading in the world frame."""
+    friction: NonNegative
+    """Coulomb coefficient of the ground in it; the rollers' own multiplies it."""
+
+    def covers(self, x: float, y: float) -> bool:
+        """Return whether it covers a point of the ground [m]."""
+        middle = Pose2D(*self.position_m, math.radians(self.yaw_deg))
+        at = middle.between(Pose2D(x, y))
+        return abs(at.x) <= self.size_m[0] / 2 and abs(at.y) <= self.size_m[1] / 2
 
 
 class Person(Section, frozen=True, kw_only=True):
@@ -56,5 +262,22 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     """Direction uphill in the world frame."""
     obstacles: tuple[Box | Cylinder, ...] = ()
     """Static bodies."""
+    walls: tuple[Wall, ...] = ()
+    tables: tuple[Table, ...] = ()
+    ramps: tuple[Ramp, ...] = ()
+    patches: tuple[Patch, ...] = ()
+    """Of those that overlap the last one counts."""
     person: Person = Person()
     """The body of each person that a robot follows."""
+
+    @property
+    def solids(self) -> tuple[Box | Cylinder, ...]:
+        """All that stands in the world, as boxes and cylinders."""
+        built: tuple[Wall | Table | Ramp, ...] = (*self.walls, *self.tables, *self.ramps)
+        return (*self.obstacles, *(box for thing in built for box in thing.boxes()))
+
+    @property
+    def ridges(self) -> tuple[Ridge, ...]:
+        """All that rollers drive over."""
+        sills = (sill for wall in self.walls for sill in wall.sills())
+        return (*(ramp.ridge for ramp in self.ramps), *sills)

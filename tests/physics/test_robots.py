@@ -15,6 +15,7 @@ from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
+from mecazen_physics.people import MovingPerson
 from mecazen_physics.state import RobotState
 from mecazen_physics.world import World
 from msgspec.structs import replace
@@ -91,7 +92,9 @@ def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_
         for tick in range(200):
             for place, number in enumerate(numbers):
                 if number == 0:  # the other has nobody, and meets the obstacle
-                    world.place_person(place, Pose2D(-1.0 + 0.004 * tick), walk)
+                    world.place_person(
+                        place, MovingPerson.upright(Pose2D(-1.0 + 0.004 * tick), walk)
+                    )
             world.advance([(STAND, FORWARD)[number] for number in numbers], STEPS)
         return [robot.state() for robot in world.robots]
 
@@ -224,7 +227,7 @@ def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus):
 def test_a_robot_is_pushed_by_the_person_of_another(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
     for tick in range(300):
-        world.place_person(1, Pose2D(-1.0 + 0.004 * tick), Twist2D(x=0.4))
+        world.place_person(1, MovingPerson.upright(Pose2D(-1.0 + 0.004 * tick), Twist2D(x=0.4)))
         world.advance([ROLL, STAND], STEPS)
     # the person's middle is at 0.2 m, and their body of 0.2 m before it
     assert world.robots[0].state().position[0] > 0.5
@@ -246,8 +249,8 @@ def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus):
 def test_people_walk_through_each_other(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
     for _ in range(2):
-        world.place_person(0, Pose2D(0.45), Twist2D())
-        world.place_person(1, Pose2D(0.45, 0.1), Twist2D())
+        world.place_person(0, MovingPerson.upright(Pose2D(0.45), Twist2D()))
+        world.place_person(1, MovingPerson.upright(Pose2D(0.45, 0.1), Twist2D()))
         world.advance([STAND, STAND], STEPS)
     assert math.dist(world.robots[0].state().position, (0.0, 0.0, 0.0)) < 1e-3
 

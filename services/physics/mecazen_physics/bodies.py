@@ -10,11 +10,12 @@ import dartpy as dart
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import Box, Person, WorldConfig
+from mecazen.world import Box, Cylinder, Patch, Person, WorldConfig
 
 from mecazen_physics import model
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.people import LEGS
 from mecazen_physics.rollers import Roller
 
 GRAVITY = 9.80665
@@ -54,12 +55,19 @@ def _robot_friction(robot: Robot, world: WorldConfig) -> float:
 
 def _frictions(robot: Robot, world: WorldConfig) -> list[float]:
     """Return the coefficients of all that a robot may touch, but for another robot."""
-    others = (world.person, *world.obstacles)
-    return [_ground_friction(robot, world), *(other.friction for other in others)]
+    others = (world.person, *world.solids)
+    return [*_ground_frictions(robot, world), *(other.friction for other in others)]
 
 
-def _ground_friction(robot: Robot, world: WorldConfig) -> float:
-    return world.ground_friction * robot.rollers.contact_friction
+def _ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
+    patches = [ground_friction(robot, patch) for patch in world.patches]
+    return [ground_friction(robot, world), *patches]
+
+
+def ground_friction(robot: Robot, ground: WorldConfig | Patch) -> float:
+    """Return the coefficient between the ground, or a patch of it, and the rollers."""
+    own = ground.friction if isinstance(ground, Patch) else ground.ground_friction
+    return own * robot.rollers.contact_friction
 
 
 def least_friction(robot: Robot, world: WorldConfig) -> float:
@@ -76,10 +84,11 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
     skeleton = dart.dynamics.Skeleton("surroundings")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
-    _collide(ground, plane, _ground_friction(robot, world))
-    for obstacle in world.obstacles:
-        height = obstacle.size_m[-1]
-        if height < robot.wheels.radius_m:
+    # Where there are patches the rollers have the coefficient of what is below them.
+    _collide(ground, plane, max(_ground_frictions(robot, world)))
+    for obstacle in reachable(robot, world):
+        height, bottom = obstacle.size_m[-1], getattr(obstacle, "bottom_m", 0.0)
+        if bottom == 0.0 and height < robot.wheels.radius_m:
             # On a face of a box the rollers' contacts jump: only the plane is smooth.
             raise UnsupportedError(
                 f"an obstacle {height} m high is lower than the wheels' axles "
@@ -92,11 +101,26 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
         else:
             shape = dart.dynamics.CylinderShape(*obstacle.size_m)
             yaw = 0.0
-        pose = _planar(Pose2D(*obstacle.position_m, yaw), height / 2)
+        pose = _planar(Pose2D(*obstacle.position_m, yaw), bottom + height / 2)
         joint.setTransformFromParentBodyNode(pose)
         _collide(body, shape, obstacle.friction)
     skeleton.setMobile(False)
     return skeleton
+
+
+def reachable(robot: Robot, world: WorldConfig) -> list[Box | Cylinder]:
+    """Return what stands in the world, without what the robot passes below."""
+    return [one for one in world.solids if getattr(one, "bottom_m", 0.0) < robot.height]
+
+
+def build_planes(count: int, friction: float) -> tuple[Any, list[Any]]:
+    """Return a skeleton of planes, and their bodies."""
+    skeleton = dart.dynamics.Skeleton("planes")
+    planes = [skeleton.createWeldJointAndBodyNodePair()[1] for _ in range(count)]
+    for plane in planes:
+        _collide(plane, dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0), friction)
+    skeleton.setMobile(False)
+    return skeleton, planes
 
 
 def build_robot(
@@ -214,6 +238,19 @@ def build_person(shape: Person) -> Any:
     joint.setActuatorType(dart.dynamics.VELOCITY)
     cylinder = dart.dynamics.CylinderShape(shape.radius_m, shape.height_m)
     _collide(body, cylinder, shape.friction)
+    return skeleton
+
+
+def build_legs(shape: Person) -> Any:
+    """Return the skeleton of a person of joints: a body for each of `LEGS`, whatever it touches.
+
+    Each has six positions: a rotation vector [rad] and the middle [m].
+    """
+    skeleton = dart.dynamics.Skeleton("person")
+    for _ in LEGS:
+        joint, body = skeleton.createFreeJointAndBodyNodePair()
+        joint.setActuatorType(dart.dynamics.VELOCITY)
+        _collide(body, dart.dynamics.CapsuleShape(0.1, 0.1), shape.friction)
     return skeleton
 
 

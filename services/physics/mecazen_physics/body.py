@@ -17,6 +17,7 @@ from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import ContactCandidates
 from mecazen_physics.dart_world import DartWorld, RobotBodies
 from mecazen_physics.model import full_tree
+from mecazen_physics.ridges import RidgeContacts
 from mecazen_physics.state import ROOT_DOFS, Motion
 
 Drive = Literal["speed", "servo", "torque"]
@@ -118,6 +119,13 @@ class RobotBody(ABC):
         if not self._hubs[0].getShapeNodes():
             bodies.add_rims(self.skeleton, self._hubs, robot, world)
 
+    def set_friction(self, coefficients: Sequence[float]) -> None:
+        """Set the coefficient between the rollers of each wheel and the ground."""
+        rollers, count = self._bodies.rollers, len(self._bodies.rollers) // len(WHEELS)
+        for wheel, friction in enumerate(coefficients):
+            for roller in rollers[wheel * count : (wheel + 1) * count]:
+                roller.getShapeNode(0).getDynamicsAspect().setFrictionCoeff(friction)
+
     def move_to(self, world: DartWorld) -> None:
         """Go on in another world of DART, in the same motion."""
         if world is not self.world:
@@ -170,6 +178,9 @@ class AllRollersBody(RobotBody):
         self._candidates = ContactCandidates(robot, self._bodies.rollers)
         self.joint_names = tuple(joint.getName() for joint in joints)
         """In the order of `Motion`."""
+        ground = bodies.ground_friction(robot, world)
+        self.ridges = RidgeContacts(robot, world.ridges, self._hubs, self._bodies.rollers, ground)
+        """What carries it over ramps and sills."""
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, upright: bool) -> int:
         """Choose the contact candidates; see `RobotBody`."""

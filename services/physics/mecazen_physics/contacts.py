@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import Box, Cylinder
+from mecazen.world import Box, Cylinder, Ridge
 
 from mecazen_physics.config import PhysicsConfig
 
@@ -66,6 +66,11 @@ class Footprint(NamedTuple):
         length, width, _ = obstacle.size_m
         yaw = math.radians(obstacle.yaw_deg)
         return cls(*obstacle.position_m, yaw, length / 2, width / 2)
+
+    @classmethod
+    def of_ridge(cls, ridge: Ridge) -> Footprint:
+        """Return the footprint of what rollers drive over."""
+        return cls(*ridge.middle, ridge.top / 2 + ridge.run, ridge.width / 2)
 
     @property
     def radius(self) -> float:

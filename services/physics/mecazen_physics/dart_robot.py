@@ -7,17 +7,18 @@ from collections.abc import Callable
 from functools import partial
 
 import msgspec
-from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.robot import Robot
+from mecazen.geometry import Pose2D
+from mecazen.robot import WHEELS, Robot
 from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
 from mecazen_physics.body import AllRollersBody, RobotBody
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import MAX_TILT_RAD, Footprint, horizon_steps
-from mecazen_physics.dart_world import DartWorld, MovingPerson
+from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.motors import Motors, Push, WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
+from mecazen_physics.people import MovingPerson
 from mecazen_physics.state import RobotState, check_converged
 
 Overload = Callable[[], bool]
@@ -55,7 +56,7 @@ class DartRobot:
         # Nothing that a robot touches makes it ten times as fast as its motors can.
         self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         """A robot that is faster [m/s] has diverged."""
-        bare = msgspec.structs.replace(world, obstacles=())
+        bare = msgspec.structs.replace(world, obstacles=(), walls=(), tables=(), ramps=())
         self._alone = DartWorld(robot, physics, bare, alone=True)
         self._among_others = DartWorld(robot, physics, world)
         # what is not simulated stands here: anywhere else it would be in the way
@@ -66,7 +67,8 @@ class DartRobot:
         self._upright_body: RobotBody = self._all
         if is_near:
             self._upright_body = NearRollersBody(robot, start, physics, world, self._alone)
-        if world.obstacles:
+        self._solids = bodies.reachable(robot, world)
+        if self._solids:
             self._add_rims()
         self._max_torque = robot.wheels.max_torque_nm
         self.body: RobotBody = self._upright_body
@@ -77,7 +79,10 @@ class DartRobot:
         self.joint_names = self._all.joint_names
         self._shared_world: DartWorld | None = None
         self._motors = Motors(robot, physics)
-        self._obstacles = [Footprint.of_obstacle(obstacle) for obstacle in world.obstacles]
+        self._obstacles = [Footprint.of_obstacle(solid) for solid in self._solids]
+        self._ridges = [Footprint.of_ridge(ridge) for ridge in world.ridges]
+        self._ridges_in: DartWorld | None = None
+        """The world in which ridges carry it now."""
         self._person_radius = world.person.radius_m
         self._people: dict[int, MovingPerson] = {}
         self.close_people: dict[int, MovingPerson] = {}
@@ -96,9 +101,8 @@ class DartRobot:
         pose = Pose2D(x, y, self._state.yaw)
         return Footprint.of_robot(self._extents, pose, speed, self._state.angular[2])
 
-    def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
-        """Put a person at `pose` in the world frame, moving with `velocity` in their own."""
-        person = MovingPerson(pose.x, pose.y, rotate(velocity.x, velocity.y, pose.yaw))
+    def place_person(self, number: int, person: MovingPerson) -> None:
+        """Put a person into the world."""
         self._people[number] = person
         self.body.world.place_person(number, person)
 
@@ -119,20 +123,22 @@ class DartRobot:
         self.close_people = {
             number: person
             for number, person in self._people.items()
-            if footprint.may_touch(self._person_footprint(person), margin)
+            if footprint.may_touch(person.footprint(self._person_radius), margin)
         }
         if self.close_people:
             self._add_rims()
         lean = self._state.tilt if self._upright else HYSTERESIS * self._state.tilt
         self._upright = lean < MAX_TILT_RAD
+        near_ridge = any(footprint.may_touch(ridge, margin) for ridge in self._ridges)
         self.isolated = (
             self._upright
             and self._shared_world is None
             and not self.close_people
+            and not near_ridge
             and not any(footprint.may_touch(obstacle, margin) for obstacle in self._obstacles)
         )
         before = self.body.world
-        body = self._upright_body if self._upright else self._all
+        body = self._all if near_ridge or not self._upright else self._upright_body
         home = self._alone if self.isolated else self._shared_world or self._among_others
         if body is not self.body:
             body.write(self.body.read())
@@ -140,33 +146,63 @@ class DartRobot:
             self.body = body
         body.move_to(home)
         body.align(self._state.yaw, self._state.angular[2])
+        self._carry(home if near_ridge else None)
+        if self._world.patches:
+            body.set_friction([self._friction_below(wheel) for wheel in WHEELS])
         if body.world is not before:
             # The world that was left does not follow the people any more.
             before.set_present({})
 
-    def prepare(self, command: WheelCommand, steps: int) -> tuple[int, Push | None]:
+    def _carry(self, world: DartWorld | None) -> None:
+        """Have ridges carry the rollers in a world from now on, or in none."""
+        ridges, before = self._all.ridges, self._ridges_in
+        if world is before:
+            return
+        if before is not None:
+            ridges.lift(before)
+            before.remove_planes(ridges.skeleton)
+        if world is not None:
+            world.add_planes(ridges.skeleton)
+        self._ridges_in = world
+
+    def _friction_below(self, wheel: str) -> float:
+        """Return the coefficient between a wheel's rollers and the ground below it."""
+        x, y, _ = self._state.position
+        at = Pose2D(x, y, self._state.yaw).compose(Pose2D(*self._robot.wheel_position(wheel)[:2]))
+        patches = [patch for patch in self._world.patches if patch.covers(at.x, at.y)]
+        return bodies.ground_friction(self._robot, patches[-1] if patches else self._world)
+
+    def prepare(self, command: WheelCommand, steps: int) -> tuple[int, list[Push]]:
         """Give the motors a command.
 
         Returns:
             How many of `steps` steps can be simulated before the next call, and what is to be
-            called before each of them, if anything.
+            called before each of them.
         """
         steps = min(steps, self._horizon)
         touches = not self.isolated and self.body.world.touches_more_than_the_ground()
         strict = touches or not self._upright
         speeds, push = self._motors.apply(command, self.body, self._state, steps, strict=strict)
-        return self.body.prepare(speeds, steps, upright=self._upright), push
+        upright = self._upright and self._ridges_in is None
+        return self.body.prepare(speeds, steps, upright=upright), self._pushes(push)
 
-    def take_back(self, command: WheelCommand, steps: int) -> Push | None:
+    def _pushes(self, push: Push | None) -> list[Push]:
+        pushes = [] if push is None else [push]
+        if self._ridges_in is not None:
+            pushes.append(partial(self._all.ridges.lay, self._ridges_in))
+        return pushes
+
+    def take_back(self, command: WheelCommand, steps: int) -> list[Push]:
         """Go back by `steps` steps to the last call of `prepare`, to simulate them strictly.
 
         Returns:
-            What is to be called before each of them, if anything.
+            What is to be called before each of them.
         """
         self.body.take_back()
         for number, person in self._people.items():
             self.body.world.place_person(number, person)
-        return self._motors.apply(command, self.body, self._state, steps, strict=True)[1]
+        push = self._motors.apply(command, self.body, self._state, steps, strict=True)[1]
+        return self._pushes(push)
 
     @property
     def overload(self) -> Overload | None:
@@ -184,17 +220,12 @@ class DartRobot:
         """
         self.body.settle(steps)
         duration = steps * self._dt
-        for number, (x, y, velocity) in self._people.items():
-            vx, vy = velocity
-            self._people[number] = MovingPerson(x + vx * duration, y + vy * duration, velocity)
+        for number, person in self._people.items():
+            self._people[number] = person.after(duration)
         self._steps += steps
         state = self._read()
         check_converged(state, self._state, self._max_depth, self.max_speed)
         self._state = state
-
-    def _person_footprint(self, person: MovingPerson) -> Footprint:
-        speed = math.hypot(*person.velocity)
-        return Footprint(person.x, person.y, rim=self._person_radius, speed=speed)
 
     def _read(self) -> RobotState:
         time = self._steps * self._dt

@@ -8,26 +8,20 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import dartpy as dart
+import numpy as np
 from mecazen.robot import WHEELS, Robot
 from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.people import MovingPerson, place
 
 CONE_TOLERANCE = 1e-6
 """Of the cone's solver: with 1e-5 a robot at rest creeps by 14 µm/s while its wheels strain."""
 UPRIGHT = 0.99
 """The normal of a contact with the ground has at least so large a vertical part."""
 _PROBE_DEPTH = 1e-4
-
-
-class MovingPerson(NamedTuple):
-    """A person's position [m] and velocity (2,) [m/s] in the world frame."""
-
-    x: float
-    y: float
-    velocity: tuple[float, float]
 
 
 class RobotBodies(NamedTuple):
@@ -76,6 +70,7 @@ class DartWorld:
         self.simulation.setTimeStep(physics.dt_s)
         self.aligned = alone and robot.rollers.angle_deg == 45.0
         """Whether DART's axes are turned so that those of the rollers are along them."""
+        self._has_ridges = bool(world.ridges)
         self.turn(0.0)
         self._solver = self.simulation.getConstraintSolver()
         self._of_box = self._solver.getBoxedLcpSolver()
@@ -99,6 +94,8 @@ class DartWorld:
         self._present: set[int] = set()
         self._robots: list[RobotBodies] = []
         """All that have been in it."""
+        self._planes: list[Any] = []
+        """All that have carried rollers over ridges in it: each touches those that it may."""
 
     def add(self, robot: RobotBodies) -> None:
         """Add a robot: its rollers touch the ground, and the rims of its wheels all else.
@@ -109,17 +106,41 @@ class DartWorld:
         self.simulation.addSkeleton(robot.skeleton)
         if robot not in self._robots:
             ground, *obstacles = self._surroundings.getBodyNodes()
-            people = [person.getBodyNode(0) for person in self.people.values()]
+            people = [body for one in self.people.values() for body in one.getBodyNodes()]
             self._keep_apart(robot.wheels, [ground])
             self._keep_apart(robot.rollers, [*obstacles, *people])
             for other in self._robots:
                 self._keep_apart(robot.rollers, other.skeleton.getBodyNodes())
                 self._keep_apart(other.rollers, robot.skeleton.getBodyNodes())
+            self._keep_apart(self._planes, robot.skeleton.getBodyNodes())
             self._robots.append(robot)
 
     def remove(self, robot: RobotBodies) -> None:
         """Remove a robot."""
         self.simulation.removeSkeleton(robot.skeleton)
+
+    def add_planes(self, skeleton: Any) -> None:
+        """Add planes, which touch nothing until they are allowed to."""
+        self.simulation.addSkeleton(skeleton)
+        planes = skeleton.getBodyNodes()
+        if not any(planes[0] is plane for plane in self._planes):
+            everybody = [robot.skeleton for robot in self._robots] + [*self.people.values()]
+            for one in everybody:
+                self._keep_apart(planes, one.getBodyNodes())
+            self._planes += planes
+
+    def remove_planes(self, skeleton: Any) -> None:
+        """Remove planes."""
+        self.simulation.removeSkeleton(skeleton)
+
+    def allow(self, body: Any, other: Any) -> None:
+        """Let a plane and a roller touch."""
+        collisions = self._solver.getCollisionOption().collisionFilter
+        collisions.removeBodyNodePairFromBlackList(body, other)
+
+    def forbid(self, body: Any, other: Any) -> None:
+        """Let a plane and a roller touch no more."""
+        self._keep_apart([body], [other])
 
     def turn(self, heading: float) -> None:
         """Turn DART's axes to `heading` from the world's [rad]; what is in it stays as it is."""
@@ -146,8 +167,17 @@ class DartWorld:
         Rims have no friction, so only a base that scrapes along something else is not looked at.
         """
         contacts = self.simulation.getLastCollisionResult().getContacts()
+        if self._has_ridges:
+            return any(self._is_at_border(contact) for contact in contacts)
         forces = (c.force.tolist() for c in contacts if abs(c.normal[2]) >= UPRIGHT)
         return any(math.hypot(x, y) > 0.99 * self._friction * abs(z) for x, y, z in forces)
+
+    def _is_at_border(self, contact: Any) -> bool:
+        """Return whether a contact's force is at its cone's border or beyond."""
+        force, normal = np.array(contact.force), np.array(contact.normal)
+        along = float(force @ normal)
+        friction = force - along * normal
+        return math.sqrt(friction @ friction) > 0.99 * self._friction * abs(along)
 
     def touches_more_than_the_ground(self) -> bool:
         """Return whether in the last step a robot touched an obstacle, a person or another."""
@@ -165,15 +195,15 @@ class DartWorld:
             self.simulation.removeSkeleton(self.people[number])
         for number in sorted(people.keys() - self._present):
             if number not in self.people:
-                self._build_person(number)
+                self._build_person(number, has_legs=people[number].legs is not None)
             self.simulation.addSkeleton(self.people[number])
-            self._place(number, people[number])
+            place(self.people[number], people[number])
         self._present = set(people)
 
     def place_person(self, number: int, person: MovingPerson) -> None:
         """Move a person, if they are present."""
         if number in self._present:
-            self._place(number, person)
+            place(self.people[number], person)
 
     def check_detector(self, robot: Any) -> None:
         """Press a robot's skeleton a little into the ground: its four rollers must feel it.
@@ -202,21 +232,18 @@ class DartWorld:
                 f"of them {_PROBE_DEPTH} m deep in the ground have contacts of depth {depths} m"
             )
 
-    def _place(self, number: int, person: MovingPerson) -> None:
-        skeleton = self.people[number]
-        skeleton.setPositions([person.x, person.y])
-        skeleton.setCommands(person.velocity)
-
-    def _build_person(self, number: int) -> None:
-        person = bodies.build_person(self._shape)
+    def _build_person(self, number: int, *, has_legs: bool) -> None:
+        build = bodies.build_legs if has_legs else bodies.build_person
+        person = build(self._shape)
         person.setName(f"person_{number}")
-        body = person.getBodyNode(0)
+        parts = person.getBodyNodes()
         # Neither the ground, nor an obstacle, nor another stops the person: they go where they
         # are told.
         surroundings = self._surroundings.getBodyNodes()
-        others = [other.getBodyNode(0) for other in self.people.values()]
+        others = [body for other in self.people.values() for body in other.getBodyNodes()]
         rollers = [roller for robot in self._robots for roller in robot.rollers]
-        self._keep_apart([body], [*surroundings, *others, *rollers])
+        self._keep_apart(parts, [*surroundings, *others, *rollers, *self._planes])
+        self._keep_apart(parts, parts)
         self.people[number] = person
 
     def _keep_apart(self, bodies: Sequence[Any], others: Sequence[Any]) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
+import numpy as np
 from mecazen.config import Scenario, join_key
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
 from mecazen.keys import (
     GROUND_TRUTH,
@@ -18,13 +19,16 @@ from mecazen.keys import (
     PEOPLE,
     ROBOT_DESCRIPTION,
     TARGET_ODOM,
+    TARGET_SKELETON,
     Call,
+    Topic,
 )
 from mecazen.messages import (
     Header,
     JointState,
     Message,
     Odometry,
+    People,
     Person,
     Point,
     Pose,
@@ -37,14 +41,15 @@ from mecazen.messages import (
 )
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.skeleton import JOINTS
 
 from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.motors import WheelCommand
+from mecazen_physics.people import FASTEST_M_S, Floats, JointMotion, MovingPerson
 from mecazen_physics.urdf import build_urdf, meshes
 from mecazen_physics.world import World as SimulatedWorld
 
-FASTEST_M_S = 10.0
-"""At most this fast a person pushes the robot, however fast they are said to be."""
+NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 SLOW_DOWN_S = 1.0
 """Over this time the wheels are brought to rest when their controller has gone."""
 
@@ -59,6 +64,7 @@ class PhysicsWorld(World):
         self.config = scenario.section(PhysicsConfig, "physics")
         self.steps_per_tick = _steps(scenario.sim.tick_s, self.config.dt_s)
         self.parts = {name: scenario.of(name) for name in scenario.names}
+        self.has_legs = "skeleton" in scenario.sensor.features
         self.followed = {name or "target" for name in scenario.names}
 
     def reset(self, seed: int) -> None:
@@ -67,11 +73,13 @@ class PhysicsWorld(World):
         self.world = self.make_world()
         self.walkers: dict[str, int] = {}
         """The numbers of those whom no robot follows, after those of the others."""
-        self.walking: list[Person] = []
+        self.walking: dict[int, MovingPerson] = {}
         """Those of them who were reported, unless that is too long ago."""
+        self.motions: dict[str, JointMotion] = {}
+        """Of those of them who have joints."""
         self.robots = {
-            name: _Commanded(self.world, number, self.config.watchdog_s)
-            for number, name in enumerate(self.parts)
+            name: _Commanded(self.world, number, self.config.watchdog_s, part)
+            for number, (name, part) in enumerate(self.parts.items())
         }
 
     def make_world(self) -> SimulatedWorld:
@@ -91,16 +99,28 @@ class PhysicsWorld(World):
         """Put those whom no robot follows where they are; they stand where nobody says it."""
         people = inputs.get(PEOPLE)
         if people is not None:
-            self.walking = [one for one in people.persons if one.id not in self.followed]
-        silent = inputs.age_s(PEOPLE) > self.config.watchdog_s
-        if people is None and not silent:
+            walkers = [one for one in people.persons if one.id not in self.followed]
+            if self.has_legs and any(len(one.joints) != len(JOINTS) for one in walkers):
+                inputs.refuse(PEOPLE, NEEDS_JOINTS)
+                return
+            self.walking = {self._number(one.id): self._walker(one, people) for one in walkers}
+        elif inputs.age_s(PEOPLE) > self.config.watchdog_s:
+            self.walking = {number: one.standing() for number, one in self.walking.items()}
+        else:
             return
-        for one in self.walking:
-            number = self.walkers.setdefault(one.id, len(self.robots) + len(self.walkers))
-            twist = Twist2D() if silent else _slowed(one.twist)
-            self.world.place_person(number, one.pose.to_planar(), twist)
-        if silent:
-            self.walking = []
+        for number, one in self.walking.items():
+            self.world.place_person(number, one)
+        if people is None:
+            self.walking = {}
+
+    def _number(self, walker: str) -> int:
+        return self.walkers.setdefault(walker, len(self.robots) + len(self.walkers))
+
+    def _walker(self, one: Person, people: People) -> MovingPerson:
+        if not self.has_legs:
+            return MovingPerson.upright(one.pose.to_planar(), _slowed(one.twist))
+        motion = self.motions.setdefault(one.id, JointMotion(self.scenario.world.person.height_m))
+        return motion.person(_positions(one.joints), people.header.stamp.ns / 1e9, one.height)
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
         """Return a robot's URDF."""
@@ -147,15 +167,20 @@ def _slowed(twist: Twist) -> Twist2D:
 class _Commanded:
     """A robot of the world: what commands it and the person beside it, and its state."""
 
-    def __init__(self, world: SimulatedWorld, number: int, watchdog_s: float) -> None:
+    def __init__(
+        self, world: SimulatedWorld, number: int, watchdog_s: float, scenario: Scenario
+    ) -> None:
         self.world, self.number = world, number
         self.robot = world.robots[number]
         self.watchdog_s = watchdog_s
+        self.has_legs = "skeleton" in scenario.sensor.features
         self.wheels = WheelCommand((0.0,) * len(WHEELS))
         self.last_speeds = self.wheels.values
         """Of the wheels [rad/s], when they were last commanded."""
-        self.walking: Pose2D | None = None
-        """Where the person was last reported, unless that is too long ago."""
+        self.walking: MovingPerson | None = None
+        """The person as last reported, unless that is too long ago."""
+        self.motion = JointMotion(scenario.world.person.height_m)
+        """Of a person who has joints."""
 
     def command(self, inputs: Inputs) -> WheelCommand:
         """Place the person; return what the motors are to do, at rest where nobody says it."""
@@ -167,14 +192,31 @@ class _Commanded:
                 reason = f"needs a velocity or an effort of {WHEEL_JOINTS}"
                 inputs.refuse(JOINT_COMMAND, reason)
         self._slow_down_if_silent(inputs.age_s(JOINT_COMMAND))
-        person = inputs.get(TARGET_ODOM)
+        person = self._skeleton(inputs) if self.has_legs else self._upright(inputs)
+        topic: Topic[Any] = TARGET_SKELETON if self.has_legs else TARGET_ODOM
         if person is not None:
-            self.walking = person.pose.pose.to_planar()
-            self._place(self.walking, _slowed(person.twist.twist))
-        elif self.walking is not None and inputs.age_s(TARGET_ODOM) > self.watchdog_s:
-            self._place(self.walking, Twist2D())
+            self.walking = person
+            self.world.place_person(self.number, person)
+        elif self.walking is not None and inputs.age_s(topic) > self.watchdog_s:
+            self.world.place_person(self.number, self.walking.standing())
             self.walking = None
         return self.wheels
+
+    def _upright(self, inputs: Inputs) -> MovingPerson | None:
+        person = inputs.get(TARGET_ODOM)
+        if person is None:
+            return None
+        return MovingPerson.upright(person.pose.pose.to_planar(), _slowed(person.twist.twist))
+
+    def _skeleton(self, inputs: Inputs) -> MovingPerson | None:
+        body = inputs.get(TARGET_SKELETON)
+        if body is not None and len(body.joints) != len(JOINTS):
+            inputs.refuse(TARGET_SKELETON, NEEDS_JOINTS)
+            return None
+        if body is None:
+            return None
+        time_s = body.header.stamp.ns / 1e9
+        return self.motion.person(_positions(body.joints), time_s, body.height)
 
     def _slow_down_if_silent(self, silent_s: float) -> None:
         """Let the wheels slow down to rest when nobody commands them any more."""
@@ -186,9 +228,6 @@ class _Commanded:
             self.last_speeds = self.robot.state().joint_velocity[: len(WHEELS)]
         left = max(0.0, 1.0 - (silent_s - self.watchdog_s) / SLOW_DOWN_S)
         self.wheels = WheelCommand(tuple(speed * left for speed in self.last_speeds))
-
-    def _place(self, pose: Pose2D, velocity: Twist2D) -> None:
-        self.world.place_person(self.number, pose, velocity)
 
     def state(self, tick: Tick) -> Outputs:
         """Return the robot's joints and its true pose."""
@@ -227,6 +266,11 @@ def _wheel_command(joints: JointState) -> WheelCommand:
     is_effort = bool(joints.effort) and not joints.velocity
     values = joints.effort if is_effort else joints.velocity
     return WheelCommand(_of_wheels(dict(zip(joints.name, values, strict=False))), is_effort)
+
+
+def _positions(joints: Sequence[Point]) -> Floats:
+    """Return joints as an array (20, 3) [m]."""
+    return np.array([(joint.x, joint.y, joint.z) for joint in joints])
 
 
 def _vector(values: tuple[float, float, float]) -> Vector3:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.world import WorldConfig
 
@@ -16,6 +16,7 @@ from mecazen_physics.dart_robot import HYSTERESIS, DartRobot, Overload
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import Push, WheelCommand
+from mecazen_physics.people import MovingPerson
 
 MAX_SWEEPS = 25
 """Of the cone's solver where robots are close to each other, for which 100 are DART's default.
@@ -86,13 +87,13 @@ class World:
                 _advance_group(group, chunk)
             left -= chunk
 
-    def place_person(self, number: int, pose: Pose2D, velocity: Twist2D) -> None:
-        """Put the person `number` at `pose` in world, moving with `velocity` in their own frame.
+    def place_person(self, number: int, person: MovingPerson) -> None:
+        """Put the person `number` into the world; each is always one with legs or without.
 
-        They keep that velocity until placed again. No person is there before the first call.
+        They keep their velocity until placed again. No person is there before the first call.
         """
         for robot in self.robots:
-            robot.place_person(number, pose, velocity)
+            robot.place_person(number, person)
 
     def _update_groups(self) -> int:
         """Couple the robots that come close to each other, and decouple those that are far again.
@@ -138,12 +139,12 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
         )
         prepared = [robot.prepare(command, left) for robot, command in orders]
         chunk = min(steps for steps, _ in prepared)
-        pushes = [push for _, push in prepared if push is not None]
+        pushes = [push for _, wanted in prepared for push in wanted]
         overloads = [asked for robot in robots if (asked := robot.overload) is not None]
         if not _simulate(world, pushes, overloads, chunk):
-            again = [robot.take_back(command, chunk) for robot, command in orders]
+            again = [push for robot, command in orders for push in robot.take_back(command, chunk)]
             world.use_exact_friction(exact=not world.aligned)
-            _simulate(world, [push for push in again if push is not None], (), chunk)
+            _simulate(world, again, (), chunk)
         for robot in robots:
             robot.settle(chunk)
         left -= chunk

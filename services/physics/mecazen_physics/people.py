@@ -1,0 +1,150 @@
+"""People as robots touch them: an upright cylinder, or the limbs that a robot can reach."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.skeleton import INDEX, LIMBS
+
+from mecazen_physics.contacts import Footprint
+
+Floats = npt.NDArray[np.float64]
+
+LEGS = [limb for limb in LIMBS if limb.name.endswith(("thigh", "shank", "foot"))]
+"""The limbs that robots can reach."""
+_BEGINS = [INDEX[limb.begin] for limb in LEGS]
+_ENDS = [INDEX[limb.end] for limb in LEGS]
+RADII = np.array([limb.radius for limb in LEGS])
+"""Of `LEGS`, as shares of the body's height."""
+
+
+FASTEST_M_S = 10.0
+"""At most this fast a person pushes the robot, however fast they are said to be."""
+
+
+class Legs(NamedTuple):
+    """The axes of the capsules `LEGS`: from (6, 3) to (6, 3) [m], moving with [m/s]."""
+
+    begins: Floats
+    ends: Floats
+    begin_velocities: Floats
+    end_velocities: Floats
+    height: float
+    """Of the body [m]."""
+
+
+class MovingPerson(NamedTuple):
+    """A person's position [m] and velocity (2,) [m/s] in the world frame."""
+
+    x: float
+    y: float
+    velocity: tuple[float, float]
+    legs: Legs | None = None
+    """What robots touch of a person who has joints."""
+
+    @classmethod
+    def upright(cls, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
+        """Return somebody at `pose`, moving with `velocity` in their own frame."""
+        return cls(pose.x, pose.y, rotate(velocity.x, velocity.y, pose.yaw))
+
+    @classmethod
+    def of_joints(cls, joints: Floats, velocities: Floats, height: float) -> MovingPerson:
+        """Return somebody whose joints (20, 3) [m] move with `velocities` (20, 3) [m/s].
+
+        They are in the order of `mecazen.skeleton.JOINTS`, in the world frame.
+        """
+        legs = Legs(joints[_BEGINS], joints[_ENDS], velocities[_BEGINS], velocities[_ENDS], height)
+        pelvis = INDEX["pelvis"]
+        (x, y, _), (vx, vy, _) = joints[pelvis].tolist(), velocities[pelvis].tolist()
+        return cls(x, y, (vx, vy), legs)
+
+    def standing(self) -> MovingPerson:
+        """Return them at rest."""
+        legs = self.legs
+        if legs is not None:
+            still = np.zeros_like(legs.begins)
+            legs = legs._replace(begin_velocities=still, end_velocities=still)
+        return MovingPerson(self.x, self.y, (0.0, 0.0), legs)
+
+    def after(self, duration: float) -> MovingPerson:
+        """Return where they are `duration` [s] later, at the same velocities."""
+        (vx, vy), legs = self.velocity, self.legs
+        if legs is not None:
+            legs = legs._replace(
+                begins=legs.begins + duration * legs.begin_velocities,
+                ends=legs.ends + duration * legs.end_velocities,
+            )
+        return MovingPerson(self.x + vx * duration, self.y + vy * duration, self.velocity, legs)
+
+    def footprint(self, radius: float) -> Footprint:
+        """Return the circle about all that can be touched: legs reach beyond `radius` [m]."""
+        speed = math.hypot(*self.velocity)
+        if self.legs is not None:
+            begins, ends, *velocities, height = self.legs
+            out = np.concatenate((begins, ends))[:, :2] - (self.x, self.y)
+            reaches = np.hypot(*out.T) + np.tile(height * RADII, 2)
+            radius = float(np.max(reaches))
+            speed = float(np.max(np.linalg.norm(np.concatenate(velocities), axis=1)))
+        return Footprint(self.x, self.y, rim=radius, speed=speed)
+
+
+class JointMotion:
+    """How fast somebody's joints move, from where they are from sample to sample.
+
+    `height` [m] is that of a body of which it is not known.
+    """
+
+    def __init__(self, height: float) -> None:
+        self._height = height
+        self._before: tuple[Floats, float] | None = None
+
+    def person(self, joints: Floats, time: float, height: float) -> MovingPerson:
+        """Return somebody whose joints (20, 3) [m] are there at `time` [s]; first they stand."""
+        velocities = np.zeros_like(joints)
+        if self._before is not None and time > self._before[1]:
+            velocities = (joints - self._before[0]) / (time - self._before[1])
+            speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
+            velocities *= FASTEST_M_S / np.maximum(speeds, FASTEST_M_S)
+        self._before = joints, time
+        return MovingPerson.of_joints(joints, velocities, height or self._height)
+
+
+def place(skeleton: Any, person: MovingPerson) -> None:
+    """Put a person's skeleton of DART where they are, moving as they do."""
+    if person.legs is None:
+        skeleton.setPositions([person.x, person.y])
+        skeleton.setCommands(person.velocity)
+        return
+    begins, ends, begin_velocities, end_velocities, height = person.legs
+    along, turning = ends - begins, end_velocities - begin_velocities
+    up = along[:, 2:] < 0.0  # a capsule has no direction: none is turned by more than 90°
+    along, turning = np.where(up, -along, along), np.where(up, -turning, turning)
+    lengths = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    axes = along / lengths
+    positions, velocities = np.zeros((len(LEGS), 6)), np.zeros((len(LEGS), 6))
+    positions[:, :3] = [_from_vertical(axis) for axis in axes.tolist()]
+    positions[:, 3:] = (begins + ends) / 2
+    velocities[:, :3] = np.cross(axes, turning / lengths)
+    velocities[:, 3:] = (begin_velocities + end_velocities) / 2
+    sizes = np.stack((lengths[:, 0], height * RADII), axis=-1).tolist()
+    for body, (length, radius) in zip(skeleton.getBodyNodes(), sizes, strict=True):
+        shape = body.getShapeNode(0).getShape()
+        # a new size has DART make the shape anew
+        if abs(shape.getHeight() - length) > 1e-3 or shape.getRadius() != radius:
+            shape.setHeight(length)
+            shape.setRadius(radius)
+    skeleton.setPositions(positions.ravel())
+    skeleton.setCommands(velocities.ravel())
+
+
+def _from_vertical(axis: Sequence[float]) -> tuple[float, float, float]:
+    """Return the rotation vector [rad] of the shortest turn that takes z to a unit vector."""
+    x, y, z = axis
+    sine = math.hypot(x, y)
+    scale = math.atan2(sine, z) / sine if sine > 0.0 else 0.0
+    return -y * scale, x * scale, 0.0

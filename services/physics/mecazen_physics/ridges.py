@@ -1,0 +1,163 @@
+"""Ramps and sills under the rollers: a plane for each roller that is about to touch one.
+
+Of all shapes only a plane has smooth contacts with a roller. A roller and a ridge are both
+convex, so the plane through the nearest point of the ridge, at right angles to the shortest
+way to the roller, has each of them on one side: a contact with it is one with the ridge. It is
+laid anew before each step, so rollers roll over edges.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import dartpy as dart
+import numpy as np
+import numpy.typing as npt
+from mecazen.robot import WHEELS, Robot
+from mecazen.world import Ridge
+
+from mecazen_physics import bodies
+from mecazen_physics.dart_world import DartWorld
+from mecazen_physics.rollers import Roller
+
+Floats = npt.NDArray[np.float64]
+
+NEAR_M = 0.002
+"""A roller this close to a ridge has a plane: no roller comes closer within a step."""
+PLANES = 3 * len(WHEELS)
+"""A wheel touches a ridge with two rollers at most, and may touch a second ridge."""
+
+
+class Profile:
+    """The surface of a ridge: distances from it."""
+
+    def __init__(self, ridge: Ridge) -> None:
+        foot, edge = ridge.top / 2 + ridge.run, ridge.top / 2
+        self._corners = np.array(
+            ((-foot, 0.0), (-edge, ridge.rise), (edge, ridge.rise), (foot, 0.0))
+        )
+        self._along = np.diff(self._corners, axis=0)
+        self._squares = np.sum(self._along**2, axis=1)
+        x, y, yaw = ridge.middle
+        c, s = math.cos(yaw), math.sin(yaw)
+        self._origin, self._across = np.array((x, y)), np.array((-s, c))
+        self._ahead = np.array((c, s))
+        self._half_width = ridge.width / 2
+
+    def nearest(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return distances (n,) [m] of points (n, 3), and unit vectors (n, 2) from it to them.
+
+        The vectors are along the way across it, and up. Beside its width, or below the surface,
+        distances are infinite.
+        """
+        flat = points[:, :2] - self._origin
+        section = np.stack((flat @ self._ahead, points[:, 2]), axis=-1)
+        from_corner = section[:, None] - self._corners[:-1]
+        share = np.sum(from_corner * self._along, axis=2) / self._squares
+        ways = from_corner - np.clip(share, 0.0, 1.0)[:, :, None] * self._along
+        far = np.sqrt(np.sum(ways**2, axis=2))
+        piece = np.argmin(far, axis=1)
+        rows = np.arange(len(points))
+        ways, distances = ways[rows, piece], far[rows, piece]
+        inside = np.abs(flat @ self._across) <= self._half_width
+        distances = np.where(inside & (ways[:, 1] > 0.0), distances, np.inf)
+        ways = ways / np.where(far[rows, piece] > 0.0, far[rows, piece], 1.0)[:, None]
+        return distances, ways
+
+    def plane(self, point: Floats, distance: float, way: Floats) -> Any:
+        """Return the pose of the plane, z upwards, at the nearest point to `point` (3,).
+
+        Args:
+            point: In the world [m].
+            distance: Of the point, by `nearest`.
+            way: To the point, by `nearest` (2,).
+        """
+        along, up = way.tolist()
+        (x, y), (left_x, left_y) = self._ahead.tolist(), self._across.tolist()
+        normal = along * x, along * y, up
+        axes = (up * x, left_x, normal[0]), (up * y, left_y, normal[1]), (-along, 0.0, up)
+        return dart.math.Isometry3(axes, point - distance * np.array(normal))
+
+
+class RidgeContacts:
+    """The planes that carry a robot's rollers over ridges.
+
+    Args:
+        robot: The robot.
+        ridges: What it drives over.
+        wheels: DART's bodies of its wheels.
+        rollers: And of all of their rollers, wheel by wheel.
+        friction: Of the ridges.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        ridges: Sequence[Ridge],
+        wheels: Sequence[Any],
+        rollers: Sequence[Any],
+        friction: float,
+    ) -> None:
+        self._profiles = [Profile(ridge) for ridge in ridges]
+        self._hubs, self._rollers = wheels, rollers
+        centres, self._radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
+        self._centres, self._count = centres, robot.rollers.count
+        reach = float(np.max(np.abs(centres) + self._radii))
+        self._bound = reach + NEAR_M
+        self._wheel_bound = math.hypot(robot.wheels.radius_m, reach) + NEAR_M
+        self.skeleton, self.planes = bodies.build_planes(PLANES, friction)
+        self._joints = [plane.getParentJoint() for plane in self.planes]
+        self._carried: dict[int, tuple[int, int]] = {}
+        """Which ridge and roller each plane is between."""
+
+    def lay(self, world: DartWorld) -> None:
+        """Lay the planes for the next step."""
+        hubs = np.array([hub.getWorldTransform().translation() for hub in self._hubs])
+        wanted: dict[tuple[int, int], tuple[float, Any]] = {}
+        for ridge, profile in enumerate(self._profiles):
+            for wheel in np.flatnonzero(profile.nearest(hubs)[0] < self._wheel_bound).tolist():
+                numbers = range(wheel * self._count, (wheel + 1) * self._count)
+                for number, gap, pose in self._touching(profile, numbers):
+                    wanted[ridge, number] = gap, pose
+        self._assign(world, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
+        for plane, pair in self._carried.items():
+            self._joints[plane].setTransformFromParentBodyNode(wanted[pair][1])
+
+    def _touching(
+        self, profile: Profile, numbers: Sequence[int]
+    ) -> Iterator[tuple[int, float, Any]]:
+        """Yield the rollers near a ridge, of some: number, gap [m], and pose of the plane."""
+        frames = np.array([self._rollers[n].getWorldTransform().matrix() for n in numbers])
+        (close,) = np.nonzero(profile.nearest(frames[:, :3, 3])[0] < self._bound)
+        if not len(close):
+            return
+        axes, middles = frames[close, :3, 2], frames[close, :3, 3]
+        spheres = middles[:, None] + self._centres[:, None] * axes[:, None]
+        distances, ways = profile.nearest(spheres.reshape(-1, 3))
+        gaps = distances.reshape(len(close), -1) - self._radii
+        firsts = np.argmin(gaps, axis=1)
+        for index, (roller, first) in enumerate(zip(close.tolist(), firsts.tolist(), strict=True)):
+            gap = float(gaps[index, first])
+            if gap < NEAR_M:
+                sphere = index * len(self._radii) + first
+                distance, way = float(distances[sphere]), ways[sphere]
+                pose = profile.plane(spheres[index, first], distance, way)
+                yield numbers[roller], gap, pose
+
+    def lift(self, world: DartWorld) -> None:
+        """Take all planes away from the rollers."""
+        self._assign(world, ())
+
+    def _assign(self, world: DartWorld, wanted: Sequence[tuple[int, int]]) -> None:
+        """Have a plane for each of these pairs of ridge and roller, the same one as before."""
+        for plane, pair in [*self._carried.items()]:
+            if pair not in wanted:
+                world.forbid(self.planes[plane], self._rollers[pair[1]])
+                del self._carried[plane]
+        new = [pair for pair in wanted if pair not in self._carried.values()]
+        free = [plane for plane in range(PLANES) if plane not in self._carried]
+        for plane, pair in zip(free, new, strict=False):
+            world.allow(self.planes[plane], self._rollers[pair[1]])
+            self._carried[plane] = pair
