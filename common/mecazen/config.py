@@ -226,6 +226,7 @@ class Scenario(Section):
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
     world: WorldConfig = WorldConfig()
+    """A table; a world file, relative to the scenario; or a table that changes some of a file."""
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     sensors: SensorsConfig = SensorsConfig()

@@ -13,6 +13,7 @@ import msgspec.inspect as mi
 from mecazen.config import RESERVED, Scenario
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
+from mecazen.world import WorldConfig
 
 
 class NameSource(Protocol):
@@ -164,7 +165,8 @@ def _describe(node: mi.Type) -> str:
     if isinstance(node, mi.TupleType):
         return "[" + ", ".join(_describe(t) for t in node.item_types) + "]"
     if isinstance(node, mi.StructType):
-        return "a robot file, or a table" if node.cls is Robot else "a table"
+        files = {Robot: "a robot file, or a table", WorldConfig: "a world file, or a table"}
+        return files.get(node.cls, "a table")
     if isinstance(node, mi.DictType):
         return f"a table, each value {_describe(node.value_type)}"
     return "a path to a folder" if getattr(node, "cls", None) is Folder else "a path to a file"

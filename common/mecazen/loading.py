@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
@@ -16,6 +16,7 @@ from mecazen.config import FLEET, RESERVED, BusConfig, Scenario, features
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
+from mecazen.occupancy import read_map
 from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
@@ -81,10 +82,12 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
     """
     settings = dict(_parse_override(override) for override in overrides)
     origin = _Origin(path, settings=tuple(settings))
-    if "robot" in settings:
-        raw["robot"] = settings.pop("robot")
-    if (file := _read_robot(raw, path)) is not None:
-        origin = origin._replace(robot=file[0], changes=file[1])
+    for part in ("robot", "world"):
+        if part in settings:
+            raw[part] = settings.pop(part)
+        if (file := _read_part(part, raw, path)) is not None:
+            changes = (*origin.changes, *file[1])
+            origin = origin._replace(files={**origin.files, part: file[0]}, changes=changes)
     for key, value in settings.items():
         _override(raw, key, value)
     _refuse_reserved(raw, path)
@@ -124,22 +127,34 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
     )
 
 
-def _read_robot(table: dict[str, Any], path: Path) -> tuple[Path, tuple[str, ...]] | None:
-    """Read the robot file that a table names, and lay over it what else it says of the robot.
+def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequence[str]] | None:
+    """Read the file of a robot or a world that a table names; lay over it what else it says.
 
     `robot` is the file, or a table with it: `{ file = "nexus.toml", payload = { … } }`.
 
     Returns:
         The file, and the keys that are changed; None if the table names no file.
     """
-    robot = table.get("robot")
-    changes = dict(robot) if isinstance(robot, dict) else {"file": robot}
+    given = table.get(part)
+    changes = dict(given) if isinstance(given, dict) else {"file": given}
     name = changes.pop("file", None)
+    below = _read_toml(path.parent / name) if isinstance(name, str) else {}
+    if part == "world":
+        _read_image(below, path.parent / str(name))
+        _read_image(changes, path)
+    if isinstance(given, dict) or isinstance(name, str):
+        table[part] = _laid_over(below, changes)
     if not isinstance(name, str):
         return None
-    file = path.parent / name
-    table["robot"] = _laid_over(_read_toml(file), changes)
-    return file.resolve(), tuple(f"robot.{key}" for key in changes)
+    return (path.parent / name).resolve(), tuple(f"{part}.{key}" for key in changes)
+
+
+def _read_image(world: dict[str, Any], path: Path) -> None:
+    """Add what the occupancy image of a world shows to its obstacles."""
+    name, others = world.get("map"), world.get("obstacles", [])
+    if isinstance(name, str) and isinstance(others, list):
+        del world["map"]
+        world["obstacles"] = [*others, *read_map(path.parent / name)]
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> None:
@@ -228,7 +243,7 @@ def _take_own(
     Of the table's other keys, the robot file is read, and the sensor is completed.
     """
     _refuse_reserved(robot, path)
-    if (file := _read_robot(robot, path)) is not None:
+    if (file := _read_part("robot", robot, path)) is not None:
         _convert(robot["robot"], Robot, "", _Origin(file[0]))
     if "sensor" in robot:
         robot["sensor"] = _laid_over(everyone.get("sensor", {}), robot["sensor"])
@@ -347,18 +362,18 @@ class _Origin(NamedTuple):
     """Where the values of a scenario come from, for what is said of them."""
 
     path: Path
-    robot: Path | None = None
+    files: Mapping[str, Path] = {}
+    """Of the parts that have one of their own."""
     settings: tuple[str, ...] = ()
     """The keys that are overridden."""
     changes: tuple[str, ...] = ()
-    """The keys of the robot that the scenario changes."""
+    """The keys of such parts that the scenario changes."""
 
     def name(self, key: str, problem: str, *, of_table: bool) -> str:
         """Return the file of `key`, and the override that it may come from."""
-        of_robot = key.partition(".")[0] == "robot" and not any(
-            f"{key}.".startswith(f"{change}.") for change in self.changes
-        )
-        file = self.robot if self.robot and of_robot else self.path
+        is_changed = any(f"{key}.".startswith(f"{change}.") for change in self.changes)
+        own = self.files.get(key.partition(".")[0])
+        file = self.path if own is None or is_changed else own
         for setting in self.settings:
             within = key == setting or key.startswith(f"{setting}.")
             around = setting.startswith(f"{key}.") if key else True

@@ -57,11 +57,12 @@ class Scene:
 
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
         shapes = [_geom("plane", (0.0, 0.0, 1.0))]
-        for thing in world.obstacles:
+        for thing in world.solids:
             (x, y), height = thing.position_m, thing.size_m[-1]
             if isinstance(thing, Box):
                 half = tuple(length / 2 for length in thing.size_m)
-                shapes.append(_geom("box", half, (x, y, height / 2), thing.yaw_deg))
+                middle = x, y, thing.bottom_m + height / 2
+                shapes.append(_geom("box", half, middle, thing.yaw_deg))
             else:
                 shapes.append(_geom("cylinder", (thing.size_m[0], height / 2), (x, y, height / 2)))
         upright = world.person.radius_m, world.person.height_m / 2

@@ -35,9 +35,15 @@ SILENCE_NS = 5 * PLOT_STEP_NS
 def surroundings(scenario: Scenario) -> Iterator[Entity]:
     """Return the static entities that all robots share."""
     yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    for number, obstacle in enumerate(scenario.world.obstacles):
-        (x, y), yaw = obstacle.position_m, math.radians(getattr(obstacle, "yaw_deg", 0.0))
-        yield things.obstacle(number, obstacle.size_m, Pose2D(x, y, yaw))
+    for number, solid in enumerate(scenario.world.solids):
+        (x, y), yaw = solid.position_m, math.radians(getattr(solid, "yaw_deg", 0.0))
+        bottom = getattr(solid, "bottom_m", 0.0)
+        yield things.obstacle(number, solid.size_m, Pose2D(x, y, yaw), bottom)
+    for number, ridge in enumerate(scenario.world.ridges):
+        yield things.ridge(number, ridge)
+    for number, patch in enumerate(scenario.world.patches):
+        place = Pose2D(*patch.position_m, math.radians(patch.yaw_deg))
+        yield things.patch(number, patch.size_m, place)
     if CROWD in scenario.services:
         yield e.PEOPLE, rr.LineStrips3D.from_fields(colors=[e.GREY], radii=senses.BONE_RADIUS)
     yield from plots.styles(plots.TIME_LINES)

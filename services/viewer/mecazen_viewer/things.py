@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 from mecazen.geometry import Pose2D
+from mecazen.world import Ridge
 
 from mecazen_viewer import components
 from mecazen_viewer import entities as e
@@ -44,6 +45,8 @@ LABEL_Z = 0.35
 LABEL_COLOUR = (25, 25, 25)
 """Colour of the text on grey, in both themes of the viewer."""
 CIRCLE_POINTS = 49
+OUTLINE = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
+"""Corners of a rectangle of length and width 2."""
 DOT_M = 1e-3
 
 HIP, ARROW, SHOULDER, HEAD_RADIUS = 0.50, 0.42, 0.82, 0.065
@@ -101,18 +104,44 @@ def person(radius: float, height: float) -> Iterator[Entity]:
     yield f"{e.PERSON}/head", rr.Ellipsoids3D(**sphere, colors=[SKIN], fill_mode="solid")
 
 
-def obstacle(number: int, size: Sequence[float], place: Pose2D) -> Entity:
-    """Return a static body on the ground.
+def obstacle(number: int, size: Sequence[float], place: Pose2D, bottom: float = 0.0) -> Entity:
+    """Return a static body, whose underside is at the height `bottom` [m].
 
     Its `size` [m] is a box's length, width and height, or a cylinder's radius and height.
     """
     path = f"{e.OBSTACLES}/{number}"
     look: dict[str, Any] = {"colors": [OBSTACLE_COLOUR], "fill_mode": "solid"}
-    look["centers"] = [(place.x, place.y, size[-1] / 2)]
+    look["centers"] = [(place.x, place.y, bottom + size[-1] / 2)]
     if len(size) == 2:
         return path, rr.Cylinders3D(radii=[size[0]], lengths=[size[1]], **look)
     turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=place.yaw)]
     return path, rr.Boxes3D(sizes=[size], rotation_axis_angles=turns, **look)
+
+
+def ridge(number: int, shape: Ridge) -> Entity:
+    """Return a ramp or a sill."""
+    foot, edge, side = shape.top / 2 + shape.run, shape.top / 2, shape.width / 2
+    section = (-foot, 0.0), (-edge, shape.rise), (edge, shape.rise), (foot, 0.0)
+    corners = []
+    for y in (side, -side):
+        for x, z in section:
+            at = shape.middle.compose(Pose2D(x, y))
+            corners.append((at.x, at.y, z))
+    faces = [(0, 4, 5), (0, 5, 1), (1, 5, 6), (1, 6, 2), (2, 6, 7), (2, 7, 3)]
+    ends = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
+    colour = [*OBSTACLE_COLOUR, 255]
+    mesh = rr.Mesh3D(
+        vertex_positions=corners, triangle_indices=[*faces, *ends], albedo_factor=colour
+    )
+    return f"{e.RIDGES}/{number}", mesh
+
+
+def patch(number: int, size: Sequence[float], place: Pose2D) -> Entity:
+    """Return the outline of a patch of the ground of `size` (length, width) [m]."""
+    corners = [(i * size[0] / 2, j * size[1] / 2) for i, j in OUTLINE]
+    places = [place.compose(Pose2D(*corner)) for corner in corners]
+    line = [(at.x, at.y, MARK_Z) for at in places]
+    return f"{e.PATCHES}/{number}", rr.LineStrips3D([line], colors=[e.GREY], radii=MARK_RADIUS)
 
 
 def marks(length: float, width: float) -> Iterator[Entity]:
@@ -120,7 +149,7 @@ def marks(length: float, width: float) -> Iterator[Entity]:
 
     `length` and `width` [m] of the robot are those of the outline at the goal.
     """
-    corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]) * (length / 2, width / 2)
+    corners = np.array(OUTLINE) * (length / 2, width / 2)
     angles = np.linspace(0.0, math.tau, CIRCLE_POINTS)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
     yield f"{e.GOAL}/arrow", _arrow(GOAL_ARROW_M, e.GREEN)
