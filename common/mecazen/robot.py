@@ -81,6 +81,13 @@ class Camera(Attachment):
     yaw_deg: AngleDeg = 0.0
     """Pan of the view: to the left is positive."""
 
+    @property
+    def axes(self) -> tuple[tuple[float, float, float], ...]:
+        """Unit vectors in base_link (3, 3): where it looks, to its left, and up."""
+        yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
+        c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+        return (cp * c, cp * s, sp), (-s, c, 0.0), (-sp * c, -sp * s, cp)
+
 
 class Payload(Section):
     """A load that is fixed on the base: a homogeneous box."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from xml.etree import ElementTree as ET
 
+import numpy as np
 from mecazen.robot import Robot
 
 from mecazen_physics import model
@@ -52,6 +53,7 @@ def build_urdf(robot: Robot) -> str:
         else:
             _add_link(root, link, barrel, "roller")
         _add_joint(root, link, robot)
+    _add_optical_frame(root, robot)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True)
 
@@ -95,6 +97,21 @@ def _add_joint(root: ET.Element, link: Link, robot: Robot) -> None:
         ET.SubElement(joint, "limit", effort=_numbers(torque), velocity=_numbers(speed))
     else:
         ET.SubElement(joint, "dynamics", damping=_numbers(robot.rollers.bearing_friction_nms))
+
+
+def _add_optical_frame(root: ET.Element, robot: Robot) -> None:
+    """Add the frame in which cameras see, by REP-103: z ahead, x to the right, y down.
+
+    The housing, camera_link, stays level.
+    """
+    name = "camera_depth_optical_frame"
+    ET.SubElement(root, "link", name=name)
+    joint = ET.SubElement(root, "joint", name="camera_depth_optical_joint", type="fixed")
+    ET.SubElement(joint, "parent", link="camera_link")
+    ET.SubElement(joint, "child", link=name)
+    ahead, left, up = np.array(robot.camera.axes)
+    angles = _roll_pitch_yaw(np.column_stack([-left, -up, ahead]))
+    ET.SubElement(joint, "origin", xyz=_numbers(0.0, 0.0, 0.0), rpy=_numbers(*angles))
 
 
 def _box(length: float, width: float, height: float) -> Shape:

@@ -30,9 +30,7 @@ class Camera:
         max_depth: float,
     ) -> None:
         self._place = mount.position_m
-        yaw, pitch = math.radians(mount.yaw_deg), math.radians(mount.pitch_deg)
-        c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
-        self.axes = np.array(((cp * c, cp * s, sp), (-s, c, 0.0), (-sp * c, -sp * s, cp)))
+        self.axes = np.array(mount.axes)
         """Unit vectors in base_link (3, 3): its rows point ahead, to the left and up."""
         self.wide = math.tan(math.radians(horizontal_deg) / 2)
         """Half the width of what is seen at a depth of 1."""

@@ -128,9 +128,7 @@ def _placed(points: Array, robot: Pose2D) -> Array:
 
 
 def _frustum(camera: Camera, tracker: TrackerConfig) -> rr.LineStrips3D:
-    yaw, pitch = math.radians(camera.yaw_deg), math.radians(camera.pitch_deg)
-    c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
-    ahead, left, up = np.array(((cp * c, cp * s, sp), (-s, c, 0.0), (-sp * c, -sp * s, cp)))
+    ahead, left, up = np.array(camera.axes)
     wide = math.tan(math.radians(tracker.horizontal_fov_deg) / 2)
     high = math.tan(math.radians(tracker.vertical_fov_deg) / 2)
     apex = np.array(camera.position_m)
