@@ -15,11 +15,12 @@ from hostile import FORGED, FUZZ, NO_STAMP, put_all, puts
 from hypothesis import given, settings
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
+from mecazen.config import RobotConfig, Scenario, SensorConfig, SimConfig, StartConfig
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
+from mecazen.skeleton import JOINTS
 from mecazen.wire import encode
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.node import PhysicsWorld
@@ -70,6 +71,7 @@ class Driven:
             "command": keys.JOINT_COMMAND,
             "person": keys.TARGET_ODOM,
             "people": keys.PEOPLE,
+            "skeleton": keys.TARGET_SKELETON,
         }
         inputs = {}
         for name, heard in self.heard.items():
@@ -351,3 +353,25 @@ def test_whatever_is_asked_time_goes_on(long_lived, wrong):
         long_lived.service.step()
         long_lived.take()
     assert_goes_on(long_lived)
+
+
+def test_a_person_with_joints_is_touched_by_their_legs():
+    driven = Driven(sensor=SensorConfig(kind="fused"))
+    apart = {"left_": 0.4, "right_": -0.4}
+
+    def body(number: int, x: float) -> m.Skeleton:
+        sides = [next((y for side, y in apart.items() if j.startswith(side)), 0.0) for j in JOINTS]
+        joints = tuple(m.Point(x=x, y=y, z=0.3) for y in sides)
+        header = m.Header(stamp=m.Time.from_ns(number * TICK_NS), frame_id="world")
+        return m.Skeleton(header=header, height=1.75, joints=joints)
+
+    for number in range(100):  # they walk over the robot at 1 m/s, a leg on each of its sides
+        refused = driven.tick(skeleton=body(number, 0.5 - 0.01 * number)).refused
+        assert not refused
+    assert driven.pose() == pytest.approx(Pose2D(), abs=1e-4)
+    someone = driven.world.robots[""].walking
+    assert someone is not None
+    assert someone.legs is not None
+    assert someone.velocity == pytest.approx((-1.0, 0.0))
+    topic, reason = driven.tick(skeleton=m.Skeleton()).refused[0]
+    assert (topic, reason) == (keys.TARGET_SKELETON, "needs 20 joints")

@@ -1,0 +1,201 @@
+"""Places from small files: walls, doors, tables, ramps and occupancy images become shapes."""
+
+import math
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from harness import error_of
+from mecazen.errors import ConfigError
+from mecazen.loading import effective, from_tables, load_scenario, to_toml
+from mecazen.occupancy import read_map
+from mecazen.world import Box, Door, Patch, Ramp, Table, Wall, WorldConfig
+
+ROOT = Path(__file__).parents[2]
+PLACES = sorted((ROOT / "configs/worlds").glob("*.toml"))
+
+
+def covered(solids, x, y, z=0.1):
+    """Whether a point is in one of the boxes."""
+    for box in solids:
+        along, across = x - box.position_m[0], y - box.position_m[1]
+        c, s = math.cos(math.radians(box.yaw_deg)), math.sin(math.radians(box.yaw_deg))
+        half = np.array(box.size_m) / 2
+        at = c * along + s * across, c * across - s * along, z - box.bottom_m - half[2]
+        if all(abs(value) < most for value, most in zip(at, half, strict=True)):
+            return True
+    return False
+
+
+def test_a_wall_is_closed_at_its_corner_and_open_at_its_door():
+    door = Door(at_m=3.0, width_m=0.9, sill_m=0.01)
+    wall = Wall(points_m=((0, 0), (2, 0), (2, 2)), thickness_m=0.2, height_m=2.5, doors=(door,))
+    world = WorldConfig(walls=(wall,))
+    for point in ((0.01, 0.0), (1.0, 0.09), (2.09, -0.09), (2.0, 0.5), (2.0, 1.99)):
+        assert covered(world.solids, *point, z=2.4)
+    for point in ((-0.01, 0.0), (1.0, 0.11), (2.0, 0.6), (2.0, 1.4), (2.0, 2.01)):
+        assert not covered(world.solids, *point)
+    (sill,) = world.ridges
+    # its way across is the wall's left; its bevels are twice as long as they are high
+    assert sill.middle == pytest.approx((2.0, 1.0, math.pi))
+    assert sill[1:] == pytest.approx((0.02, 0.2, 0.01, 0.9))
+
+
+def test_a_table_has_a_top_and_legs_with_room_between_them():
+    table = Table(size_m=(1.2, 0.8, 0.75), position_m=(1.0, 2.0), yaw_deg=90.0)
+    solids = WorldConfig(tables=(table,)).solids
+    assert covered(solids, 1.0, 2.0, 0.74)
+    assert not covered(solids, 1.0, 2.0, 0.70)
+    assert covered(solids, 1.0 - 0.39, 2.0 + 0.59, 0.1)  # a leg
+    assert not covered(solids, 1.0, 2.0 + 0.59, 0.1)
+
+
+def test_a_ramp_is_a_ridge_between_rails():
+    ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, landing_m=0.5, position_m=(3.0, 0.0))
+    world = WorldConfig(ramps=(ramp,))
+    assert world.ridges[0][1:] == (1.0, 0.5, 0.08, 0.8)
+    assert covered(world.solids, 3.0 - 1.24, 0.42)
+    assert covered(world.solids, 3.0, -0.42)
+    assert not covered(world.solids, 3.0, 0.39)
+
+
+def test_a_patch_covers_its_rectangle():
+    patch = Patch(size_m=(2.0, 0.4), position_m=(1.0, 1.0), yaw_deg=90.0, friction=0.3)
+    assert patch.covers(1.1, 1.9)
+    assert not patch.covers(1.9, 1.1)
+
+
+def read(text, folder, **others):
+    (folder / "place.toml").write_text(text)
+    tables = {"robot": str(ROOT / "configs/robots/nexus.toml"), "world": "place.toml", **others}
+    return from_tables(tables, folder / "test.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("wals = []", "place.toml: world.wals: unknown key; did you mean walls? allowed: "),
+        ("[[walls]]\npoints_m = [[0, 0]]", "walls.0.points_m: got [[0, 0]]; allowed: a list"),
+        ("[[walls]]\npoints_m = [[0, 0], [0, 0]]", "two points that follow each other must differ"),
+        (
+            "[[walls]]\npoints_m = [[0, 0], [2, 0]]\ndoors = [{ at_m = 1.9, width_m = 1.0 }]",
+            "world.walls.0: doors: one from 1.4 m to 2.4 m along the wall is not within one",
+        ),
+        (
+            "[[walls]]\npoints_m = [[0, 0], [2, 0]]\ndoors = [{ at_m = 1.0, width_m = 1.0 }, "
+            "{ at_m = 1.4, width_m = 1.0 }]",
+            "world.walls.0: doors: two of them overlap",
+        ),
+        (
+            "[[walls]]\npoints_m = [[0, 0], [2, 0]]\n"
+            "doors = [{ at_m = 1.0, width_m = 1.0, sill_m = 0.03 }]",
+            "world.walls.0.doors.0.sill_m: got 0.03; allowed: a number >= 0 and <= 0.01",
+        ),
+        (
+            "[[ramps]]\nlength_m = 1.0\nwidth_m = 1.0\nrise_m = 0.1\nposition_m = [0.0, 0.0]",
+            "world.ramps.0: rise_m = 0.1 must be at most 8% of length_m = 1",
+        ),
+        ("map = 'none.yaml'", "none.yaml: can't be read: No such file or directory"),
+    ],
+)
+def test_what_is_wrong_with_a_world_file_is_one_line_that_names_it(text, expected, tmp_path):
+    problem = error_of(ConfigError, lambda: read(text, tmp_path))
+    assert expected in problem
+
+
+def test_a_scenario_lays_its_changes_over_a_world_file(tmp_path):
+    text = "ground_friction = 0.7\n[[walls]]\npoints_m = [[0, 0], [2, 0]]"
+    changes = {"file": "place.toml", "ground_friction": 0.5, "person": {"radius_m": 0.3}}
+    world = read(text, tmp_path, world=changes).world
+    assert (world.ground_friction, world.person.radius_m, len(world.walls)) == (0.5, 0.3, 1)
+    changes["slope_deg"] = 90.0
+    problem = error_of(ConfigError, lambda: read(text, tmp_path, world=changes))
+    assert f"{tmp_path / 'test.toml'}: world.slope_deg: got 90" in problem
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda path: path.stem)
+def test_places_are_free_at_the_start_and_survive_being_printed(place, tmp_path):
+    overrides = (f"world={place}",)
+    scenario = load_scenario(ROOT / "configs/scenarios/senses.toml", overrides)
+    boxes = [solid for solid in scenario.world.solids if isinstance(solid, Box)]
+    assert boxes
+    for x, y in ((-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)):
+        assert not covered(boxes, x, y)
+    (tmp_path / "again.toml").write_text(to_toml(scenario))
+    assert effective(load_scenario(tmp_path / "again.toml")) == effective(scenario)
+
+
+def map_of(folder, picture: bytes, **changes):
+    settings = {
+        "image": "map.pgm",
+        "resolution": 0.5,
+        "origin": "[1.0, 2.0, 0.0]",
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+        **changes,
+    }
+    (folder / "map.pgm").write_bytes(picture)
+    text = "".join(f"{key}: {value}\n" for key, value in settings.items())
+    (folder / "map.yaml").write_text(text)
+    return folder / "map.yaml"
+
+
+ASCII = b"P2\n# made by hand\n4 3\n255\n0 0 254 205\n0 0 254 254\n254 254 254 0\n"
+
+
+def test_an_occupancy_image_becomes_few_boxes_at_their_places(tmp_path):
+    binary = b"P5 4 3 255\n" + bytes([0, 0, 254, 205, 0, 0, 254, 254, 254, 254, 254, 0])
+    for picture in (ASCII, binary):
+        block, cell = read_map(map_of(tmp_path, picture))
+        # its upper left corner of 2 x 2 cells, and the lower right cell; y is up
+        assert (block["size_m"][:2], block["position_m"]) == ([1.0, 1.0], [1.5, 3.0])
+        assert (cell["size_m"][:2], cell["position_m"]) == ([0.5, 0.5], [2.75, 2.25])
+    (turned, _) = read_map(map_of(tmp_path, ASCII, origin="[0.0, 0.0, 1.5707963267948966]"))
+    assert turned["position_m"] == pytest.approx([-1.0, 0.5])
+    assert turned["yaw_deg"] == pytest.approx(90.0)
+    block, _ = read_map(map_of(tmp_path, ASCII, negate=1))  # white is occupied
+    assert block["position_m"] == [2.5, 3.0]
+
+
+def test_a_world_names_its_occupancy_image_beside_itself(tmp_path):
+    map_of(tmp_path, ASCII)
+    scenario = read("map = 'map.yaml'", tmp_path)
+    assert len(scenario.world.solids) == 2
+    assert msgspec.to_builtins(scenario.world)["obstacles"][0]["kind"] == "box"
+
+
+def test_random_cells_are_covered_exactly_once(tmp_path):
+    cells = np.random.default_rng(1).random((30, 40)) < 0.3
+    picture = b"P5\n40 30\n255\n" + np.where(cells, 0, 255).astype("u1").tobytes()
+    boxes = read_map(map_of(tmp_path, picture, resolution=1.0, origin="[0, 0, 0]"))
+    count = np.zeros((30, 40))
+    for box in boxes:
+        (x, y), (length, width, _) = box["position_m"], box["size_m"]
+        left, low = round(x - length / 2), round(y - width / 2)
+        count[low : low + round(width), left : left + round(length)] += 1
+    assert np.array_equal(count[::-1], cells)
+
+
+@pytest.mark.parametrize(
+    ("picture", "changes", "expected"),
+    [
+        (b"P6 1 1 255\n000", {}, "map.pgm: not a PGM picture (P2 or P5)"),
+        (b"P5 99999 99999 255\n0", {}, "map.pgm: 99999 x 99999 pixels up to 255; allowed: at most"),
+        (b"P5 4 3 255\n0", {}, "map.pgm: 1 pixels of 4 x 3"),
+        (ASCII, {"resolution": 0.0}, "map.yaml: resolution: got 0; allowed: 0.001 to 10 m"),
+        (ASCII, {"origin": "[0, 0]"}, "map.yaml: needs image, resolution, origin"),
+    ],
+)
+def test_an_image_that_is_none_is_refused_with_one_line(picture, changes, expected, tmp_path):
+    path = map_of(tmp_path, picture, **changes)
+    problem = error_of(ConfigError, lambda: read_map(path))
+    assert expected in problem
+
+
+def test_an_image_of_too_many_boxes_is_refused(tmp_path):
+    board = np.indices((100, 100)).sum(axis=0) % 2
+    picture = b"P5\n100 100\n255\n" + (board * 255).astype("u1").tobytes()
+    problem = error_of(ConfigError, lambda: read_map(map_of(tmp_path, picture)))
+    assert "5000 boxes; at most 2000 can be simulated" in problem
