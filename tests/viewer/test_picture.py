@@ -13,12 +13,13 @@ from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
+from mecazen.world import Patch, Ramp, WorldConfig
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import Components
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.health import Health
 from mecazen_viewer.layout import application, blueprint
-from mecazen_viewer.picture import Picture
+from mecazen_viewer.picture import Picture, surroundings
 from mecazen_viewer.plots import LINES, TIME_LINES
 from viewer_stage import values
 
@@ -285,3 +286,15 @@ def test_walkers_are_shown_by_their_bones_or_as_tall_as_they_are_and_who_is_foll
     far = msgspec.structs.replace(walker, pose=m.Pose.planar(Pose2D(1e9)))
     with pytest.raises(ValueError, match="out of range"):
         list(picture().on_people(m.People(persons=(far,)), 0))
+
+
+def test_a_ramp_stands_with_its_top_at_its_height_and_a_patch_is_outlined():
+    ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, position_m=(3.0, 0.0), heading_deg=90.0)
+    patch = Patch(size_m=(2.0, 1.0), position_m=(1.0, 1.0), friction=0.3)
+    world = WorldConfig(ramps=(ramp,), patches=(patch,))
+    shown = dict(surroundings(Scenario(robot=load_robot(), world=world)))
+    corners = np.array(shown[f"{e.RIDGES}/0"].vertex_positions.as_arrow_array().to_pylist())
+    assert corners.min(axis=0) == pytest.approx((2.6, -1.5, 0.0), abs=1e-6)
+    assert corners.max(axis=0) == pytest.approx((3.4, 1.5, 0.08), abs=1e-6)
+    assert f"{e.PATCHES}/0" in shown
+    assert f"{e.OBSTACLES}/1" in shown  # its rails

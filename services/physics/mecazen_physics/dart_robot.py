@@ -14,7 +14,13 @@ from mecazen.world import WorldConfig
 from mecazen_physics import bodies
 from mecazen_physics.body import AllRollersBody, RobotBody
 from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.contacts import MAX_TILT_RAD, Footprint, horizon_steps
+from mecazen_physics.contacts import (
+    CLEARANCE_M,
+    HORIZON_S,
+    MAX_TILT_RAD,
+    Footprint,
+    horizon_steps,
+)
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.motors import Motors, Push, WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
@@ -24,6 +30,8 @@ from mecazen_physics.state import RobotState, check_converged
 Overload = Callable[[], bool]
 """Tells after a step whether a motor has exceeded its torque in it."""
 
+NEARBY_M = 1.0
+"""Obstacles nearby are looked for anew after this way: of a map there may be hundreds."""
 HYSTERESIS = 1.5
 """A robot is isolated again at so many times the distance at which it ceases to be."""
 
@@ -83,6 +91,9 @@ class DartRobot:
         self._ridges = [Footprint.of_ridge(ridge) for ridge in world.ridges]
         self._ridges_in: DartWorld | None = None
         """The world in which ridges carry it now."""
+        self._nearby_from = math.inf, math.inf
+        """Where the robot was when it last looked for what is nearby."""
+        self._nearby_solids: list[Footprint] = []
         self._person_radius = world.person.radius_m
         self._people: dict[int, MovingPerson] = {}
         self.close_people: dict[int, MovingPerson] = {}
@@ -135,7 +146,7 @@ class DartRobot:
             and self._shared_world is None
             and not self.close_people
             and not near_ridge
-            and not any(footprint.may_touch(obstacle, margin) for obstacle in self._obstacles)
+            and not any(footprint.may_touch(solid, margin) for solid in self._nearby(footprint))
         )
         before = self.body.world
         body = self._all if near_ridge or not self._upright else self._upright_body
@@ -152,6 +163,14 @@ class DartRobot:
         if body.world is not before:
             # The world that was left does not follow the people any more.
             before.set_present({})
+
+    def _nearby(self, footprint: Footprint) -> list[Footprint]:
+        """Return the obstacles that it may touch within the next `NEARBY_M` of its way."""
+        if math.dist(self._nearby_from, footprint[:2]) > NEARBY_M:
+            self._nearby_from = footprint.x, footprint.y
+            reach = NEARBY_M + HYSTERESIS * (CLEARANCE_M + 2.0 * self.max_speed * HORIZON_S)
+            self._nearby_solids = [s for s in self._obstacles if s.gap(footprint) < reach]
+        return self._nearby_solids
 
     def _carry(self, world: DartWorld | None) -> None:
         """Have ridges carry the rollers in a world from now on, or in none."""
