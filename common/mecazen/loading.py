@@ -16,7 +16,7 @@ from mecazen.config import FLEET, RESERVED, BusConfig, Scenario, features
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
-from mecazen.occupancy import read_map
+from mecazen.occupancy import take_map
 from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
@@ -140,21 +140,13 @@ def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequ
     name = changes.pop("file", None)
     below = _read_toml(path.parent / name) if isinstance(name, str) else {}
     if part == "world":
-        _read_image(below, path.parent / str(name))
-        _read_image(changes, path)
+        take_map(below, path.parent / str(name))
+        take_map(changes, path)
     if isinstance(given, dict) or isinstance(name, str):
         table[part] = _laid_over(below, changes)
     if not isinstance(name, str):
         return None
     return (path.parent / name).resolve(), tuple(f"{part}.{key}" for key in changes)
-
-
-def _read_image(world: dict[str, Any], path: Path) -> None:
-    """Add what the occupancy image of a world shows to its obstacles."""
-    name, others = world.get("map"), world.get("obstacles", [])
-    if isinstance(name, str) and isinstance(others, list):
-        del world["map"]
-        world["obstacles"] = [*others, *read_map(path.parent / name)]
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> None:

@@ -26,6 +26,22 @@ MAX_BOXES = 2000
 Cells = npt.NDArray[np.bool_]
 
 
+def take_map(world: dict[str, Any], path: Path) -> None:
+    """Add what the occupancy image shows that the table of a world names to its obstacles.
+
+    Args:
+        world: The table, of the file `path`; what is wrong with types is said when it is converted.
+        path: The image's path is relative to it.
+
+    Raises:
+        ConfigError: As of `read_map`.
+    """
+    name, others = world.get("map"), world.get("obstacles", [])
+    if isinstance(name, str) and isinstance(others, list):
+        del world["map"]
+        world["obstacles"] = [*others, *read_map(path.parent / name)]
+
+
 def read_map(path: Path) -> list[dict[str, Any]]:
     """Return what an occupancy image shows as occupied, as tables of boxes for `[world]`.
 

@@ -355,23 +355,27 @@ def test_whatever_is_asked_time_goes_on(long_lived, wrong):
     assert_goes_on(long_lived)
 
 
-def test_a_person_with_joints_is_touched_by_their_legs():
+def joints_at(x: float) -> tuple[m.Point, ...]:
+    """Joints 0.3 m above the ground: of the legs 0.4 m aside, to the left and to the right."""
+    apart = {"left": 0.4, "right": -0.4}
+    return tuple(m.Point(x=x, y=apart.get(j.partition("_")[0], 0.0), z=0.3) for j in JOINTS)
+
+
+def test_a_person_and_a_walker_with_joints_are_touched_by_their_legs():
     driven = Driven(sensor=SensorConfig(kind="fused"))
-    apart = {"left_": 0.4, "right_": -0.4}
-
-    def body(number: int, x: float) -> m.Skeleton:
-        sides = [next((y for side, y in apart.items() if j.startswith(side)), 0.0) for j in JOINTS]
-        joints = tuple(m.Point(x=x, y=y, z=0.3) for y in sides)
-        header = m.Header(stamp=m.Time.from_ns(number * TICK_NS), frame_id="world")
-        return m.Skeleton(header=header, height=1.75, joints=joints)
-
     for number in range(100):  # they walk over the robot at 1 m/s, a leg on each of its sides
-        refused = driven.tick(skeleton=body(number, 0.5 - 0.01 * number)).refused
+        header = m.Header(stamp=m.Time.from_ns(number * TICK_NS), frame_id="world")
+        here = joints_at(0.5 - 0.01 * number)
+        skeleton = m.Skeleton(header=header, height=1.75, joints=here)
+        walker = m.Person("walker_1", height=1.75, joints=here)
+        refused = driven.tick(skeleton=skeleton, people=m.People(header, (walker,))).refused
         assert not refused
     assert driven.pose() == pytest.approx(Pose2D(), abs=1e-4)
-    someone = driven.world.robots[""].walking
-    assert someone is not None
-    assert someone.legs is not None
-    assert someone.velocity == pytest.approx((-1.0, 0.0))
-    topic, reason = driven.tick(skeleton=m.Skeleton()).refused[0]
-    assert (topic, reason) == (keys.TARGET_SKELETON, "needs 20 joints")
+    for someone in (driven.world.robots[""].walking, driven.world.walking[1]):
+        assert someone is not None
+        assert someone.legs is not None
+        assert someone.velocity == pytest.approx((-1.0, 0.0))
+    alone = m.People(persons=(m.Person("walker_1"),))
+    refused = driven.tick(skeleton=m.Skeleton(), people=alone).refused
+    assert {topic for topic, _ in refused} == {keys.TARGET_SKELETON, keys.PEOPLE}
+    assert {reason for _, reason in refused} == {"needs 20 joints"}

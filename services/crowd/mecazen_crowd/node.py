@@ -91,7 +91,7 @@ class CrowdNode(Node):
         others += [_other(_motion(odometry), self.radius) for odometry in self.targets.values()]
         others += [_other(_motion(one), self.reach[name]) for name, one in self.robots.items()]
         if self.pedestrians is None:
-            obstacles, errands = self.scenario.world.obstacles, list(self.errands)
+            obstacles, errands = self.scenario.world.solids, list(self.errands)
             if self.config.reactive is not None:
                 taken = [one[:2] for one in others] + [one.start[:2] for one in errands]
                 errands += drawn(self.config.reactive, self.seed, taken, obstacles)
