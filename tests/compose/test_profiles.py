@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import msgspec
-from harness import ROOT, SCENARIOS
+from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
 from mecazen.loading import load_scenario
 from mecazen_bench import latency
@@ -49,6 +49,16 @@ def test_teleop_is_driven_by_zenoh_cli_on_the_host(stacks):
     assert set(stack.containers()) == {
         "router", "teleop-physics", "teleop-controller", "teleop-target", "teleop-viewer"
     }  # fmt: skip
+
+
+def test_a_robot_follows_by_sensors_in_a_container_of_their_own(stacks):
+    stack = stacks(None, COMPOSE_PROFILES="headless,senses", MECAZEN_SET="sensor.kind=fused")
+    stack.up()
+    with stack.bus() as bus:
+        scans, bodies = Newest(bus, keys.SCAN), Newest(bus, keys.SKELETONS)
+        stack.await_following(bus, 0.5)
+        stack.wait(bus, lambda: None not in (scans.message, bodies.message))
+    assert set(stack.containers()) == LOOP | {"sensors"}
 
 
 def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks):
