@@ -1,8 +1,18 @@
 """The tracking states; tests/follower/test_node.py tells a whole story of them."""
 
+import math
+
+import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen_follower.tracking import Tracker, TrackingState
+from mecazen.config import SensorConfig
+from mecazen.geometry import Pose2D
+from mecazen_follower.association import Measurement
+from mecazen_follower.config import FollowerConfig
+from mecazen_follower.tracking import Frame, PersonTracker, Tracker, TrackingState
+
+NOISE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
 
 
 def states(tracker, frames):
@@ -33,3 +43,14 @@ def test_seen_is_always_following_and_waiting_never_comes_back(steps):
         # Only a measurement ends a loss.
         assert before is not TrackingState.LOST or seen or state is TrackingState.LOST
         before = state
+
+
+def test_the_covariance_considers_the_bias_that_frames_of_a_camera_share():
+    def covariance(kind):
+        people = PersonTracker(FollowerConfig(), SensorConfig(kind=kind))
+        frame = Frame(0.0, (Measurement(Pose2D(1.0), NOISE),))
+        return people.step(0.0, frame, Pose2D(1.0)).covariance
+
+    added = np.subtract(covariance("fused"), covariance("pose"))
+    expected = np.diag([0.018**2, 0.018**2, math.radians(5.4) ** 2])
+    assert added == pytest.approx(expected, abs=1e-12)  # rounding

@@ -19,6 +19,16 @@ from mecazen_follower.noise import ReportedNoise
 MISSED_FRAMES = 1.5
 """Periods of the sensor without an observation: a frame has been missed."""
 
+BIAS_STD = {
+    "body": (0.018, math.radians(5.4)),
+    "fused": (0.018, math.radians(5.4)),
+    "legs": (0.05, 0.0),
+}
+"""Of place [m] and heading [rad] by kind of sensor: errors that frames share, so that no filter
+averages them out. With a camera they are the tracker's bias over the view (0.011 m of the trunk's
+joints, 3.6° of the lines through hips and shoulders) and the body's sway and twist of
+`perception.body`; legs stand behind the person's place, as the gait has it."""
+
 GUESS_RAD = math.radians(45.0)
 """Standard deviation of the heading of somebody whose heading is not observed."""
 
@@ -97,6 +107,7 @@ class PersonTracker:
         coast_after = max(config.coast_after_s, missed)
         lost_after = max(config.lost_after_s, 2.0 * missed)
         self.tracker = Tracker(coast_after, lost_after)
+        self._bias = BIAS_STD.get(sensor.kind)
         self._association = Association(2.0 * lost_after)
         self._noise = ReportedNoise()
         self._latency = sensor.latency_s
@@ -135,7 +146,8 @@ class PersonTracker:
             seen |= self._see(time, due, expected)
         self.tracker.update(time, seen)
         at = self._predict(time - self._latency)
-        return self.estimator.ahead(max(time - at, 0.0))
+        person = self.estimator.ahead(max(time - at, 0.0))
+        return person if person is None or self._bias is None else _biased(person, *self._bias)
 
     def _due(self, time: float) -> list[Frame]:
         """Take out the frames that are held back no longer, in the order of their captures."""
@@ -198,6 +210,18 @@ class PersonTracker:
             self.estimator.predict(time - self._time)
             self._time = time
         return self._time
+
+
+def _biased(person: Estimate, place_std: float, yaw_std: float) -> Estimate:
+    """Return an estimate whose covariance considers a bias, as if all of it were in the estimate.
+
+    The filter does not estimate it: a consider parameter, with the gain at its limit of 1.
+    S. F. Schmidt, Application of state-space methods to navigation problems, 1966.
+    """
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = person.covariance
+    place, yaw = place_std * place_std, yaw_std * yaw_std
+    covariance = (xx + place, xy, xw), (yx, yy + place, yw), (wx, wy, ww + yaw)
+    return person._replace(covariance=covariance)
 
 
 def _headed(one: Measurement, person: Estimate | None, expected: Pose2D) -> Measurement:
