@@ -13,6 +13,7 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.config import PlannerConfig
 from mecazen_follower.planner.costs import Body, Sight
 from mecazen_follower.planner.rollout import Able, step_towards
+from mecazen_follower.polar import View
 
 SCENARIO = Scenario(robot=load_robot())
 DRIVE = Drive.of(SCENARIO)
@@ -68,7 +69,7 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     The robot is a circle about its rectangle here. `walkers` are (x, y, vx, vy) at time 0.
     """
     config, planner = planner_of(config)
-    law = config.make_controller(DRIVE, math.radians(22.5))
+    law = config.make_controller(DRIVE, View(math.radians(22.5)))
     able = Able(DRIVE, 2.0, TICK, float)
     person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)

@@ -12,7 +12,7 @@ from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.following import SEARCH, Following
 from mecazen_follower.node import FollowerNode
-from mecazen_follower.polar import kept_view
+from mecazen_follower.polar import ALL_AROUND, View, kept_view
 from mecazen_follower.tracking import Frame
 from msgspec.structs import replace
 
@@ -22,7 +22,7 @@ DRIVE = Drive.of(Scenario(robot=NEXUS))
 EXACT = ((1e-8, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 1e-8))
 
 
-def walk(config, walking, seconds, view=math.inf):
+def walk(config, walking, seconds, view=ALL_AROUND):
     """Yield person and robot, which starts at rest in its place and does what is commanded.
 
     The person's body twist at a time is `walking`; the follower knows pose and velocity.
@@ -95,7 +95,7 @@ def test_a_camera_of_70_degrees_keeps_who_sets_off_and_turns(view):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_robot_that_does_not_see_all_around_turns_to_where_the_person_went(side):
-    for view, yaw in ((math.inf, 0.0), (0.4, SEARCH * side)):
+    for view, yaw in ((ALL_AROUND, 0.0), (View(0.4), SEARCH * side)):
         following = Following(FollowerConfig(), SensorConfig(), DRIVE, view)
         robot = Pose2D()
         for tick in range(round(4.0 / DT)):
@@ -120,7 +120,28 @@ def test_a_standoff_within_the_bodies_is_refused_in_one_line():
 
 
 def test_the_field_of_view_is_that_of_the_sensor():
-    assert kept_view(math.tau) == math.inf
-    assert kept_view(math.radians(70.0)) == pytest.approx(math.radians(20.0))
-    assert kept_view(math.radians(20.0)) == pytest.approx(math.radians(5.0))
+    assert kept_view(math.tau) == ALL_AROUND
+    assert kept_view(math.radians(70.0), 1.0) == pytest.approx((math.radians(20.0), 1.0))
+    assert kept_view(math.radians(20.0)) == pytest.approx((math.radians(5.0), 0.0))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_robot_whose_camera_looks_sideways_drives_beside_the_person_without_turning(side):
+    config = FollowerConfig(bearing_deg=-90.0 * side, heading_deg=0.0)
+    view = kept_view(math.radians(75.0), math.pi / 2 * side)
+    for person, robot in walk(config, lambda time: Twist2D(min(time, 1.3)), 6.0, view):
+        seen = robot.between(person)
+        assert math.atan2(seen.y, seen.x) == pytest.approx(math.pi / 2 * side, abs=0.1)
+        assert robot.yaw == pytest.approx(0.0, abs=1e-6)  # rounding
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_leaves_the_view_of_a_sideways_camera_is_looked_for_where_they_went(side):
+    following = Following(FollowerConfig(), SensorConfig(), DRIVE, View(0.4, math.pi / 2))
+    for tick in range(round(4.0 / DT)):
+        # ahead is to the right of a camera that looks to the left
+        measurement = Measurement(Pose2D(-0.5 * side, 1.0), EXACT)
+        seen = Frame(tick * DT, (measurement,)) if tick < 10 else None
+        command = following.step(tick * DT, DT, Pose2D(), seen).command
+    assert command == (0.0, 0.0, SEARCH * side)
     assert SensorConfig().fov_deg == 360.0

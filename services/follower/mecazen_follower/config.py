@@ -16,7 +16,7 @@ from mecazen_follower.planner.config import PlannerConfig
 from mecazen_follower.planner.costs import Body, Sight
 from mecazen_follower.planner.law import PolarGains
 from mecazen_follower.planner.planner import Planner
-from mecazen_follower.polar import UNLIMITED, Approach, PolarController
+from mecazen_follower.polar import ALL_AROUND, UNLIMITED, Approach, PolarController, View
 
 
 class LinearGains(Gains):
@@ -132,7 +132,7 @@ class FollowerConfig(Section):
         )
 
     def make_controller(
-        self, drive: Drive = UNLIMITED, view: float = math.inf
+        self, drive: Drive = UNLIMITED, view: View = ALL_AROUND
     ) -> PoseController | PolarController:
         """Return a new controller for a robot with these limits; see `PolarController`."""
         law = self.control

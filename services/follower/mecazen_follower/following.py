@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 from mecazen.config import SensorConfig
 from mecazen.drive import Drive
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Errors
 from mecazen_follower.planner.planner import Planner
 from mecazen_follower.planner.verdict import Plan
-from mecazen_follower.polar import UNLIMITED
+from mecazen_follower.polar import ALL_AROUND, UNLIMITED, View
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5
@@ -52,14 +52,14 @@ class Following:
         config: FollowerConfig,
         sensor: SensorConfig,
         drive: Drive = UNLIMITED,
-        view: float = math.inf,
+        view: View = ALL_AROUND,
         hold: float = 0.0,
         planner: Planner | None = None,
     ) -> None:
         self.people = PersonTracker(config, sensor, hold)
         self._controller = config.make_controller(drive, view)
         self.planner = planner
-        self._sees_all = math.isinf(view)
+        self._view = view
         self._side = 1.0
         self._standoff = config.standoff
         self._response = config.response_s
@@ -87,7 +87,8 @@ class Following:
         lost = tracking is TrackingState.LOST
         command = self._search() if lost else self._drive(time, person, robot, dt)
         if not lost:
-            self._side = robot.between(person.pose).y
+            seen = robot.between(person.pose)
+            self._side = rotate(seen.x, seen.y, -self._view.centre)[1]
         goal = self._standoff.goal(person.pose)
         errors = self._standoff.errors(person.pose, robot)
         plan = None if lost or self.planner is None else self.planner.plan
@@ -98,7 +99,9 @@ class Following:
         twist = self._controller.stop()
         if self.planner is not None:
             self.planner.rest()
-        return twist if self._sees_all else twist._replace(yaw=math.copysign(SEARCH, self._side))
+        if self._view == ALL_AROUND:
+            return twist
+        return twist._replace(yaw=math.copysign(SEARCH, self._side))
 
     def _drive(self, time: float, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
         """Return the command for the time at which the robot responds to it.

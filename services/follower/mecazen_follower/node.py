@@ -73,7 +73,11 @@ class FollowerNode(Node):
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
         sensor, drive = self.sensor, Drive.of(self.scenario)
-        view = kept_view(math.radians(sensor.fov_deg))
+        camera = "tracker" in sensor.features
+        centre = math.radians(self.scenario.robot.camera.yaw_deg) if camera else 0.0
+        view = kept_view(math.radians(sensor.fov_deg), centre)
+        if sensor.kind == "fused":
+            view = view._replace(half=math.pi)  # the lidar keeps whom the camera does not see
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)

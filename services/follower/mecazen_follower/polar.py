@@ -38,13 +38,23 @@ class Approach(NamedTuple):
         return math.copysign(min(self.gain * size, braking), error)
 
 
-def kept_view(fov: float) -> float:
-    """Return the largest angle from the robot's x axis at which to keep the person [rad].
+class View(NamedTuple):
+    """Where to keep the person: within `half` of the direction `centre` in base_link [rad]."""
 
-    It leaves a margin to the edge of the sensor's field of view `fov` [rad], in which the robot
-    turns when the person goes that way.
+    half: float = math.inf
+    centre: float = 0.0
+
+
+ALL_AROUND = View()
+
+
+def kept_view(fov: float, centre: float = 0.0) -> View:
+    """Return where to keep the person for a sensor with a field of view `fov` about `centre` [rad].
+
+    It leaves a margin to the edge of the field of view, in which the robot turns when the person
+    goes that way.
     """
-    return math.inf if fov >= math.tau else max(fov / 2 - MARGIN, fov / 4)
+    return ALL_AROUND if fov >= math.tau else View(max(fov / 2 - MARGIN, fov / 4), centre)
 
 
 class PolarController:
@@ -55,8 +65,7 @@ class PolarController:
 
     `linear` is the approach of distance and bearing, the latter as an arc length [m];
     `heading` is that of the heading. `max_speed` [m/s] limits base_link in any direction, `drive`
-    is what the robot can do, and `view` [rad] the largest angle that the person may have from the
-    robot's x axis.
+    is what the robot can do, and `view` where the person is to be kept.
     """
 
     def __init__(
@@ -67,7 +76,7 @@ class PolarController:
         max_speed: float,
         max_yaw_rate: float,
         drive: Drive = UNLIMITED,
-        view: float = math.inf,
+        view: View = ALL_AROUND,
     ) -> None:
         self._standoff = standoff
         self._linear, self._heading = linear, heading
@@ -92,9 +101,11 @@ class PolarController:
         direction = bearing - robot.yaw  # in base_link
 
         away, around = rotate(*with_person, -bearing)
-        off = wrap(bearing + math.pi - goal.yaw)  # of the person, from the heading of the goal
+        # of the person, from the heading of the goal
+        centre = self._view.centre
+        off = wrap(bearing + math.pi - goal.yaw - centre) + centre
         facing = self._facing(rotate(*with_person, -goal.yaw), off)
-        if abs(off - facing) >= self._view and distance > 0.0:
+        if abs(off - facing - centre) >= self._view.half and distance > 0.0:
             # the heading then follows the person across the view
             turn_to_person = rotate(self._last.x, self._last.y, -direction)[1] - around
             feed_forward = turn_to_person / distance
@@ -120,7 +131,8 @@ class PolarController:
         x, y = velocity
         used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
-        return off - min(max(off - facing, -self._view), self._view)
+        half, centre = self._view
+        return off - min(max(off - facing, centre - half), centre + half)
 
     def resume(self, twist: Twist2D) -> None:
         """Go on from a twist in base_link that was commanded in place of the last one."""
