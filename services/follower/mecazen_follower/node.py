@@ -34,6 +34,11 @@ CLEARANCE_M = 0.1
 """Least distance to be kept between person and robot: as much as following may err."""
 
 
+BESIDE = math.sin(math.radians(60.0))
+"""Sine of the bearing from which on the robot is beside the person. Turned away from there its
+wheels are too slow to come back, so it leaves whom the camera does not see to the lidar."""
+
+
 class FollowerNode(Node):
     """Estimates the person from noisy observations and drives the robot to its place.
 
@@ -76,8 +81,9 @@ class FollowerNode(Node):
         camera = "tracker" in sensor.features
         centre = math.radians(self.scenario.robot.camera.yaw_deg) if camera else 0.0
         view = kept_view(math.radians(sensor.fov_deg), centre)
-        if sensor.kind == "fused":
-            view = view._replace(half=math.pi)  # the lidar keeps whom the camera does not see
+        beside = abs(math.sin(self.config.standoff.bearing)) > BESIDE
+        if sensor.kind == "fused" and beside:
+            view = view._replace(half=math.pi)
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
