@@ -90,6 +90,25 @@ class Recorded(_Walk, tag="recorded", kw_only=True):
     """CSV with the columns `t_s`, `x_m`, `y_m`; relative to the scenario's folder."""
 
 
+class ScriptStep(Section):
+    """A velocity, and for how long."""
+
+    duration_s: Positive
+    speed_m_s: NonNegative = 0.0
+    direction_deg: AngleDeg = 0.0
+    """In the person's frame: 0 is ahead, 90 to the left, 180 backwards."""
+    yaw_rate_deg_s: Finite = 0.0
+
+
+class Script(_Walk, tag="script", kw_only=True):
+    """Velocities one after the other, also sideways and backwards; then the person stands."""
+
+    steps: Annotated[tuple[ScriptStep, ...], msgspec.Meta(min_length=1, max_length=1000)]
+    acceleration_m_s2: Positive = 6.0
+    """Of each change of the velocity: from 1.8 m/s to rest in 0.3 s, within a step."""
+    yaw_acceleration_deg_s2: Positive = 720.0
+
+
 class Driven(_Path, tag="driven"):
     """The person moves with the twists on `target/cmd_vel`."""
 
@@ -97,7 +116,7 @@ class Driven(_Path, tag="driven"):
     """Time without a command after which the person stops [s]."""
 
 
-Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded
+Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded | Script
 """A path known in advance, unlike `Driven`."""
 
 

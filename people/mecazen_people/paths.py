@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D, Twist2D, rotate
 
 from mecazen_people import config
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.motion import Motion, Path
 from mecazen_people.recorded import Track, read_track
+from mecazen_people.script import Script
 
 
 class SteadyWalk:
@@ -64,6 +65,10 @@ def make_path(path: config.Walk) -> Path:
             track = Track(read_track(path.file))
             first = track.at(0.0).pose
             return Placed(track, start.compose(first.between(Pose2D())), path.start_after_s)
+        case config.Script():
+            steps = [(one.duration_s, _velocity(one)) for one in path.steps]
+            yaw = math.radians(path.yaw_acceleration_deg_s2)
+            return Placed(Script(steps, path.acceleration_m_s2, yaw), start, path.start_after_s)
         case _:
             walk = SteadyWalk(_curve(path), path.speed_m_s)
             return Placed(walk, start, path.start_after_s)
@@ -86,6 +91,11 @@ def _curve(
             return Lemniscate(path.length_m, _side(path.turn))
         case config.Waypoints():
             return SmoothCurve(path.points_m)
+
+
+def _velocity(step: config.ScriptStep) -> Twist2D:
+    x, y = rotate(step.speed_m_s, 0.0, math.radians(step.direction_deg))
+    return Twist2D(x, y, math.radians(step.yaw_rate_deg_s))
 
 
 def _side(turn: config.Turn) -> float:

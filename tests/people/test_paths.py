@@ -12,6 +12,8 @@ from mecazen_people.config import (
     Driven,
     FigureOfEight,
     Gait,
+    Script,
+    ScriptStep,
     Standing,
     Straight,
     UTrack,
@@ -31,6 +33,13 @@ PATHS = {
     "figure_of_eight to the right": FigureOfEight(length_m=3.0, turn="right"),
     "waypoints": Waypoints(points_m=POINTS, speed_m_s=0.8, yaw_deg=10.0),
     "standing": Standing(x_m=2.0, yaw_deg=90.0),
+    "script": Script(
+        steps=(
+            ScriptStep(duration_s=2.0, speed_m_s=0.8, yaw_rate_deg_s=20.0),
+            ScriptStep(duration_s=2.0, speed_m_s=0.5, direction_deg=120.0),
+        ),
+        start_after_s=0.5,
+    ),
 }
 
 
