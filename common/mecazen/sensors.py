@@ -10,7 +10,11 @@ from typing import Annotated
 
 import msgspec
 
+from mecazen.faults import check_intervals
 from mecazen.schema import NonNegative, Positive, Probability, Section
+
+Occlusions = tuple[tuple[NonNegative, NonNegative], ...]
+"""Intervals [from, to] of simulated time."""
 
 FieldOfView = Annotated[float, msgspec.Meta(gt=0.0, lt=180.0)]
 """Of a pinhole camera, from edge to edge [deg]."""
@@ -39,8 +43,11 @@ class LidarConfig(Section):
     range_std_m: NonNegative = 0.01
     dropout_probability: Probability = 0.005
     """Chance of a beam that hits something to bring no valid measurement."""
+    occlusions_s: Occlusions = ()
+    """Intervals in which no beam brings a valid measurement."""
 
     def __post_init__(self) -> None:
+        check_intervals("occlusions_s", self.occlusions_s)
         _check_range(self.min_range_m, self.max_range_m)
 
 
@@ -93,8 +100,11 @@ class TrackerConfig(Section):
     """Mean duration of that."""
     identity_memory_s: NonNegative = 0.5
     """Time out of sight after which somebody gets a new identity."""
+    occlusions_s: Occlusions = ()
+    """Intervals in which nobody is seen."""
 
     def __post_init__(self) -> None:
+        check_intervals("occlusions_s", self.occlusions_s)
         _check_range(self.min_range_m, self.max_range_m)
 
 

@@ -110,3 +110,14 @@ def test_the_same_seed_has_the_same_bits_whatever_was_seen_before():
 def test_a_range_without_width_is_refused():
     with pytest.raises(ValueError, match=r"min_range_m = 2\.0 must be below max_range_m = 1\.0"):
         LidarConfig(min_range_m=2.0, max_range_m=1.0)
+
+
+def test_while_it_is_occluded_no_beam_brings_a_valid_measurement():
+    lidar = Lidar(LidarConfig(occlusions_s=((1.0, 2.0),)), MOUNT, 0)
+    scene = room(wall(3.0))
+
+    def is_blind(time_s):
+        found = lidar.scan(scene, Pose2D(), Time.from_ns(round(time_s * 1e9)))
+        return not any(found.ranges)
+
+    assert [is_blind(time_s) for time_s in (0.9, 1.0, 2.0, 2.1)] == [False, True, True, False]

@@ -311,3 +311,11 @@ def test_raw_angles_of_a_walk_are_as_wrong_as_those_of_gait_studies():
     hip, knee = np.mean(means, axis=0)
     assert 8.6 <= hip <= 21.6
     assert 8.5 <= knee <= 15.3
+
+
+def test_while_it_is_occluded_it_shows_nobody_and_later_the_same_person():
+    watch = Watch(seen_from(180.0), latency_s=0.0, occlusions_s=((0.1, 0.3),))
+    frames = [watch.frame(walking(watch.tick * TICK_S)) for _ in range(12)]
+    seen = [[body.id for body in frame.skeletons] for frame in frames]
+    # frames are 40 ms apart: those at 0.12 to 0.28 s are empty
+    assert seen == [["1"]] * 3 + [[]] * 5 + [["1"]] * 4

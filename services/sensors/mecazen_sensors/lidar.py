@@ -9,6 +9,7 @@ from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.robot import Attachment
 from mecazen.sensors import LidarConfig
+from mecazen.wire import NS_PER_S
 
 from mecazen_sensors.scene import Floats, Scene
 
@@ -69,6 +70,8 @@ class Lidar:
         ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
         ranges[lost | (ranges < config.min_range_m)] = INVALID
         ranges[hits < 0] = self._no_return
+        if any(begin <= time.ns / NS_PER_S <= end for begin, end in config.occlusions_s):
+            ranges[:] = INVALID
         return m.LaserScan(
             header=m.Header(stamp=time, frame_id="lidar_link"),
             angle_min=self._first,

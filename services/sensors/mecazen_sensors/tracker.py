@@ -23,6 +23,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Camera as Mount
 from mecazen.sensors import TrackerConfig
 from mecazen.skeleton import INDEX, JOINTS
+from mecazen.wire import NS_PER_S
 
 from mecazen_sensors.body import (
     BONES,
@@ -182,8 +183,10 @@ class Tracker:
         ways, hits = scene.cast(camera, rays / distances[:, None], self._robot)
         vectors = rays @ from_world(robot.yaw)
         depths, inside = self._camera.look(vectors)
-        reached, numbers, seen = (ways >= distances).tolist(), hits.tolist(), inside.tolist()
         time = m.Time.from_ns(tick * self._tick_ns)
+        if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
+            inside[:] = False
+        reached, numbers, seen = (ways >= distances).tolist(), hits.tolist(), inside.tolist()
         header = m.Header(stamp=time, frame_id="base_link")
         skeletons = []
         for number, track in enumerate(self._tracks[: len(people)]):
