@@ -94,8 +94,8 @@ def capture(job: Job) -> Capture:
     if "tracker" not in scenario.sensor.features:
         raise ConfigError("motion capture needs sensor.kind = 'body' or 'fused'")
     with closing(InProcess(scenario)) as run:
-        bodies = _collect(run.bus, TARGET_SKELETON)
-        frames = _collect(run.bus, SKELETONS)
+        bodies = collect(run.bus, TARGET_SKELETON)
+        frames = collect(run.bus, SKELETONS)
         for _ in run.ticks():
             pass
         table = Table.of(run.trajectory)
@@ -118,7 +118,8 @@ def capture(job: Job) -> Capture:
     return Capture(truth, seen._replace(joints=placed), table)
 
 
-def _collect(bus: LocalBus, topic: Topic[MessageT]) -> list[MessageT]:
+def collect(bus: LocalBus, topic: Topic[MessageT]) -> list[MessageT]:
+    """Return a list that grows by every sample of a topic."""
     samples: list[MessageT] = []
     bus.subscribe(topic, lambda message, _: samples.append(message), every=True)
     return samples

@@ -38,7 +38,9 @@ Walks = Annotated[Path | None, Option(metavar="FOLDER", help=WALKS_HELP, show_de
 Sweep = Annotated[
     list[str] | None, Option(metavar="KEY=V1,V2", help=SWEEP_HELP, show_default=False)
 ]
-MocapFile = Annotated[str, Argument(metavar="FILE", help=FILE_HELP)]
+Situations = Annotated[list[str] | None, Option(help="One of its situations.", show_default="all")]
+Drivers = Annotated[list[str] | None, Option(help="One of its drivers.", show_default="all")]
+DefaultFile = Annotated[str, Argument(metavar="FILE", help=FILE_HELP)]
 View = Annotated[list[str] | None, Option(help="One of its views.", show_default="all")]
 Standoffs = Annotated[
     list[float] | None, Option(min=0.1, help="Distance to the person [m].", show_default="all")
@@ -133,7 +135,7 @@ def budget(
 
 @app.command()
 def mocap(
-    file: MocapFile = "mocap",
+    file: DefaultFile = "mocap",
     settings: Settings = None,
     view: View = None,
     standoff: Standoffs = None,
@@ -157,6 +159,32 @@ def mocap(
         draw = draw_into(out)
     wanted = commands.Wanted(view or (), standoff or (), speed or (), tuple(settings or ()), runs)
     commands.mocap(file, wanted, commands.Options(jobs, scheduler, STORE, json), draw)
+
+
+@app.command()
+def safety(
+    file: DefaultFile = "safety",
+    settings: Settings = None,
+    situation: Situations = None,
+    driver: Drivers = None,
+    view: View = None,
+    runs: Runs = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    store: Store = STORE,
+    json: Json = None,
+) -> None:
+    """Score how safely the robot follows: situations, each with several drivers and views.
+
+    Finished runs are kept: after Ctrl-C the same command continues from there.
+
+    Example: mecazen experiment safety --situation "hard stop" --driver guard --runs 3
+    """
+    from mecazen_experiments import commands  # noqa: PLC0415
+
+    options = commands.Options(jobs, scheduler, store, json)
+    wanted = situation or (), driver or (), view or ()
+    commands.safety(file, wanted, tuple(settings or ()), runs, options)
 
 
 @app.command()

@@ -21,15 +21,16 @@ from rich.progress import Progress as Bar
 from mecazen_experiments import budget as budgets
 from mecazen_experiments import mocap as capturing
 from mecazen_experiments import report
+from mecazen_experiments import safety as guarding
 from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
 from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_path, parse_sweeps
 from mecazen_experiments.jobs import Job, Key, Series, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.quality import Curves, Quality
-from mecazen_experiments.run import tabulate
-from mecazen_experiments.schedule import Progress, Workers, do_all, run_all
-from mecazen_experiments.store import Store
+from mecazen_experiments.run import Record, tabulate
+from mecazen_experiments.schedule import Progress, Workers, do_all, do_new, run_all
+from mecazen_experiments.store import R, Records, Store
 from mecazen_experiments.table import Table
 
 INTERRUPTED = 130
@@ -154,6 +155,25 @@ def mocap(
             typer.echo(figure)
 
 
+def safety(
+    file: str,
+    wanted: Sequence[Sequence[str]],
+    settings: Settings,
+    runs: int | None,
+    options: Options,
+) -> None:
+    """Run an experiment of safety; print and write its scores."""
+    config = load_table(experiment_path(file), guarding.SafetyConfig)
+    todo = guarding.expand(guarding.selected(config, *wanted), runs, settings)
+    opened = Records(options.store, guarding.SafetyRecord, "safety")
+    with _stored(options, "runs", opened) as (store, workers, progress):
+        jobs = [job for of_place in todo.values() for job in of_place]
+        records = do_new(guarding.measure, jobs, store, workers, progress)
+    rows = guarding.summarise(todo, records)
+    _write(options, {"rows": rows})
+    console(WIDTH).print(guarding.table(rows))
+
+
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:
     """Run the paper's four cases with one seed and draw them; print the files."""
     try:
@@ -190,15 +210,24 @@ def _jobs(todo: Sequence[Series]) -> list[Job]:
 
 
 @contextmanager
-def _session(options: Options, what: str) -> Iterator[tuple[Store, Workers, Progress]]:
-    """Open the store and the workers, and show progress; Ctrl-C ends it in one line.
+def _session(options: Options, what: str) -> Iterator[tuple[Records[Record], Workers, Progress]]:
+    """Open the store of runs and the workers; see `_stored`."""
+    with _stored(options, what, Store(options.store)) as session:
+        yield session
+
+
+@contextmanager
+def _stored(
+    options: Options, what: str, opened: Records[R]
+) -> Iterator[tuple[Records[R], Workers, Progress]]:
+    """Open the workers, and show progress; Ctrl-C ends it in one line.
 
     Raises:
         ConfigError: There is no folder for the result.
     """
     bar, progress = _bar(options, what)
     try:
-        with closing(Store(options.store)) as store, _workers(options) as workers, bar:
+        with closing(opened) as store, _workers(options) as workers, bar:
             yield store, workers, progress
     except KeyboardInterrupt:
         done, total = bar.tasks[0].completed, bar.tasks[0].total or 0

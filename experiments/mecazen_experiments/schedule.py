@@ -10,7 +10,7 @@ from mecazen.errors import MecazenError
 
 from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.run import Record, run
-from mecazen_experiments.store import Store
+from mecazen_experiments.store import R, Records
 
 T = TypeVar("T")
 
@@ -95,9 +95,23 @@ def do_all(
 
 
 def run_all(
-    jobs: Iterable[Job], store: Store, workers: Workers, progress: Progress = lambda *_: None
+    jobs: Iterable[Job],
+    store: Records[Record],
+    workers: Workers,
+    progress: Progress = lambda *_: None,
 ) -> dict[Key, Record]:
-    """Return the record of every job; each is stored as soon as it exists.
+    """Return the record of every job; see `do_new`."""
+    return do_new(run, jobs, store, workers, progress)
+
+
+def do_new(
+    work: Callable[[Job], R],
+    jobs: Iterable[Job],
+    store: Records[R],
+    workers: Workers,
+    progress: Progress = lambda *_: None,
+) -> dict[Key, R]:
+    """Return what `work` makes of every job; each is stored as soon as it exists.
 
     Raises:
         MecazenError: As of `do_all`, or the store can't be used.
@@ -106,10 +120,10 @@ def run_all(
     records = store.find(wanted)
     progress(len(records), len(wanted))
 
-    def keep(_: Job, record: Record) -> None:
+    def keep(_: Job, record: R) -> None:
         store.add(record)
         records[record.key] = record
         progress(len(records), len(wanted))
 
-    do_all(run, [job for key, job in wanted.items() if key not in records], workers, keep)
+    do_all(work, [job for key, job in wanted.items() if key not in records], workers, keep)
     return records

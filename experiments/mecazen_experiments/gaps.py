@@ -1,0 +1,118 @@
+"""Gaps between a robot and what is around it, for many ticks at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from mecazen.geometry import Pose2D
+from mecazen.robot import Robot
+from mecazen.skeleton import INDEX, LIMBS
+from mecazen.world import Box, Cylinder
+
+from mecazen_experiments.table import Floats, Poses
+
+_STEPS = 40
+"""Of the search for the nearest point of a segment: to 1e-7 of its length."""
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_BEGINS = [INDEX[limb.begin] for limb in LIMBS]
+_ENDS = [INDEX[limb.end] for limb in LIMBS]
+_RADII = np.array([limb.radius for limb in LIMBS])
+
+
+def height_of(robot: Robot) -> float:
+    """Return the height of a robot's highest part [m]."""
+    camera, lidar, load = robot.camera, robot.lidar, robot.payload
+    parts = [
+        robot.base.clearance_m + robot.base.height_m,
+        2.0 * robot.wheels.radius_m,
+        camera.position_m[2] + camera.size_m[2] / 2.0,
+        lidar.position_m[2] + lidar.size_m[1] / 2.0,
+    ]
+    if load is not None:
+        parts.append(load.position_m[2] + load.size_m[2] / 2.0)
+    return max(parts)
+
+
+def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> Floats:
+    """Return the distance from a robot's footprint to a person's limbs (n) [m].
+
+    It is that of a rectangle and capsules as seen from above, of which only what is not above the
+    robot counts. Where they overlap it is negative, at least the radius of a limb.
+
+    Args:
+        robot: The robot.
+        poses: Its poses in the world, n of them.
+        joints: The person's joints in the world (n, 20, 3) [m]; NaN where there is nobody.
+        height: Of the person, which radii are shares of [m].
+    """
+    begins, ends = joints[:, _BEGINS], joints[:, _ENDS]
+    radii, top = _RADII * height, height_of(robot)
+    # of a limb, from share `low` to `high` of its length it is no higher than the robot
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cut = (top + radii - begins[..., 2]) / (ends[..., 2] - begins[..., 2])
+    rises = ends[..., 2] > begins[..., 2]
+    level = ends[..., 2] == begins[..., 2]
+    low = np.where(rises | level, 0.0, np.clip(cut, 0.0, 1.0))
+    high = np.where(rises & ~level, np.clip(cut, 0.0, 1.0), 1.0)
+    above = np.minimum(begins[..., 2], ends[..., 2]) > top + radii
+    half = robot.footprint
+
+    def distance(share: Floats) -> Floats:
+        points = begins[..., :2] + share[..., None] * (ends - begins)[..., :2]
+        return _to_rectangle(poses, half, points)
+
+    found = _minimum(distance, low, high) - radii
+    found[above] = math.inf
+    nearest: Floats = found.min(axis=1)
+    return nearest
+
+
+def gap_to_obstacle(robot: Robot, poses: Poses, thing: Box | Cylinder) -> Floats:
+    """Return the distance from a robot's footprint to an obstacle (n) [m]; 0 where they touch.
+
+    To a cylinder it is negative where they overlap.
+    """
+    x, y = thing.position_m
+    half = robot.footprint
+    if isinstance(thing, Cylinder):
+        centre = np.broadcast_to((x, y), (len(poses.x), 1, 2))
+        return _to_rectangle(poses, half, centre)[:, 0] - thing.size_m[0]
+    place = Pose2D(x, y, math.radians(thing.yaw_deg))
+    of_box = thing.size_m[0] / 2.0, thing.size_m[1] / 2.0
+    # the shortest line between two rectangles begins at a corner of one of them
+    corners = [place.compose(Pose2D(*corner)) for corner in _corners(of_box)]
+    of_robot = [poses.compose(Pose2D(*corner)) for corner in _corners(half)]
+    at = Poses(*(np.full(len(poses.x), value) for value in place))
+    theirs = np.broadcast_to([(one.x, one.y) for one in corners], (len(poses.x), 4, 2))
+    ours = np.stack([np.stack((one.x, one.y), axis=-1) for one in of_robot], axis=1)
+    both = np.concatenate(
+        (_to_rectangle(poses, half, theirs), _to_rectangle(at, of_box, ours)), axis=1
+    )
+    nearest: Floats = both.min(axis=1)
+    return nearest
+
+
+def _corners(half: tuple[float, float]) -> list[tuple[float, float]]:
+    length, width = half
+    return [(length, width), (-length, width), (-length, -width), (length, -width)]
+
+
+def _to_rectangle(poses: Poses, half: tuple[float, float], points: Floats) -> Floats:
+    """Return the distances of points (n, k, 2) from a rectangle at poses (n): 0 within it."""
+    c, s = np.cos(poses.yaw)[:, None], np.sin(poses.yaw)[:, None]
+    dx, dy = points[..., 0] - poses.x[:, None], points[..., 1] - poses.y[:, None]
+    along = np.abs(c * dx + s * dy) - half[0]
+    across = np.abs(c * dy - s * dx) - half[1]
+    return np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
+
+
+def _minimum(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    """Return the minimum of a convex function between `low` and `high`, by golden sections."""
+    for _ in range(_STEPS):
+        width = _GOLDEN * (high - low)
+        left, right = high - width, low + width
+        nearer = function(left) <= function(right)
+        low, high = np.where(nearer, low, left), np.where(nearer, right, high)
+    return function((low + high) / 2.0)

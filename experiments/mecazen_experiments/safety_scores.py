@@ -1,0 +1,173 @@
+"""Scores of a run among obstacles and people: contacts, gaps, sight, and what they cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D
+from mecazen.robot import Robot
+from mecazen.world import WorldConfig
+from mecazen_follower.config import FollowerConfig
+from mecazen_follower.goal import Standoff
+
+from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person
+from mecazen_experiments.scores import deviations, first_motion, score
+from mecazen_experiments.table import Floats
+from mecazen_experiments.watch import PELVIS, Watched
+
+TTC_S = 1.0
+"""A shorter time to collision is a conflict (J. C. Hayward, Near miss determination through use of
+a scale of danger, 1972; the threshold is usual for people on foot)."""
+STILL_M_S = 0.03
+"""A robot that is slower stands."""
+AWAY_M = 0.5
+"""A robot that stands so far from its place, while its person walks, is frozen."""
+CAUSED_M_S = 0.05
+"""A robot that drives at somebody faster than that when they touch has caused it."""
+
+Bools = npt.NDArray[np.bool_]
+
+
+class Safety(msgspec.Struct, frozen=True):
+    """The measures of a run; None where there is nothing to measure."""
+
+    contacts_person: int
+    """How often robot and person touch."""
+    contacts_others: int
+    """The same of other people, where the robot drove at them."""
+    contacts_others_all: int
+    """The same, whoever caused it."""
+    contacts_world: int
+    """The same of walls and other obstacles."""
+    gap_person_m: float | None
+    """Smallest gap to the person, as the next two; negative where they overlap."""
+    gap_others_m: float | None
+    gap_world_m: float | None
+    conflict_s: float
+    """Time in which the time to collision with anybody is below 1 s."""
+    view_percent: float
+    """Share of the camera's frames that show the person."""
+    regain_s: float
+    """Longest time in which none does."""
+    d_err_m: float | None
+    """Mean error of distance, and of the view angle, while the person is in view."""
+    theta_err_deg: float | None
+    frozen_s: float
+    """Time in which the robot stands 0.5 m from its place or more, while the person walks."""
+    jerk_rms_m_s3: float | None
+
+
+def safety(seen: Watched, scenario: Scenario) -> Safety:
+    """Return the measures of a run."""
+    robot, world = scenario.robot, scenario.world
+    step = float(np.mean(np.diff(seen.t)))
+    to_person = gap_to_person(robot, seen.robot, *seen.person)
+    to_others = [gap_to_person(robot, seen.robot, *body) for body in seen.others]
+    to_world = _world(robot, seen, world)
+    of_robot = [_approach(robot, seen, body.joints, body.height) for body in seen.others]
+    standoff = scenario.section(FollowerConfig, "follower").standoff
+    begin = first_motion(seen.table) or 0
+    begins_s = float(seen.table["t_s"][begin])
+    frames = seen.frames >= begins_s
+    looked, shown = seen.frames[frames], seen.seen[frames]
+    distance, heading = _errors(seen, standoff, looked, shown)
+    return Safety(
+        contacts_person=len(_onsets(to_person)),
+        contacts_others=sum(
+            int(np.sum(speed[_onsets(gap)] > CAUSED_M_S))
+            for gap, speed in zip(to_others, of_robot, strict=True)
+        ),
+        contacts_others_all=sum(len(_onsets(gap)) for gap in to_others),
+        contacts_world=len(_onsets(to_world)),
+        gap_person_m=_least(to_person),
+        gap_others_m=_least(np.array(to_others)),
+        gap_world_m=_least(to_world),
+        conflict_s=float(np.sum(_in_conflict(seen, [to_person, *to_others], step))) * step,
+        view_percent=100.0 * float(np.mean(shown)) if len(shown) else 0.0,
+        regain_s=_longest_gap(looked, shown),
+        d_err_m=distance,
+        theta_err_deg=heading,
+        frozen_s=_frozen(seen, standoff, begin),
+        jerk_rms_m_s3=score(seen.table, standoff).whole.jerk_rms_m_s3,
+    )
+
+
+def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
+    gaps = [gap_to_obstacle(robot, seen.robot, thing) for thing in world.obstacles]
+    return np.min(gaps, axis=0) if gaps else np.full(len(seen.t), math.inf)
+
+
+def _approach(robot: Robot, seen: Watched, joints: Floats, height: float) -> Floats:
+    """Return by how much the robot's own motion closes the gap to somebody (n) [m/s].
+
+    The gap is taken again with the robot as it is a sample later, and they as they are.
+    """
+    later = seen.robot._replace(
+        **{name: np.append(column[1:], column[-1]) for name, column in seen.robot._asdict().items()}
+    )
+    step = float(np.mean(np.diff(seen.t)))
+    now, then = (gap_to_person(robot, poses, joints, height) for poses in (seen.robot, later))
+    with np.errstate(invalid="ignore"):
+        return (now - then) / step
+
+
+def _onsets(gap: Floats) -> npt.NDArray[np.int64]:
+    """Return where contacts begin: the sample before the first of each."""
+    touching = gap <= 0.0
+    begins = np.flatnonzero(touching & ~np.concatenate(([False], touching[:-1])))
+    onsets: npt.NDArray[np.int64] = np.maximum(begins - 1, 0)
+    return onsets
+
+
+def _in_conflict(seen: Watched, gaps: Sequence[Floats], step: float) -> Bools:
+    """Return when the time to collision with anybody is below `TTC_S` (n).
+
+    The speed is that of pelvis and robot: a foot that swings is no approach.
+    """
+    found = np.zeros(len(seen.t), dtype=bool)
+    for body, gap in zip((seen.person, *seen.others), gaps, strict=True):
+        x, y = body.joints[:, PELVIS, 0] - seen.robot.x, body.joints[:, PELVIS, 1] - seen.robot.y
+        closing = -np.gradient(np.hypot(x, y), step)
+        with np.errstate(invalid="ignore"):
+            found |= (closing > 0.0) & (np.maximum(gap, 0.0) < TTC_S * closing)
+    return found
+
+
+def _errors(
+    seen: Watched, standoff: Standoff, looked: Floats, shown: Bools
+) -> tuple[float | None, float | None]:
+    if not shown.any():
+        return None, None
+    distance, _, heading = deviations(seen.table, standoff)
+    first, tick_s = seen.table["t_s"][0], seen.table.tick_s
+    at = np.rint((looked[shown] - first) / tick_s).astype(int)
+    return float(np.mean(np.abs(distance[at]))), math.degrees(float(np.mean(np.abs(heading[at]))))
+
+
+def _longest_gap(looked: Floats, shown: Bools) -> float:
+    """Return the longest time between two frames that show the person, beyond the usual one."""
+    if len(looked) < 2:
+        return 0.0
+    usual = float(np.median(np.diff(looked)))
+    at = np.concatenate(([looked[0] - usual], looked[shown], [looked[-1] + usual]))
+    return max(0.0, float(np.max(np.diff(at))) - usual)
+
+
+def _frozen(seen: Watched, standoff: Standoff, begin: int) -> float:
+    table = seen.table.where(slice(begin, None))
+    robot, person = table.poses("robot"), table.poses("target")
+    place = person.compose(standoff.goal(Pose2D()))
+    away = np.hypot(robot.x - place.x, robot.y - place.y) > AWAY_M
+    still = np.hypot(table["robot_vx_m_s"], table["robot_vy_m_s"]) < STILL_M_S
+    walks = np.hypot(table["target_vx_m_s"], table["target_vy_m_s"]) > STILL_M_S
+    return float(np.sum(away & still & walks)) * table.tick_s
+
+
+def _least(gaps: Floats) -> float | None:
+    known = gaps[np.isfinite(gaps)]
+    return float(known.min()) if known.size else None
