@@ -5,8 +5,8 @@ from __future__ import annotations
 from mecazen.config import SensorConfig
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.graph import Row, every
-from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_ODOM
+from mecazen.graph import Row, due, every
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SCAN, TARGET_ODOM
 from mecazen.messages import Twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.wire import NS_PER_S
@@ -14,6 +14,8 @@ from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Array, Estimate, Estimator, Params
 from mecazen_follower.following import Following
+from mecazen_follower.node import data_sheet, sight_of
+from mecazen_follower.planner.costs import Body
 from mecazen_follower.tracking import Frame
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
@@ -46,16 +48,19 @@ class OracleFollower(Node):
 
     ROW = Row(
         "follower",
-        inputs=(every(ODOM), every(GROUND_TRUTH), every(TARGET_ODOM)),
+        inputs=(every(ODOM), every(GROUND_TRUTH), every(TARGET_ODOM), due(SCAN)),
         outputs=(CMD_VEL,),
     )
 
     def reset(self, seed: int) -> None:
         """Begin a run."""
-        del seed
         self._truth = Truth(Params())
         config = self.scenario.section(FollowerConfig, "follower")
-        self._following = Following(config, SensorConfig(), Drive.of(self.scenario))
+        drive, robot = Drive.of(self.scenario), self.scenario.robot
+        body = Body(*robot.footprint, self.scenario.world.person.radius_m)
+        sight = sight_of(self.scenario, data_sheet(self.scenario))
+        planner = config.make_planner(drive, body, sight, seed)
+        self._following = Following(config, SensorConfig(), drive, planner=planner)
         self._following.people.estimator = self._truth
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
@@ -64,6 +69,11 @@ class OracleFollower(Node):
             inputs[topic].pose.pose.to_planar() for topic in (ODOM, GROUND_TRUTH, TARGET_ODOM)
         )
         seen = odom.compose(robot.between(person))
+        planner, scan = self._following.planner, inputs.get(SCAN)
+        if planner is not None and scan is not None:
+            x, y, _ = self.scenario.robot.lidar.position_m
+            # lockstep brings a scan in the tick in which it is taken
+            planner.see(tick.time_ns / NS_PER_S, scan, odom.compose(Pose2D(x, y)))
         twist = inputs[TARGET_ODOM].twist.twist.to_planar()
         velocity = Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw)
         self._truth.estimate = Estimate(seen, velocity, CERTAIN)

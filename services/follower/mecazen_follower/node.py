@@ -87,7 +87,7 @@ class FollowerNode(Node):
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
-        planner = self.config.make_planner(drive, body, _sight(self.scenario, sensor), seed)
+        planner = self.config.make_planner(drive, body, sight_of(self.scenario, sensor), seed)
         self.following = Following(self.config, sensor, drive, view, hold_s, planner)
         self.robot = PoseHistory(round((HISTORY_S + sensor.latency_s) * NS_PER_S))
         self.state: m.FollowerState | None = None
@@ -203,7 +203,7 @@ def data_sheet(scenario: Scenario) -> SensorConfig:
     )
 
 
-def _sight(scenario: Scenario, sensor: SensorConfig) -> Sight:
+def sight_of(scenario: Scenario, sensor: SensorConfig) -> Sight:
     """Return where the sensor looks by which the person is found."""
     half_fov = math.radians(sensor.fov_deg) / 2
     if sensor.kind == "pose":

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,31 @@ FINE = 0.25
 TEMPERATURE = 0.5
 """Difference of costs by which a sample's weight falls to 1/e."""
 
+LOYALTY = 0.5
+"""A way must be cheaper by this to take the place of the last one."""
+
 Floats32 = npt.NDArray[np.float32]
+
+
+class Search(Protocol):
+    """What finds ways."""
+
+    def plan(
+        self,
+        nominal: Array,
+        roll: Callable[[Array], Rollout],
+        cost: Callable[[Rollout], Array],
+        *,
+        loyal: bool,
+    ) -> tuple[Rollout, Array]:
+        """Return ways (n) and their costs.
+
+        Args:
+            nominal: Commands of each mode (STEPS, 3, modes).
+            roll: Where commands (STEPS, 3, n) lead.
+            cost: What that costs (n).
+            loyal: Whether the last mode is the last plan, to be kept to.
+        """
 
 
 class Mppi:
@@ -46,14 +71,10 @@ class Mppi:
         nominal: Array,
         roll: Callable[[Array], Rollout],
         cost: Callable[[Rollout], Array],
+        *,
+        loyal: bool,
     ) -> tuple[Rollout, Array]:
-        """Return the best ways (2 modes) and their costs: the nominal ones first.
-
-        Args:
-            nominal: Commands of each mode (STEPS, 3, modes).
-            roll: Where commands (STEPS, 3, n) lead.
-            cost: What that costs (n).
-        """
+        """Return the best way of each mode and each nominal one: see `Search`."""
         modes, samples = nominal.shape[-1], self._noise.shape[-1]
         ends = np.arange(modes + 1) * samples // modes
         commands = np.repeat(nominal.astype(np.float32), np.diff(ends), axis=-1)
@@ -67,4 +88,7 @@ class Mppi:
             weights /= weights.sum()
             means[..., mode] = np.einsum("kan,n->ka", commands[..., own], weights)
         best = roll(np.concatenate((nominal, means), axis=-1))
-        return best, cost(best)
+        costs = cost(best)
+        if loyal:
+            costs[[modes - 1, -1]] -= LOYALTY
+        return best, costs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +18,13 @@ from mecazen_follower.planner.costs import Body, Costs, Scene, Sight
 from mecazen_follower.planner.field import Field, Shadows
 from mecazen_follower.planner.law import PolarGains, towards
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
-from mecazen_follower.planner.mppi import STEPS, Mppi
+from mecazen_follower.planner.mppi import STEPS, Mppi, Search
 from mecazen_follower.planner.obstacles import Surroundings
 from mecazen_follower.planner.rollout import Able, Array, Rollout, follow, roll, step_towards
 from mecazen_follower.planner.verdict import OPEN, free, verdict
 
 POINT_M = 0.05
 """Half the width of what a point hides."""
-LOYALTY = 0.5
-"""A way must be cheaper by this to take the place of the last one."""
-
 Floats = npt.NDArray[np.float64]
 
 
@@ -45,6 +43,7 @@ class Planner:
 
     Attributes:
         plan: What it does, and why.
+        search: What finds the best way.
     """
 
     def __init__(
@@ -64,7 +63,7 @@ class Planner:
         self._able = Able(drive, max_speed, self._dt, float)
         self._able32 = Able(drive, max_speed, self._dt, np.float32)
         self._costs = Costs(config.priorities, standoff.distance, config.clearance_m, body, sight)
-        self._mppi = Mppi(config.samples, seed)
+        self.search: Search = Mppi(config.samples, seed)
         self.forget()
 
     def forget(self) -> None:
@@ -150,9 +149,9 @@ class Planner:
             n = commands.shape[-1]
             return roll(robot.yaw, self._sent, n, STEPS, self._dt, able, follow(commands))
 
-        best, costs = self._mppi.plan(modes, rolled, lambda ways: self._costs.of(ways, scene))
-        if self._commands is not None:  # its own nominal way, and what the samples make of it
-            costs[[modes.shape[-1] - 1, -1]] -= LOYALTY
+        loyal = self._commands is not None
+        cost = partial(self._costs.of, scene=scene)
+        best, costs = self.search.plan(modes, rolled, cost, loyal=loyal)
         chosen = int(np.argmin(costs))
         way = Rollout(*(values[..., [chosen]] for values in best))
         self._commands = way.commands[..., 0]
