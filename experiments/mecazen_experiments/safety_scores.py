@@ -15,7 +15,7 @@ from mecazen.world import WorldConfig
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.goal import Standoff
 
-from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person
+from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
 from mecazen_experiments.scores import deviations, first_motion, score
 from mecazen_experiments.table import Floats
 from mecazen_experiments.watch import PELVIS, Watched
@@ -98,7 +98,12 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
 
 
 def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
-    gaps = [gap_to_obstacle(robot, seen.robot, thing) for thing in world.obstacles]
+    height = height_of(robot)
+    gaps = [
+        gap_to_obstacle(robot, seen.robot, thing)
+        for thing in world.solids
+        if thing.bottom_m < height
+    ]
     return np.min(gaps, axis=0) if gaps else np.full(len(seen.t), math.inf)
 
 

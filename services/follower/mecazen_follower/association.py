@@ -181,9 +181,12 @@ class Association:
         for other in self._others:
             other.predict(time)
         tracks: list[Track | None] = [None, *self._others]
+        named = any(one.identity and one.identity == self._identity for one in seen)
         pairs = []
         for i, one in enumerate(seen):
             for j, track in enumerate(tracks):
+                if track is None and named and one.identity != self._identity:
+                    continue  # a sensor does not see somebody twice
                 cost = self._cost(person, one) if track is None else track.cost(one)
                 if cost < math.inf:
                     pairs.append((cost, i, j))
