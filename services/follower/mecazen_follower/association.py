@@ -17,6 +17,9 @@ from mecazen_follower.estimators import Estimate
 
 GATE = 25.0
 """Of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
+NAMELESS_GATE = 9.0
+"""The same of who has no name where others have: a leg of each of two people, taken for a pair,
+stands between both. One in 90 is beyond by chance."""
 APART_M = 0.5
 """Two people are not nearer to each other: whoever is so near to the person is the person."""
 SAME_ID = 6.0
@@ -155,15 +158,16 @@ class Association:
             return self._restart(nearest(seen, expected))
         if unseen > self._patience:
             return self._restart(nearest(seen, person.pose))
-        mine, rest = self._assign(time, person, seen)
+        mine, rest = self._assign(time, person, seen, GATE if begins else NAMELESS_GATE)
         if mine is not None:
             self._contradicted = Run()
             return self._accept(time, person, mine)
         if not rest:
             return None  # all are known to be somebody else
-        found = nearest(rest, person.pose)
+        named = [one for one in rest if one.identity and one.identity == self._identity]
+        found = nearest(named or rest, person.pose)
         self._contradicted = self._contradicted.again(time)
-        near = found.pose.distance(person.pose) < APART_M
+        near = bool(named) or found.pose.distance(person.pose) < APART_M
         if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
             return self._restart(found)
         new = [Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M]
@@ -171,7 +175,7 @@ class Association:
         return None
 
     def _assign(
-        self, time: float, person: Estimate, seen: Sequence[Measurement]
+        self, time: float, person: Estimate, seen: Sequence[Measurement], gate: float
     ) -> tuple[Measurement | None, list[Measurement]]:
         """Return the person's measurement, and those of nobody known; others are updated.
 
@@ -187,7 +191,7 @@ class Association:
             for j, track in enumerate(tracks):
                 if track is None and named and one.identity != self._identity:
                     continue  # a sensor does not see somebody twice
-                cost = self._cost(person, one) if track is None else track.cost(one)
+                cost = self._cost(person, one, gate) if track is None else track.cost(one)
                 if cost < math.inf:
                     pairs.append((cost, i, j))
         mine, taken, used = None, set[int](), set[int]()
@@ -203,7 +207,7 @@ class Association:
                 track.update(seen[i])
         return mine, [one for i, one in enumerate(seen) if i not in taken]
 
-    def _cost(self, person: Estimate, seen: Measurement) -> float:
+    def _cost(self, person: Estimate, seen: Measurement, gate: float) -> float:
         """Return the cost of a measurement being the person's; infinite outside the gate."""
         (pxx, pxy, _), (_, pyy, _), _ = person.covariance
         (rxx, rxy, _), (_, ryy, _), _ = seen.covariance
@@ -211,7 +215,7 @@ class Association:
         determinant = xx * yy - xy * xy
         dx, dy = seen.pose.x - person.pose.x, seen.pose.y - person.pose.y
         distance = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
-        if distance >= GATE:
+        if distance >= gate:
             return math.inf
         return distance + math.log(determinant) - hint(self._identity, seen)
 
