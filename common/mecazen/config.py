@@ -19,6 +19,7 @@ from mecazen.errors import ConfigError
 from mecazen.faults import SensorFaults, check_intervals
 from mecazen.geometry import Pose2D, overlap
 from mecazen.graph import OBSERVERS, SERVICES, SHARED
+from mecazen.guard import GuardConfig
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
 from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
@@ -230,6 +231,7 @@ class Scenario(Section):
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     sensors: SensorsConfig = SensorsConfig()
+    guard: GuardConfig = GuardConfig()
     bus: BusConfig = BusConfig()
     processes: tuple[tuple[str, ...], ...] = ()
     """Services that share a process, by groups; any other has one of its own."""
@@ -264,6 +266,11 @@ class Scenario(Section):
         for (one, a), (other, b) in combinations(places.items(), 2):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
                 raise ValueError(f"robots: {one} and {other} overlap at their starts")
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What rows of the graph need or offer: what the sensors ask, and a guard with a lidar."""
+        return with_guard(self.sensor.features, enabled=self.guard.enabled)
 
     def _check_processes(self) -> None:
         grouped = [part for group in self.processes for part in group]
@@ -369,6 +376,11 @@ def features(kind: str, also: Iterable[str]) -> frozenset[str]:
     """Return what sensors of a scenario ask of the graph; those of an unknown kind ask nothing."""
     beside = ("skeleton",) if also else ()
     return frozenset((*_FEATURES.get(kind, ()), *beside, *also))
+
+
+def with_guard(sensed: frozenset[str], *, enabled: bool) -> frozenset[str]:
+    """Return what sensors ask of the graph, and the guard where a lidar lets it see."""
+    return sensed | {"guard"} if enabled and "lidar" in sensed else sensed
 
 
 def wanted_view(scenario: Scenario) -> tuple[float, float]:

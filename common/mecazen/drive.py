@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
 from mecazen.config import Scenario
-from mecazen.schema import Section
+from mecazen.schema import Positive, Section
+
+Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
+"""A key expression without wildcards, as one publishes on."""
 
 Limit = Annotated[float, msgspec.Meta(gt=0.0)]
 """`inf` is no limit."""
@@ -77,6 +79,26 @@ class AxisLimits(Section):
         return self.x.limits, self.y.limits, self.yaw.limits
 
 
+class DriveConfig(Section):
+    """What others need to know of the controller's section: what it obeys, and how fast."""
+
+    command_key: Key = "cmd_vel"
+    """Key of the commanded twist, in base_frame_id; with a guard, what the guard listens to."""
+    reference_timeout_s: Positive = 0.5
+    """Simulated time after which a command is stale and the robot comes to rest."""
+    limits: AxisLimits = AxisLimits()
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> DriveConfig:
+        """Return a scenario's, be the controller installed here or not."""
+        section: Any = scenario.sections.get("controller")
+        if section is None:
+            others = scenario.others.get("controller") or {}
+            known = {name: others[name] for name in cls.__struct_fields__ if name in others}
+            return msgspec.convert(known, DriveConfig)
+        return DriveConfig(*(getattr(section, name) for name in cls.__struct_fields__))
+
+
 class Drive(NamedTuple):
     """The twists (vx, vy, ω) that wheels and controller can follow.
 
@@ -99,13 +121,4 @@ class Drive(NamedTuple):
         wheels, robot = scenario.robot.wheels, scenario.robot
         rim_speed = wheels.max_speed_rad_s * wheels.radius_m
         gains = abs(robot.cross_gain), abs(robot.lever)
-        return cls(rim_speed, *gains, _controller_limits(scenario).limits)
-
-
-def _controller_limits(scenario: Scenario) -> AxisLimits:
-    """Return the limits in the controller's section, be the controller installed here or not."""
-    section: Any = scenario.sections.get("controller") or scenario.others.get("controller") or {}
-    if isinstance(section, Mapping):
-        return msgspec.convert(section.get("limits", {}), AxisLimits)
-    limits: AxisLimits = section.limits
-    return limits
+        return cls(rim_speed, *gains, DriveConfig.of(scenario).limits.limits)

@@ -26,6 +26,10 @@ class Input:
     rule: Rule
     revises: bool = False
     """Whether a sample that comes after the step of its tick has the step done again."""
+    needs: str = ""
+    """The feature of a scenario without which it is not taken ..."""
+    unless: str = ""
+    """... and one with which it is not."""
 
 
 def every(topic: Topic[Any]) -> Input:
@@ -33,12 +37,12 @@ def every(topic: Topic[Any]) -> Input:
     return Input(topic, "every")
 
 
-def due(topic: Topic[Any], *, revises: bool = False) -> Input:
+def due(topic: Topic[Any], *, revises: bool = False, needs: str = "", unless: str = "") -> Input:
     """A step waits for the newest sample that is due by its tick, by the topic's rate.
 
     Where no node of the scenario gives the topic, no step waits.
     """
-    return Input(topic, "due", revises)
+    return Input(topic, "due", revises, needs, unless)
 
 
 def latest(topic: Topic[Any]) -> Input:
@@ -79,7 +83,7 @@ class Row:
     remap: Mapping[str, str] = field(default_factory=dict)
     """Keys on the bus, by the keys of its topics, where they differ."""
     needs: str = ""
-    """The feature of a scenario without which it does not take part: `SensorConfig.features`."""
+    """The feature of a scenario without which it does not take part: `Scenario.features`."""
     offers: Mapping[str, str] = field(default_factory=dict)
     """Features without which it does not give an output, by the outputs' keys."""
 
@@ -115,10 +119,16 @@ class Row:
         if self.needs and self.needs not in features:
             return None
         left_out = {key for key, feature in self.offers.items() if feature not in features}
-        if not left_out:
+        inputs = tuple(
+            i
+            for i in self.inputs
+            if (not i.needs or i.needs in features) and i.unless not in features
+        )
+        if not left_out and inputs == self.inputs:
             return self
         return replace(
             self,
+            inputs=inputs,
             outputs=tuple(topic for topic in self.outputs if topic.key not in left_out),
             rates={key: rate for key, rate in self.rates.items() if key not in left_out},
         )
@@ -201,7 +211,11 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "controller",
         "wheel speeds for a commanded twist, within limits",
-        inputs=(every(keys.JOINT_STATES), due(keys.CMD_VEL, revises=True)),
+        inputs=(
+            every(keys.JOINT_STATES),
+            due(keys.CMD_VEL, revises=True, unless="guard"),
+            due(keys.GUARD_CMD_VEL, revises=True, needs="guard"),
+        ),
         outputs=(keys.JOINT_COMMAND,),
         priority=3,
     ),
@@ -288,6 +302,15 @@ GRAPH: tuple[Row, ...] = (
         inputs=(every(keys.ODOM), due(keys.OBSERVATION), due(keys.LEGS), due(keys.SCAN)),
         outputs=(keys.FOLLOWER_STATE, keys.CMD_VEL),
         priority=2,
+        resets_with=("controller",),
+    ),
+    Row(
+        "guard",
+        "lets through of cmd_vel what can be stopped before anything is touched",
+        inputs=(every(keys.ODOM), due(keys.CMD_VEL, revises=True), due(keys.SCAN)),
+        outputs=(keys.GUARD_STATE, keys.GUARD_CMD_VEL),
+        needs="guard",
+        priority=3,
         resets_with=("controller",),
     ),
     Row(

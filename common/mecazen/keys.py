@@ -52,6 +52,8 @@ GROUND_TRUTH = Topic("ground_truth/odom", m.Odometry, "the robot's true pose, in
 JOINT_COMMAND = Topic("joint_command", m.JointState, "velocity or effort per wheel")
 ODOM = Topic("odom", m.Odometry, "odometry, in odom")
 CMD_VEL = Topic("cmd_vel", m.Twist, "commanded body velocity, in base_link", open=True)
+GUARD_CMD_VEL = Topic("guard/cmd_vel", m.Twist, "what the guard lets through of cmd_vel")
+GUARD_STATE = Topic("guard/state", m.GuardState, "what the guard does, and why")
 TARGET_CMD_VEL = Topic(
     "target/cmd_vel", m.Twist, "moves a person that is driven by hand", open=True
 )
@@ -82,6 +84,8 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     JOINT_COMMAND,
     ODOM,
     CMD_VEL,
+    GUARD_CMD_VEL,
+    GUARD_STATE,
     TARGET_CMD_VEL,
     TARGET_ODOM,
     TARGET_SKELETON,

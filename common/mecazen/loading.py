@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 import tomli_w
 
-from mecazen.config import FLEET, RESERVED, BusConfig, Scenario, features
+from mecazen.config import FLEET, RESERVED, BusConfig, Scenario, features, with_guard
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
@@ -184,6 +184,9 @@ def _take_sensors(raw: dict[str, Any]) -> None:
         return
     also = sensor.get("also", ())
     wanted = features(str(sensor.get("kind")), [*map(str, also)] if isinstance(also, list) else [])
+    guard = raw.get("guard")
+    enabled = not isinstance(guard, dict) or guard.get("enabled") is not False
+    wanted = with_guard(wanted, enabled=enabled)
     needed = dict.fromkeys(row.part_of for row in GRAPH if row.needs in wanted)
     crowd = raw.get(CROWD)
     walked = any(crowd.values()) if isinstance(crowd, dict) else False

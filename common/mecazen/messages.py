@@ -388,6 +388,23 @@ class FollowerState(Message):
     """Why it is not open."""
 
 
+class GuardState(Message):
+    """What the guard does with the commanded velocity, and why."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/GuardState"
+    header: Header = Header()
+    state: str = ""
+    """clear, slow, stop, or blind where the lidar can't be relied on."""
+    factor: Float = 1.0
+    """How much of the commanded velocity is let through, from 0 to 1."""
+    reason: str = ""
+    """In words; empty while everything is let through."""
+    distance: Float = 0.0
+    """From the robot's outline to the nearest point [m]; 0 also where none is known."""
+    bearing: Float = 0.0
+    """Of that point from base_link's x axis [rad]."""
+
+
 class SimState(Message):
     """What simulated time does; the answer of every `sim/…` query."""
 

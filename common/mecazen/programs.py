@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from graphlib import CycleError, TopologicalSorter
@@ -18,7 +18,7 @@ from mecazen import graph
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, told
 from mecazen.graph import Graph, Row
-from mecazen.keys import CALLS, TOPICS, Call, Topic
+from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
 from mecazen.runtime.observer import Observer
 from mecazen.schema import Section
@@ -107,7 +107,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
         ConfigError: A node is unknown, gives what another gives, or not what others wait for.
     """
     rows: list[Row] = []
-    features = scenario.sensor.features
+    features = scenario.features
     for service in scenario.services:
         if service in graph.SERVICES and not _rows(service, scenario):
             raise ConfigError(
@@ -130,6 +130,8 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
                     f"{program}: in the place of {giver.name} it must give {key}, which "
                     f"{row.name} waits for"
                 )
+    if found.giver(GUARD_CMD_VEL.key):
+        _refuse_bypass(rows)
     for row in rows:
         if row.name in scenario.programs:
             _check_own(row, scenario.programs[row.name], found)
@@ -142,8 +144,27 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
 
 def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
     """Return the rows of a service that take part in a scenario; none where it is not known."""
-    needed = {"", *scenario.sensor.features}
+    needed = {"", *scenario.features}
     return tuple(row for row in graph.services().get(service, ()) if row.needs in needed)
+
+
+def _refuse_bypass(rows: Iterable[Row]) -> None:
+    """Refuse a row that moves the wheels past the guard.
+
+    Raises:
+        ConfigError: It does.
+    """
+    for row in rows:
+        takes = CMD_VEL in [i.topic for i in row.inputs]
+        if takes and JOINT_COMMAND in row.outputs:
+            raise ConfigError(
+                f"{row.name}: where there is a guard, who gives joint_command takes "
+                "guard/cmd_vel, not cmd_vel; without one: guard.enabled = false"
+            )
+        if takes and row.on_bus(CMD_VEL).key == GUARD_CMD_VEL.key:
+            raise ConfigError(
+                "controller.command_key: guard/cmd_vel is what the guard gives: take another"
+            )
 
 
 def _check_own(row: Row, program: str, found: Graph) -> None:

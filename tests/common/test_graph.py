@@ -6,7 +6,7 @@ from typing import get_args, get_type_hints
 import msgspec
 import pytest
 from mecazen import keys
-from mecazen.config import Scenario, SensorConfig, SimConfig
+from mecazen.config import Scenario, SensorConfig, SimConfig, with_guard
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph, Row, every, latest
 from mecazen.keys import CMD_VEL, ODOM
@@ -30,7 +30,8 @@ def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
 
 @pytest.mark.parametrize("kind", get_args(get_type_hints(SensorConfig)["kind"]))
 def test_every_awaited_key_of_a_kind_of_sensor_has_one_giver(kind):
-    within = [row.within(SensorConfig(kind=kind).features) for row in GRAPH]
+    features = with_guard(SensorConfig(kind=kind).features, enabled=True)
+    within = [row.within(features) for row in GRAPH]
     givers = Counter(topic for row in within if row for topic in row.outputs)
     awaited = {i.topic for row in within if row for i in row.inputs if i.rule == "every"}
     assert {givers[topic] for topic in awaited} == {1}
@@ -114,10 +115,10 @@ def test_rates_are_whole_ticks_of_the_scenario(scenario):
 
 
 def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario):
-    inputs = TABLE["controller"].inputs
+    inputs = graph_of(scenario).row("controller").inputs
     alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
-    assert graph_of(scenario).resolved(TABLE["controller"]) == inputs
-    assert [i.rule for i in alone.resolved(TABLE["controller"])] == ["every", "latest"]
+    assert graph_of(scenario).resolved(graph_of(scenario).row("controller")) == inputs
+    assert [i.rule for i in alone.resolved(alone.row("controller"))] == ["every", "latest"]
     assert alone.giver(CMD_VEL.key) is None
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from harness import error_of
+from harness import SCENARIOS, error_of
 from mecazen import keys, programs
 from mecazen.config import RobotConfig, Scenario, SimConfig
 from mecazen.errors import ConfigError
@@ -221,6 +221,21 @@ def test_nodes_that_would_wait_for_each_other_are_refused(scenario, rule, mode):
         ConfigError, match=r"(mine waits for follower|follower waits for mine) waits"
     ):
         graph_with(scenario, mine=mine, follower=loop)
+
+
+def test_a_controller_of_ones_own_does_not_bypass_the_guard():
+    class Wheels(Node):
+        ROW = Row("controller", inputs=(due(keys.CMD_VEL),), outputs=(keys.JOINT_COMMAND,))
+
+        def reset(self, seed): ...
+
+        def step(self, tick, inputs):
+            return {}
+
+    guarded = load_scenario(SCENARIOS / "teleop.toml")
+    with pytest.raises(ConfigError, match="takes guard/cmd_vel, not cmd_vel"):
+        graph_of(guarded, {"controller": Wheels})
+    graph_of(load_scenario(SCENARIOS / "teleop.toml", ["guard.enabled=false"]))
 
 
 def test_a_robot_has_no_name_that_begins_a_key_of_ones_own(scenario):

@@ -17,9 +17,9 @@ def names(scenario: Scenario) -> set[str]:
     [
         ({}, set(), "target"),
         ({"kind": "body"}, {"tracker", "body"}, "body"),
-        ({"kind": "legs"}, {"lidar", "legs"}, None),
-        ({"kind": "fused"}, {"tracker", "body", "lidar", "legs"}, "body"),
-        ({"also": ("lidar", "depth")}, {"lidar", "depth"}, "target"),
+        ({"kind": "legs"}, {"lidar", "legs", "guard"}, None),
+        ({"kind": "fused"}, {"tracker", "body", "lidar", "legs", "guard"}, "body"),
+        ({"also": ("lidar", "depth")}, {"lidar", "depth", "guard"}, "target"),
     ],
     ids=["pose", "body", "legs", "fused", "pose, and two to look at"],
 )
@@ -41,7 +41,7 @@ def test_nodes_take_part_with_the_kind_of_sensor_that_needs_them(
 def test_a_service_that_the_sensor_needs_is_added_to_those_that_are_listed(write_scenario):
     listed = "services = ['physics', 'controller', 'target', 'follower']\n"
     path = write_scenario(f"{listed}sensor.kind = 'fused'\n")
-    assert load_scenario(path).services[-1] == "sensors"
+    assert load_scenario(path).services[-2:] == ("sensors", "guard")
     assert load_scenario(path, ("sensor.kind=pose",)).services[-1] == "follower"
 
 

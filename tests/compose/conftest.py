@@ -34,6 +34,7 @@ BUILT = (
     "score",
     "sensors",
     "crowd",
+    "guard",
 )
 """Services of docker-compose.yml, one for each image."""
 

@@ -44,6 +44,7 @@ MAY_PUT: dict[str, set[str]] = {
     "crowd": {"people"},
     "sensors": {"scan", "skeleton/observation", "camera/depth", "camera/camera_info"},
     "follower": {"cmd_vel", "follower/state", "target/observation", "legs/observation"},
+    "guard": {"guard/cmd_vel", "guard/state"},
     "viewer": set(),
     "recorder": set(),
     "collector": set(),

@@ -88,6 +88,7 @@ GOOD = {
     ),
     "target/observation": (m.Observation(poses=(POSE,)),),
     "follower/state": (m.FollowerState(estimate=(m.Odometry(pose=POSE),), goal=(POSE.pose,)),),
+    "guard/state": (m.GuardState(state="stop", reason="something is 0.30 m ahead"),),
     "cmd_vel": (m.Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
     "diagnostics/physics": (
         m.DiagnosticArray(

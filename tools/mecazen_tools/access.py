@@ -73,8 +73,11 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield ROUTER, _rule("the router relays what it has let in", relays, EVERYTHING)
     for service, rows in services().items():
         yield from _service_rules(service, rows)
-    open_keys = [f"**/{topic.key}" for topic in keys.TOPICS if topic.open]
-    yield OPERATOR, _rule("the operator drives robot and person", ["put"], open_keys)
+    open_keys = [topic.key for topic in keys.TOPICS if topic.open]
+    puts = [f"**/{key}" for key in open_keys]
+    yield OPERATOR, _rule("the operator drives robot and person", ["put"], puts)
+    others = _others(open_keys)
+    yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
     yield OPERATOR, _alive(RECORD)
 
@@ -83,19 +86,22 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
     given = [topic.key for row in rows for topic in row.outputs]
     puts = [f"**/{key}" for key in (*given, keys.diagnostics(service).key)]
     yield service, _rule(f"{service} publishes", ["put"], puts)
-    # `**/odom` holds `target/odom` as well
-    others = [
-        f"**/{topic.key}"
-        for topic in keys.TOPICS
-        if topic.key not in given and any(topic.key.endswith(f"/{key}") for key in given)
-    ]
-    if others:
+    if others := _others(given):
         yield service, _rule(f"{service} does not publish", ["put"], others, deny=True)
     calls = [call for row in rows for call in row.calls]
     if calls:
         answers = ["declare_queryable", "reply"]
         yield service, _rule(f"{service} answers", answers, _call_keys(calls))
     yield service, _alive(service)
+
+
+def _others(given: Sequence[str]) -> list[str]:
+    """Return what a rule for keys holds as well: `**/odom` holds `target/odom`."""
+    return [
+        f"**/{topic.key}"
+        for topic in keys.TOPICS
+        if topic.key not in given and any(topic.key.endswith(f"/{key}") for key in given)
+    ]
 
 
 def _alive(name: str) -> dict[str, Any]:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import msgspec
-from mecazen.drive import AxisLimits
+from mecazen.drive import DriveConfig, Key
 from mecazen.geometry import Twist2D
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen.schema import NonNegative, Positive, Section
 
 from mecazen_controller.kinematics import MecanumKinematics
 
-Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
-"""A key expression without wildcards, as one publishes on."""
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 """Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; of a twist, per s²."""
@@ -32,11 +30,9 @@ class OdometryScale(Section):
         return Twist2D(self.x, self.y, self.yaw)
 
 
-class ControllerConfig(Section):
+class ControllerConfig(DriveConfig):
     """The wheel controller: keys, frames, geometry, limits and odometry."""
 
-    command_key: Key = "cmd_vel"
-    """Key of the commanded twist, in base_frame_id."""
     odometry_key: Key = "odom"
     odom_frame_id: Name = "odom"
     base_frame_id: Name = "base_link"
@@ -54,9 +50,6 @@ class ControllerConfig(Section):
     """Half the distance between left and right wheels; left out: the robot file's."""
     wheel_radius_m: Positive | None = None
     """Left out: the robot file's."""
-    reference_timeout_s: Positive = 0.5
-    """Simulated time after which a command is stale and the robot comes to rest."""
-    limits: AxisLimits = AxisLimits()
     odometry_scale: OdometryScale = OdometryScale()
     pose_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
     twist_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)

@@ -13,13 +13,21 @@ from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE, Row, every
-from mecazen.keys import CMD_VEL, GROUND_TRUTH, JOINT_COMMAND, JOINT_STATES, ODOM, Call
+from mecazen.keys import (
+    CMD_VEL,
+    GROUND_TRUTH,
+    GUARD_CMD_VEL,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    ODOM,
+    Call,
+)
+from mecazen.limiter import LimiterState, limit_twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_controller.config import ControllerConfig
 from mecazen_controller.kinematics import DeadReckoning, WheelSpeeds
-from mecazen_controller.limiter import LimiterState, limit_twist
 
 ROUNDING_S = 1e-9
 """Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
@@ -113,6 +121,7 @@ class ControllerNode(Node):
         self.kinematics = self.config.kinematics(scenario.robot)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
         self.limits = self.config.limits.limits
+        self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
@@ -133,10 +142,10 @@ class ControllerNode(Node):
         """Return the wheel command of a tick."""
         if tick.period_s > 0.0:  # else a newer command is to replace that of this tick
             self._begin(tick, inputs)
-        command = inputs.get(CMD_VEL)
+        command = inputs.get(self.command)
         if command is not None:
             self.reference = command.to_planar()
-        self.reference_age_s = inputs.age_s(CMD_VEL)
+        self.reference_age_s = inputs.age_s(self.command)
         fresh = self.reference_age_s <= self.config.reference_timeout_s + ROUNDING_S
         wanted = self.reference if fresh else Twist2D()
         self.next_velocity = limit_twist(self.velocity, wanted, self.limits, self.period_s)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import rerun as rr
 from mecazen.config import join_key
-from mecazen.messages import DiagnosticArray, DiagnosticStatus
+from mecazen.messages import DiagnosticArray, DiagnosticStatus, GuardState
 
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Entity
@@ -22,12 +22,15 @@ HIDDEN_PREFIXES = ("hz/", "age_s/")
 """Details of each input; `mecazen status` shows them."""
 TRACKING_LEVELS = {"coasting": rr.TextLogLevel.WARN, "lost": rr.TextLogLevel.ERROR}
 
+GUARD_LEVELS = {"stop": rr.TextLogLevel.WARN, "blind": rr.TextLogLevel.ERROR}
+
 
 class Health:
     """Keeps the newest state, so that only changes are logged."""
 
     def __init__(self) -> None:
         self._tracking: dict[str, str] = {}
+        self._guard: dict[str, str] = {}
         self._status: dict[str, DiagnosticStatus] = {}
 
     def tracking(self, state: str, robot: str) -> Iterator[Entity]:
@@ -37,6 +40,14 @@ class Health:
             level = TRACKING_LEVELS.get(state, rr.TextLogLevel.INFO)
             line = f"{join_key('tracking', robot)}: {state}"
             yield f"{e.LOG}/follower", rr.TextLog(line, level=level)
+
+    def guard(self, state: GuardState, robot: str) -> Iterator[Entity]:
+        """Return a log line if what the guard of a robot does has changed."""
+        if state.state != self._guard.get(robot, ""):
+            self._guard[robot] = state.state
+            level = GUARD_LEVELS.get(state.state, rr.TextLogLevel.INFO)
+            line = f"{join_key('guard', robot)}: {state.state} {state.reason}".rstrip()
+            yield f"{e.LOG}/guard", rr.TextLog(line, level=level)
 
     def diagnostics(self, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
         """Return a log line for each service whose health has changed, and the table of all."""

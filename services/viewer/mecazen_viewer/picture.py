@@ -206,6 +206,11 @@ class Picture:
             in_odom = odom.compose(seen.between(Pose2D()))
             yield plots.consistency(covariance.nees(person, in_odom, spread))
 
+    def on_guard_state(self, state: m.GuardState, time_ns: int) -> Iterator[Entity]:
+        """Log what the guard does, when it changes."""
+        del time_ns
+        yield from self._health.guard(state, self._name)
+
     def on_cmd_vel(self, twist: m.Twist, time_ns: int) -> Iterator[Entity]:
         """Plot the commanded velocity."""
         if self._is_due("commanded", time_ns):

@@ -58,6 +58,7 @@ class ViewerService(Observer):
             self.show(robot, keys.DEPTH, Picture.on_depth)
             self.show(robot, keys.FOLLOWER_STATE, Picture.on_follower_state)
             self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel)
+            self.show(robot, keys.GUARD_STATE, Picture.on_guard_state)
         self.show("", keys.PEOPLE, Picture.on_people)
         for part, robot in scenario.parts:
             self.show(robot, keys.diagnostics(part), Picture.on_diagnostics)

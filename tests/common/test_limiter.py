@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from mecazen.drive import Limits
 from mecazen.geometry import Twist2D
-from mecazen_controller.limiter import LimiterState, limit, limit_twist
+from mecazen.limiter import LimiterState, limit, limit_twist
 
 DT = 0.01
 REST = LimiterState()

@@ -1,0 +1,26 @@
+"""The guard's section of a scenario, `[guard]`: it also says whether there is one."""
+
+from __future__ import annotations
+
+from mecazen.schema import NonNegative, Positive, Section
+
+
+class GuardConfig(Section):
+    """What stands between whoever drives and the wheels: docs/safety.md."""
+
+    enabled: bool = True
+    """Whether there is one where a lidar is mounted."""
+    margin_m: NonNegative = 0.06
+    """Clearance of the robot's outline from things."""
+    person_margin_m: NonNegative = 0.3
+    """The same from what may be somebody's legs: feet and trunk reach farther than the shanks."""
+    reaction_s: NonNegative = 0.06
+    """From a decision until the wheels follow it."""
+    person_stop_s: NonNegative = 0.3
+    """Time in which somebody who walks away can come to rest at the soonest."""
+    person_speed_m_s: Positive = 2.0
+    """Nobody is taken to walk faster."""
+    silent_scans: Positive = 3.0
+    """A lidar is silent after so many periods without a scan."""
+    invalid_share: Positive = 0.5
+    """With a larger share of invalid beams a scan is refused."""

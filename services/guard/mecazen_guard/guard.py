@@ -1,0 +1,329 @@
+"""How much of a wanted twist can be let through: what can be stopped before anything is touched.
+
+Before each tick the robot is predicted: it follows the twist for a tick and for the reaction time,
+then every axis brakes as the controller brakes it. A twist is safe if in that time the robot's
+outline keeps its margin from every point, or comes no nearer than by braking at once. So there is
+always a safe twist, rest, and motion away from everything near is never held back. The idea is the
+inevitable collision states of T. Fraichard & H. Asama, Advanced Robotics 18, 2004.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.drive import Drive
+from mecazen.geometry import Twist2D
+from mecazen.limiter import LimiterState, limit_twist
+
+Floats = npt.NDArray[np.float64]
+
+BRAKING = 0.9
+"""Share of the deceleration limit that is counted on: the wheels lag a little."""
+STEP_M = 0.04
+"""No corner moves farther from one predicted pose to the next, as far as MOST_GROUPS allow."""
+SEARCHED = 3
+"""The search looks at each such pose only; what it finds is looked at anew, at all."""
+LEAST_GROUPS, MOST_GROUPS = 2, 8
+SHARES = np.array((0.04, 0.1, 0.2, 0.35, 0.5, 0.65, 0.78, 0.87, 0.93, 0.97, 1.0))
+"""So much is tried of what may be let through; it mostly changes a little from tick to tick."""
+LEAST_SHARE = 1e-3
+"""Less is rest."""
+FALLBACK = np.array((1.0, 0.96, 0.8))
+"""Shares of what the search has found that are looked at anew."""
+RECOVERY_S = 0.5
+"""The share grows from 0 to 1 in no less time: noise of the lidar does not make it chatter."""
+TOLERANCE_M = 1e-6
+BESIDE_M = 0.15
+"""Points that the whole twist leaves so much more than they need are left out of the search."""
+UNLIMITED = 1e6
+"""[m/s²], [rad/s²]: what has no limit is as fast."""
+NONE = np.empty((0, 2))
+HERE = np.zeros((3, 1, 1))
+AT_REST = (LimiterState(), LimiterState(), LimiterState())
+
+
+class Points(NamedTuple):
+    """What must not be touched, in one frame; N points."""
+
+    xy: Floats = NONE
+    """Places, (N, 2) [m]."""
+    velocity: Floats = NONE
+    """(N, 2) [m/s]."""
+    margin: Floats = np.empty(0)
+    """The clearance that each is to keep [m]."""
+    stops: npt.NDArray[np.bool_] = np.empty(0, bool)
+    """Whether it comes to rest at once, within `stop_s`, instead of going on."""
+
+
+class Verdict(NamedTuple):
+    """What is let through, in base_link."""
+
+    twist: Twist2D
+    factor: float = 1.0
+    """How much of the wanted twist it is."""
+    distance: float = math.inf
+    """From the outline to the nearest point, or to the one in the way if some is [m]."""
+    bearing: float = 0.0
+    """Of that point from the x axis [rad]."""
+
+
+class Guard:
+    """Decides tick by tick; it knows how the controller follows what it has let through.
+
+    Args:
+        footprint: Half the length and half the width of the robot [m].
+        drive: The limits of its wheels and of its controller.
+        reaction_s: From a decision until the wheels follow.
+        stop_s: Time in which what walks away comes to rest.
+    """
+
+    def __init__(
+        self, footprint: tuple[float, float], drive: Drive, reaction_s: float, stop_s: float
+    ) -> None:
+        self._half = np.array(footprint)
+        self._corner = math.hypot(*footprint)
+        self._drive, self.stop_s = drive, stop_s
+        self._gains = np.array((1.0, drive.sideways, drive.lever))
+        self._reaction_s = reaction_s + max(
+            (axis.acceleration + axis.deceleration) / axis.jerk if axis.jerk < math.inf else 0.0
+            for axis in drive.axes
+        )
+        self._up, self._down = (
+            [min(getattr(axis, name), UNLIMITED) for axis in drive.axes]
+            for name in ("acceleration", "deceleration")
+        )
+        self.begin(Twist2D())
+
+    def begin(self, twist: Twist2D) -> None:
+        """Begin with a robot that moves with `twist`."""
+        x, y, yaw = map(LimiterState, twist)
+        self._state = self._next = (x, y, yaw)
+        self._factor = self._last_factor = 1.0
+        self._dt = 0.0
+
+    def step(self, wanted: Twist2D, points: Points, age_s: float, dt: float) -> Verdict:
+        """Return what is let through in a tick of `dt` [s]; 0: that of this tick is done again.
+
+        Args:
+            wanted: The commanded twist.
+            points: What must not be touched, in base_link.
+            age_s: For how long they have moved since they were measured.
+            dt: Time since the last tick.
+        """
+        if dt > 0.0:
+            self._state, self._last_factor, self._dt = self._next, self._factor, dt
+        verdict = self._decide(wanted, points, age_s)
+        self._factor = verdict.factor
+        self._next = limit_twist(self._state, verdict.twist, self._drive.axes, self._dt)
+        return verdict
+
+    def _decide(self, wanted: Twist2D, points: Points, age_s: float) -> Verdict:
+        if not len(points.xy):
+            return Verdict(wanted)
+        from_middle = np.hypot(points.xy[:, 0], points.xy[:, 1])
+        if wanted == Twist2D():
+            return Verdict(wanted, 1.0, *self._nearest(points, from_middle))
+        moving = [axis.velocity for axis in self._state]
+        hold = self._dt + self._reaction_s
+        speeds, paths, horizon = [], [], hold
+        for now, then, up, down in zip(moving, wanted, self._up, self._down, strict=True):
+            speed = max(abs(now), min(abs(then), abs(now) + up * hold))
+            braking = speed / (BRAKING * down)
+            speeds.append(speed)
+            paths.append(speed * (hold + braking / 2.0))
+            horizon = max(horizon, hold + braking)
+        # The middle stays in a box, however the robot turns; its outline in a circle about that.
+        length = math.hypot(paths[0], paths[1])
+        turned = min(paths[2], 2.0) * length
+        reach = points.margin + self._corner + turned
+        off = []
+        for axis in (0, 1):
+            low = -paths[axis] if min(moving[axis], wanted[axis]) < 0.0 else 0.0
+            high = paths[axis] if max(moving[axis], wanted[axis]) > 0.0 else 0.0
+            along = points.xy[:, axis]
+            off.append(along - np.minimum(np.maximum(along, low), high))
+        reach += (horizon + age_s) * np.hypot(points.velocity[:, 0], points.velocity[:, 1])
+        (near,) = np.nonzero(off[0] * off[0] + off[1] * off[1] <= reach * reach)
+        if not len(near):
+            return Verdict(wanted, 1.0, *self._nearest(points, from_middle))
+        fastest = math.hypot(speeds[0], speeds[1]) + self._corner * speeds[2]
+        within = Points(
+            points.xy[near], points.velocity[near], points.margin[near], points.stops[near]
+        )
+        recovered = min(self._last_factor + self._dt / RECOVERY_S, 1.0)
+        twist = np.array(wanted)
+        first = twist, recovered * twist
+        scene = _Scene(self, np.array(moving), within, age_s, hold, horizon, fastest, first)
+        nearest = self._nearest(points, from_middle)
+        return self._choose(twist, recovered, scene, within, nearest)
+
+    def _choose(
+        self,
+        twist: Floats,
+        recovered: float,
+        scene: _Scene,
+        points: Points,
+        nearest: tuple[float, float],
+    ) -> Verdict:
+        """Return the largest share, of the twist or of its part past what is in the way."""
+        whole, part = scene.first
+        worst = int(np.argmin(whole))
+        if whole[worst] >= 0.0:
+            if recovered == 1.0 or part.min() < 0.0 or not scene.approaches(whole):
+                return Verdict(Twist2D(*twist.tolist()), 1.0, *nearest)
+            return Verdict(Twist2D(*(recovered * twist).tolist()), recovered, *nearest)
+        search = scene.among(whole < BESIDE_M)
+        share, best = search.share(twist, recovered), twist
+        past = self._past(twist, points.xy[worst])
+        if past is not None and (length := float(past @ past / (twist @ twist))) > share:
+            sidestep = search.share(past, min(recovered / length, 1.0)) * length
+            if sidestep > share:
+                share, best = sidestep, past / length
+        tried = share * FALLBACK
+        safe = scene.spare(tried[:, None] * best).min(axis=1) >= 0.0
+        share = float(tried[np.argmax(safe)]) if safe.any() else 0.0
+        if share < LEAST_SHARE:
+            share = 0.0
+        seen = self._seen(points.xy[worst : worst + 1])
+        return Verdict(Twist2D(*(share * best).tolist()), share, *seen)
+
+    def _nearest(self, points: Points, from_middle: Floats) -> tuple[float, float]:
+        """Return the distance of the nearest point from the outline, and its bearing."""
+        few = from_middle <= from_middle.min() + self._corner - self._half.min()
+        return self._seen(points.xy[few])
+
+    def _seen(self, xy: Floats) -> tuple[float, float]:
+        clearances = self.clearances(HERE, xy[None])[0, 0]
+        least = int(np.argmin(clearances))
+        x, y = xy[least].tolist()
+        return float(clearances[least]), math.atan2(y, x)
+
+    def _past(self, twist: Floats, point: Floats) -> Floats | None:
+        """Return the twist without its part towards a point; None where it has none, or no rest."""
+        away = point - np.clip(point, -self._half, self._half)
+        distance = math.hypot(*away)
+        if distance == 0.0:
+            return None
+        normal = away / distance
+        towards = float(twist[:2] @ normal)
+        if towards <= 0.0:
+            return None
+        past = twist.copy()
+        past[:2] -= towards * normal
+        return past if np.any(np.abs(past) > 1e-3) else None
+
+    def speeds(self, moving: Floats, hold: float, middles: Floats) -> tuple[Floats, ...]:
+        """Return the bounds of speeds at M times, and by what they are braked then; (M, 3) each."""
+        up, down = np.array(self._up), np.array(self._down)
+        growing = np.minimum(middles, hold)[:, None]
+        low = moving - np.where(moving > 0.0, down, up) * growing
+        high = moving + np.where(moving < 0.0, down, up) * growing
+        return low, high, BRAKING * down * np.maximum(middles - hold, 0.0)[:, None]
+
+    def poses(self, twists: Floats, bounds: tuple[Floats, ...], step: float) -> Floats:
+        """Return predicted poses in base_link, (3, C, M): x, y, yaw, a `step` [s] apart.
+
+        The robot follows each of C twists within the bounds of `speeds`.
+        """
+        low, high, braked = bounds
+        speeds = np.minimum(np.maximum(twists[:, None], low), high)
+        speeds -= np.minimum(np.maximum(speeds, -braked), braked)
+        rims = np.abs(speeds) @ self._gains
+        if rims.max() > self._drive.rim_speed:
+            speeds *= np.minimum(1.0, self._drive.rim_speed / np.maximum(rims, 1e-9))[..., None]
+        moved = speeds.transpose(2, 0, 1) * step
+        yaw = np.cumsum(moved[2], axis=-1)
+        between = yaw - moved[2] / 2.0
+        c, s = np.cos(between), np.sin(between)
+        x, y = moved[0], moved[1]
+        return np.stack((np.cumsum(c * x - s * y, -1), np.cumsum(s * x + c * y, -1), yaw))
+
+    def clearances(self, poses: Floats, xy: Floats) -> Floats:
+        """Return the distance of points from the outline at poses, (C, M, N); inside negative.
+
+        The points are (M, N, 2): where each is at the time of each pose.
+        """
+        x, y, yaw = poses[..., None]
+        c, s = np.cos(yaw), np.sin(yaw)
+        dx, dy = xy[..., 0] - x, xy[..., 1] - y
+        ahead = np.abs(c * dx + s * dy) - self._half[0]
+        beside = np.abs(c * dy - s * dx) - self._half[1]
+        inside = np.minimum(np.maximum(ahead, beside), 0.0)
+        clearances: Floats = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0)) + inside
+        return clearances
+
+
+class _Scene:
+    """The predictions of one tick: what is near, where it goes, and how near rest would come."""
+
+    def __init__(
+        self,
+        guard: Guard,
+        moving: Floats,
+        points: Points,
+        age_s: float,
+        hold: float,
+        horizon: float,
+        fastest: float,
+        first: tuple[Floats, ...],
+    ) -> None:
+        self._guard = guard
+        groups = math.ceil(horizon * fastest / (STEP_M * SEARCHED))
+        count = SEARCHED * min(max(groups, LEAST_GROUPS), MOST_GROUPS)
+        times = horizon / count * np.arange(1.0, count + 1.0)
+        self._step_s = horizon / count
+        self._bounds = guard.speeds(moving, hold, times - self._step_s / 2.0)
+        xy = points.xy[None]
+        if points.velocity.any():
+            gone = (times + age_s)[:, None]
+            stop = max(guard.stop_s, 1e-9)
+            braking = np.minimum(gone, stop)
+            lasting = np.where(points.stops, braking - braking**2 / (2.0 * stop), gone)
+            xy = xy + points.velocity * lasting[..., None]
+        self._xy, self._every = xy, slice(None)
+        self._rest, *least = self._least(np.stack((np.zeros(3), *first)))
+        self._wanted = np.minimum(points.margin, self._rest - TOLERANCE_M)
+        self.first = [one - self._wanted for one in least]
+        """`spare` of the first twists."""
+
+    def _least(self, twists: Floats) -> Floats:
+        poses = self._guard.poses(twists, self._bounds, self._step_s)
+        least: Floats = self._guard.clearances(poses[..., self._every], self._xy).min(axis=1)
+        return least
+
+    def spare(self, twists: Floats) -> Floats:
+        """Return by how much each point's clearance is more than it must be, (C, N) [m]."""
+        spare: Floats = self._least(twists) - self._wanted
+        return spare
+
+    def approaches(self, spare: Floats) -> bool:
+        """Return whether what spares so much comes nearer to some point than rest."""
+        return bool(np.any(spare + self._wanted < self._rest - TOLERANCE_M))
+
+    def among(self, points: npt.NDArray[np.bool_]) -> _Scene:
+        """Return the same for some of the points, at some of the poses."""
+        few = copy(self)
+        few._every = slice(SEARCHED - 1, None, SEARCHED)
+        xy = self._xy if len(self._xy) == 1 else self._xy[few._every]
+        few._xy, few._wanted = xy[:, points], self._wanted[points]
+        few._rest = self._rest[points]
+        return few
+
+    def share(self, twist: Floats, most: float) -> float:
+        """Return the largest share of a twist up to which all are safe, and at most `most`."""
+        shares = most * SHARES
+        spare = self.spare(shares[:, None] * twist).min(axis=1)
+        unsafe = spare < 0.0
+        if not unsafe.any():
+            return most
+        first = int(np.argmax(unsafe))
+        below = float((self._rest - self._wanted).min()), 0.0
+        if first:
+            below = float(spare[first - 1]), float(shares[first - 1])
+        # near enough to a straight line: what is found is looked at anew
+        part = 0.9 * below[0] / (below[0] - float(spare[first]))
+        return below[1] + (float(shares[first]) - below[1]) * part

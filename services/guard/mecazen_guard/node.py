@@ -1,0 +1,131 @@
+"""The guard's node: from cmd_vel and the scans to what the controller obeys."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from mecazen import messages as m
+from mecazen.config import Scenario
+from mecazen.drive import Drive, DriveConfig
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.graph import TABLE, Row
+from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
+from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.poses import PoseHistory
+
+from mecazen_guard.guard import Guard, Verdict
+from mecazen_guard.surroundings import Surroundings
+
+HISTORY_NS = 10**9
+"""For so long poses are kept: a scan that is older is refused."""
+JUMP_M = 0.5
+"""Odometry that moves farther in a tick was set."""
+ROUNDING_S = 1e-9
+STOPPED = 0.02
+"""With a smaller factor the robot stands."""
+SIDES = "ahead", "to the left", "behind", "to the right"
+
+
+class GuardNode(Node):
+    """Lets through what can still be stopped; nothing while the lidar can't be relied on."""
+
+    ROW = TABLE["guard"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
+        self.timeout_s = DriveConfig.of(scenario).reference_timeout_s
+        self.silence_s = config.silent_scans / lidar.rate_hz
+        x, y, _ = robot.lidar.position_m
+        self.surroundings = Surroundings(config, lidar, Pose2D(x, y))
+        self.guard = Guard(
+            robot.footprint, Drive.of(scenario), config.reaction_s, config.person_stop_s
+        )
+
+    @classmethod
+    def row(cls, scenario: Scenario) -> Row:
+        """Return the row with the key of the command that the controller names."""
+        return replace(cls.ROW, remap={CMD_VEL.key: DriveConfig.of(scenario).command_key})
+
+    def reset(self, seed: int) -> None:
+        """Know nothing, and let nothing through before the first scan."""
+        del seed
+        self.surroundings.forget()
+        self.poses = PoseHistory(HISTORY_NS)
+        self.pose = Pose2D()
+        self.wanted = m.Twist()
+        self.fault = "no scan yet"
+        self.state = m.GuardState(state="blind")
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return what is let through in a tick, and why not all."""
+        if tick.period_s > 0.0:  # else a newer command is to replace that of this tick
+            self._place(tick, inputs[ODOM])
+        if (scan := inputs.get(SCAN)) is not None:
+            self._see(tick.time_ns / 1e9, scan, inputs)
+        if (command := inputs.get(CMD_VEL)) is not None:
+            self.wanted = command
+        fresh = inputs.age_s(CMD_VEL) <= self.timeout_s + ROUNDING_S
+        wanted = self.wanted if fresh else m.Twist()
+        verdict, fault = self._decide(tick, wanted.to_planar())
+        self.state = self._state(tick.time, verdict, fault)
+        let_through = wanted if verdict.factor == 1.0 else m.Twist.planar(verdict.twist)
+        return {GUARD_STATE: self.state, GUARD_CMD_VEL: let_through}
+
+    def _place(self, tick: Tick, odom: m.Odometry) -> None:
+        pose = odom.pose.pose.to_planar()
+        if len(self.poses) == 0:
+            self.guard.begin(odom.twist.twist.to_planar())
+        elif self.pose.distance(pose) > JUMP_M:
+            self.surroundings.forget()
+            self.poses = PoseHistory(HISTORY_NS)
+            self.fault = "the odometry was set, and there is no scan since"
+        self.pose = pose
+        self.poses.add(tick.time_ns, pose)
+
+    def _see(self, now: float, scan: m.LaserScan, inputs: Inputs) -> None:
+        fault = self.surroundings.implausible(scan, now)
+        if not fault:
+            try:
+                self.surroundings.update(scan, self.poses.at(scan.header.stamp.ns))
+            except ValueError as problem:
+                fault = str(problem)
+        self.fault = fault
+        if fault:
+            inputs.refuse(SCAN, fault)
+
+    def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
+        """Return what is let through, and what is wrong with the lidar."""
+        seen = self.surroundings.time
+        age_s = math.inf if seen is None else tick.time_ns / 1e9 - seen
+        fault = self.fault
+        if not fault and age_s > self.silence_s + ROUNDING_S:
+            fault = f"the lidar has been silent for {age_s:.1f} s"
+        if fault:
+            wanted = Twist2D()
+        points = self.surroundings.seen_from(self.pose)
+        verdict = self.guard.step(wanted, points, min(age_s, self.silence_s), tick.period_s)
+        return (verdict._replace(factor=0.0) if fault else verdict), fault
+
+    def _state(self, time: m.Time, verdict: Verdict, fault: str) -> m.GuardState:
+        state, reason = "clear", ""
+        if fault:
+            state, reason = "blind", fault
+        elif verdict.factor < 1.0:
+            state = "stop" if verdict.factor < STOPPED else "slow"
+            side = SIDES[round(verdict.bearing / (math.pi / 2.0)) % 4]
+            reason = f"something is {max(verdict.distance, 0.0):.2f} m {side}"
+        return m.GuardState(
+            header=m.Header(stamp=time, frame_id="base_link"),
+            state=state,
+            factor=verdict.factor,
+            reason=reason,
+            distance=0.0 if math.isinf(verdict.distance) else max(verdict.distance, 0.0),
+            bearing=verdict.bearing,
+        )
+
+    def diagnostics(self) -> dict[str, object]:
+        """Return what it does, and why."""
+        said = {"guard": self.state.state, "let_through": round(self.state.factor, 2)}
+        return said | ({"reason": self.state.reason} if self.state.reason else {})
