@@ -188,6 +188,24 @@ def safety(
 
 
 @app.command()
+def fuzz(
+    hours: Annotated[float, Option(min=0.01, help="Simulated time.")] = 0.2,
+    seed: Annotated[int, Option(min=0, help="Of the first minute; each has the next.")] = 1,
+    physics: Annotated[bool, Option("--physics", help="In DART, not in a plane.")] = False,
+    jobs: Jobs = None,
+    json: Json = None,
+) -> None:
+    """Drive a guarded robot at random among things and a person, and count what it touches.
+
+    Each simulated minute is another room. It fails if the robot touches anything.
+    """
+    from mecazen_experiments import commands  # noqa: PLC0415
+
+    minutes = range(seed, seed + max(1, round(hours * 60.0)))
+    commands.fuzz(commands.Options(jobs, None, STORE, json), minutes, physics=physics)
+
+
+@app.command()
 def figures(
     out: Annotated[Path, Option(metavar="FOLDER", help="Where to write them.")] = Path("figures"),
     seed: Annotated[int, Option(min=0, max=2**32 - 1, help="Of the runs shown.")] = 1,

@@ -11,14 +11,16 @@ from typing import NamedTuple
 
 import msgspec
 import typer
+from joblib import Parallel, delayed
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.loading import load_table
+from mecazen.loading import load_table, named_file
 from mecazen_tools.cli.options import console
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
 from mecazen_experiments import budget as budgets
+from mecazen_experiments import fuzz as fuzzing
 from mecazen_experiments import mocap as capturing
 from mecazen_experiments import report
 from mecazen_experiments import safety as guarding
@@ -172,6 +174,34 @@ def safety(
     rows = guarding.summarise(todo, records)
     _write(options, {"rows": rows})
     console(WIDTH).print(guarding.table(rows))
+
+
+def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
+    """Drive at random, a minute a seed; print and write what was touched.
+
+    Raises:
+        MecazenError: Anything was.
+    """
+    robot = named_file("nexus", "robot")
+    bar, progress = _bar(options, "minutes")
+    done: list[fuzzing.Episode] = []
+    with bar:
+        minute = partial(fuzzing.episode, physics=physics, robot=robot)
+        made = Parallel(n_jobs=options.jobs or -1, return_as="generator")(
+            delayed(minute)(seed) for seed in seeds
+        )
+        for one in made:
+            done.append(one)
+            progress(len(done), len(seeds))
+    _write(options, {"minutes": done})
+    contacts = sum(one.contacts for one in done)
+    typer.echo(
+        f"{len(done)} min, {sum(one.driven_m for one in done):.0f} m driven, held "
+        f"{sum(one.held for one in done) / len(done):.0%} of the time, least gap "
+        f"{min(one.least_gap_m for one in done):.3f} m, contacts {contacts}"
+    )
+    if contacts:
+        raise MecazenError(f"touched with seeds {[one.seed for one in done if one.contacts]}")
 
 
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:
