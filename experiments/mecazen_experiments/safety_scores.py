@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen.world import WorldConfig
+from mecazen.world import Box, WorldConfig
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.goal import Standoff
 
@@ -102,7 +102,7 @@ def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
     gaps = [
         gap_to_obstacle(robot, seen.robot, thing)
         for thing in world.solids
-        if thing.bottom_m < height
+        if not (isinstance(thing, Box) and thing.bottom_m >= height)
     ]
     return np.min(gaps, axis=0) if gaps else np.full(len(seen.t), math.inf)
 
