@@ -40,6 +40,10 @@ Sweep = Annotated[
 ]
 Situations = Annotated[list[str] | None, Option(help="One of its situations.", show_default="all")]
 Drivers = Annotated[list[str] | None, Option(help="One of its drivers.", show_default="all")]
+Films = Annotated[
+    Path | None,
+    Option(metavar="FOLDER", help="Record the first run of each there: MCAP.", show_default="none"),
+]
 DefaultFile = Annotated[str, Argument(metavar="FILE", help=FILE_HELP)]
 View = Annotated[list[str] | None, Option(help="One of its views.", show_default="all")]
 Standoffs = Annotated[
@@ -173,6 +177,7 @@ def safety(
     scheduler: Scheduler = None,
     store: Store = STORE,
     json: Json = None,
+    films: Films = None,
 ) -> None:
     """Score how safely the robot follows: situations, each with several drivers and views.
 
@@ -184,7 +189,7 @@ def safety(
 
     options = commands.Options(jobs, scheduler, store, json)
     wanted = situation or (), driver or (), view or ()
-    commands.safety(file, wanted, tuple(settings or ()), runs, options)
+    commands.safety(file, wanted, tuple(settings or ()), runs, options, films)
 
 
 @app.command()

@@ -163,14 +163,21 @@ def safety(
     settings: Settings,
     runs: int | None,
     options: Options,
+    films: Path | None,
 ) -> None:
-    """Run an experiment of safety; print and write its scores."""
+    """Run an experiment of safety; print and write its scores, and record the first runs."""
+    if films is not None:
+        _make_folder("--films", films)
     config = load_table(experiment_path(file), guarding.SafetyConfig)
     todo = guarding.expand(guarding.selected(config, *wanted), runs, settings)
     opened = Records(options.store, guarding.SafetyRecord, "safety")
     with _stored(options, "runs", opened) as (store, workers, progress):
         jobs = [job for of_place in todo.values() for job in of_place]
         records = do_new(guarding.measure, jobs, store, workers, progress)
+        if films is not None:
+            record = partial(guarding.film, folder=films.resolve())
+            first = [of_place[0] for of_place in todo.values()]
+            do_all(record, first, workers, lambda _, file: typer.echo(file))
     rows = guarding.summarise(todo, records)
     _write(options, {"rows": rows})
     console(WIDTH).print(guarding.table(rows))
@@ -206,10 +213,7 @@ def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
 
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:
     """Run the paper's four cases with one seed and draw them; print the files."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MecazenError(f"--out {out}: {error.strerror}") from None
+    _make_folder("--out", out)
     experiment = load_table(experiment_path(paper.NAME), Experiment)
     cases = [case for case in experiment.cases if case.name in paper.CASES]
     tables: dict[str, Table] = {}
@@ -217,6 +221,13 @@ def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, 
     do_all(tabulate, jobs, LocalWorkers(), lambda job, table: tables.update({job.row: table}))
     for file in draw(tables, out):
         typer.echo(file)
+
+
+def _make_folder(option: str, folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MecazenError(f"{option} {folder}: {error.strerror}") from None
 
 
 def _expand(

@@ -6,6 +6,7 @@ Each situation is run with each driver from each view, with many seeds.
 from __future__ import annotations
 
 import gc
+import json
 import math
 import random
 import time
@@ -21,7 +22,7 @@ from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Finite, Section
 from mecazen_follower.goal import VIEWS, Standoff
-from rich.table import Table
+from rich.table import Column, Table
 
 from mecazen_experiments.config import BaseCase, Name, Runs, Settings
 from mecazen_experiments.jobs import Job, Key, check_version, series
@@ -210,6 +211,22 @@ def measure(job: Job) -> SafetyRecord:
     return SafetyRecord(job.key, found, time.perf_counter() - begin)
 
 
+def film(job: Job, folder: Path) -> Path:
+    """Simulate a job once more, and record all of it; return the file.
+
+    Raises:
+        MecazenError: As of `measure`.
+    """
+    scenario = load_scenario(job.scenario, job.settings)
+    file = folder / f"{job.row.replace(', ', '-').replace(' ', '_')}.mcap"
+    recorded = (
+        f"services={json.dumps([*scenario.services, 'recorder'])}",
+        f"recorder.file={json.dumps(str(file))}",
+    )
+    watch(load_scenario(job.scenario, (*job.settings, *recorded)))
+    return file
+
+
 def summarise(
     todo: Mapping[Place, Sequence[Job]], found: Mapping[Key, SafetyRecord]
 ) -> list[SafetyRow]:
@@ -246,7 +263,8 @@ def _row(situation: str, driver: str, runs: dict[str, tuple[SafetyRecord, ...]])
 
 def table(rows: Sequence[SafetyRow]) -> Table:
     """Return the table of the experiment."""
-    shown = Table("situation", "driver", "runs", show_lines=True, caption=CAPTION)
+    names = (Column(name, no_wrap=True) for name in ("situation", "driver", "runs"))
+    shown = Table(*names, show_lines=True, caption=CAPTION)
     for heading in (*(one[0] for one in SUMS), *(one[0] for one in LEAST)):
         shown.add_column(heading)
     for heading, *_ in MEANS:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.config import Scenario
+from mecazen.errors import ConfigError
 from mecazen.keys import PEOPLE, SKELETONS, TARGET_SKELETON
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen_tools.simulate import InProcess
@@ -51,8 +52,10 @@ def watch(scenario: Scenario) -> Watched:
     """Simulate a scenario with one robot and a body tracker.
 
     Raises:
-        MecazenError: The run failed.
+        MecazenError: The run failed, or there is no body tracker.
     """
+    if "tracker" not in scenario.features:
+        raise ConfigError("who is seen needs sensor.kind = 'body' or 'fused'")
     with closing(InProcess(scenario)) as run:
         bodies = collect(run.bus, TARGET_SKELETON)
         crowds = collect(run.bus, PEOPLE)
