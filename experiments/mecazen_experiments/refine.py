@@ -5,8 +5,8 @@ In four steps, each of which uses what bodies and gaits are like, and nothing of
 1. Left and right are put right where they were taken for each other (`unswapped`).
 2. Joints are low-passed (`smooth`), and the walker's own path found in them.
 3. Each joint's motion about that path becomes a Fourier series of the gait cycle (`cycle`): what
-   does not come again in every stride is taken for the tracker's noise. So nothing is left of how
-   strides differ.
+   does not come again in every stride is taken for the tracker's noise, as far as the reported
+   deviations allow. So little is left of how strides differ, but of a precise capture all.
 4. What is wrong the same way all the time is taken off (`biases`): bones keep their lengths, the
    pelvis is between the hips, the trunk is straight, feet come down to the floor, and knees do not
    bend backwards.
@@ -17,7 +17,6 @@ joint's mean error by more than 0.4 deg.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -68,8 +67,10 @@ LIMB_M, TRUNK_M = 0.4, 0.04
 """A priori deviation of the first harmonic's amplitude, of limbs and of other joints: that of the
 k-th is k² and k times smaller."""
 
-LEAST_STD_M = 1e-3
-"""Smaller deviations are taken for this."""
+LEAST_STD_M = 1e-4
+"""Smaller deviations are taken for this: messages have no finer ones."""
+STRIDE_STD_M = 0.005
+"""A priori deviation of a joint from its cycle."""
 BONE_STD_M = 0.1
 """What a bone's length seems to change by: more than it does, as errors of a cycle's phases are
 not independent."""
@@ -106,9 +107,14 @@ def refine(seen: Motion) -> Floats | None:
     walk = None if filtered is None else about_path(filtered, seen.rate_hz)
     if walk is None:
         return None
-    found = cycle(unswapped(seen), walk)
+    seen = unswapped(seen)
+    found = cycle(seen, walk)
     bias = biases(found, np.median(seen.std[seen.reported], axis=0))
-    return walk.placed(found.at(seen.t) - bias)
+    joints = found.at(seen.t)
+    # the mean of cycle and frame, each weighed by its variance
+    gain = STRIDE_STD_M**2 / (STRIDE_STD_M**2 + seen.std[..., None] ** 2)
+    strayed = np.where(seen.reported[:, None, None], gain * (walk.about(seen.joints) - joints), 0.0)
+    return walk.placed(joints + strayed - bias)
 
 
 def smooth(seen: Motion) -> Floats | None:
@@ -165,7 +171,7 @@ def cycle(seen: Motion, walk: Walk) -> Cycle:
     rows = seen.reported
     t = seen.t[rows]
     joints = walk.about(seen.joints)[rows]
-    weights = 1.0 / np.maximum(seen.std[rows], LEAST_STD_M) / math.sqrt(CORRELATED)
+    weights = 1.0 / np.sqrt(CORRELATED * (seen.std[rows] ** 2 + STRIDE_STD_M**2))
 
     orders = np.tile(np.arange(1, HARMONICS + 1), 2)
     priors = [

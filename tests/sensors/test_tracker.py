@@ -102,7 +102,7 @@ def confidence(watch, *people):
 
 
 def test_the_far_side_is_hidden_by_the_near_one():
-    watch = Watch(seen_from(SIDE), **EXACT)
+    watch = Watch(seen_from(SIDE), **{**EXACT, "hidden_pull": 0.25})
     known, skeleton = confidence(watch, body(arms=(1.0, 1.0)))  # hands off the hips
     for joint in ("shoulder", "hip", "knee", "ankle"):
         assert known[f"left_{joint}"] == HIDDEN["seen"]

@@ -43,8 +43,9 @@ NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, 
 """Of white noise and drift, by joint; 1 for others. Far from the trunk less is certain."""
 BIAS_SCALE = {"pelvis": 1.5, "hip": 2.2, "knee": 0.8, "ankle": 1.0, "heel": 0.8, "foot": 0.8}
 """Of the bias, tuned: pelvis and hips, which no landmark shows, are placed worst."""
-GUESSED_STD_M = {"knee": 0.05, "ankle": 0.07, "heel": 0.1, "foot": 0.1}
-"""What lag and pull add to the reported deviation of a leg's joint that is not seen, tuned."""
+GUESSED_STD_M = {"knee": 0.2, "ankle": 0.28, "heel": 0.4, "foot": 0.4}
+"""What a joint of a leg that is not seen has more of reported deviation, per `hidden_pull`; tuned
+for lag and pull together."""
 BEHIND_RAD = math.radians(60.0)
 """Bearing from straight behind a person within which it may be taken for the front."""
 RESOLUTION = 4
@@ -135,8 +136,8 @@ class Tracker:
         scale, bias = scales(NOISE_SCALE), scales(BIAS_SCALE) * config.bias_std_m
         self._drift_std, self._white_std = scale * config.drift_std_m, scale * config.white_std_m
         self._bias_variance = bias * bias
-        self._guess_variance = (scales(GUESSED_STD_M) * IS_LEG) ** 2
         self._pull = config.hidden_pull * IS_LEG
+        self._guess_variance = (scales(GUESSED_STD_M) * self._pull) ** 2
         # of three orders of harmonics
         self._bias_weights: Floats = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)
         self._tracks: list[_Track] = []
