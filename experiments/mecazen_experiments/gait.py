@@ -42,6 +42,10 @@ class Gait(msgspec.Struct, frozen=True):
     """Of the stride; mean of both legs."""
     step_time_asymmetry: float
     """Left less right step time over their mean; the left step ends with the left heel strike."""
+    step_length_asymmetry: float
+    """The same of the step lengths."""
+    stance_asymmetry: float
+    """Left less right stance, as shares of the stride."""
 
 
 class Walk(NamedTuple):
@@ -164,13 +168,27 @@ def parameters(t: Floats, walk: Walk) -> Gait | None:
     if fitted is None:
         return None
     stride, offsets = fitted
-    return gait(stride, offsets, walk.speed)
+    return gait(stride, offsets, walk.speed, step_lengths(walk, rate_hz))
 
 
-def gait(stride: float, offsets: tuple[float, ...], speed: float) -> Gait:
+def step_lengths(walk: Walk, rate_hz: float) -> tuple[float, float]:
+    """Return the mean length [m] of the left and of the right step.
+
+    The ball of the foot that is left behind lifts off last, so both balls stand when they are
+    farthest apart.
+    """
+    apart = walk.joints[:, BALLS[0], 0] - walk.joints[:, BALLS[1], 0]
+    size = round(rate_hz / stride_frequency(walk, rate_hz))
+    strides = apart[: len(apart) // size * size].reshape(-1, size)
+    return float(strides.max(axis=1).mean()), float(-strides.min(axis=1).mean())
+
+
+def gait(
+    stride: float, offsets: tuple[float, ...], speed: float, steps: tuple[float, float]
+) -> Gait:
     """Return the parameters of strides that take `stride` [s] at a speed [m/s].
 
-    `offsets` are those of `rhythm`.
+    `offsets` are those of `rhythm`, and `steps` those of `step_lengths`.
     """
     left, right, left_off, right_off = offsets
     stances = [
@@ -183,6 +201,8 @@ def gait(stride: float, offsets: tuple[float, ...], speed: float) -> Gait:
         120.0 / stride,
         sum(stances) / 2.0 / stride,
         (2.0 * left_step - stride) / (stride / 2.0),
+        2.0 * (steps[0] - steps[1]) / (steps[0] + steps[1]),
+        (stances[0] - stances[1]) / stride,
     )
 
 
@@ -203,11 +223,15 @@ def true_gait(t: Floats, joints: Floats) -> Gait | None:
         ways += np.hypot(*np.diff(joints[on, heel, :2], axis=0).T).tolist()
     if min(map(len, (*strikes, *offs))) < 2:
         return None
+    rate_hz = 1.0 / float(np.mean(np.diff(t)))
+    walk = about_path(joints, rate_hz)
+    if walk is None:
+        return None
     period = float(np.median(np.diff(strikes[0])))
     fitted = rhythm(Events((strikes[0], strikes[1]), (offs[0], offs[1])), period)
     assert fitted is not None
     stride, offsets = fitted
-    return gait(stride, offsets, float(np.mean(ways)) / stride)
+    return gait(stride, offsets, float(np.mean(ways)) / stride, step_lengths(walk, rate_hz))
 
 
 def _turned(

@@ -50,6 +50,19 @@ GAIT_COLUMNS: tuple[Column, ...] = (
     ("Θ_err\n\\[°]", "theta_err_deg", 1),
     ("odometry\n\\[%]", "odometry_drift_percent", 1),
 )
+GAITS_COLUMNS: tuple[Column, ...] = tuple(
+    (f"{heading}\n{stage}", f"{stage}_{name}", digits)
+    for heading, name, digits in (
+        ("step length\nasymm. \\[%]", "step_length_percent", 1),
+        ("step time\nasymm. \\[%]", "step_time_percent", 1),
+        ("stance\nasymm. \\[%]", "stance_percent", 1),
+        ("left knee\n\\[°]", "left_knee_deg", 0),
+        ("right knee\n\\[°]", "right_knee_deg", 0),
+        ("stride\n\\[m]", "stride_m", 2),
+        ("cadence\n\\[1/min]", "cadence", 0),
+    )
+    for stage in ("true", "found")
+)
 
 Values = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)]
 
@@ -66,6 +79,10 @@ class MocapConfig(Section):
     seeds: Runs = 2
     standoffs_m: Values = (1.0, 1.5, 2.0, 3.0)
     speeds_m_s: Values = (0.6, 1.0, 1.3)
+    gaits: Annotated[dict[Name, Settings], msgspec.Meta(min_length=1)] = msgspec.field(
+        default_factory=lambda: {"normal": ()}
+    )
+    """Settings of the walker's gait, by its name."""
 
 
 class Place(NamedTuple):
@@ -74,6 +91,7 @@ class Place(NamedTuple):
     view: str
     standoff_m: float
     speed_m_s: float
+    gait: str
 
 
 class Run(msgspec.Struct, frozen=True):
@@ -90,6 +108,7 @@ class Row(msgspec.Struct, frozen=True):
     bearing_deg: float
     standoff_m: float
     speed_m_s: float
+    gait: str
     means: dict[str, Interval]
     """Over the seeds, by the names of `quality.numbers`."""
     runs: tuple[Run, ...]
@@ -139,8 +158,10 @@ def expand(config: MocapConfig, runs: int | None, settings: Settings) -> dict[Pl
                     f"target.path.speed_m_s={speed}",
                 )
                 name = f"{view}, {distance:g} m, {speed:g} m/s"
-                place = Place(view, distance, speed)
-                todo[place] = series(case, name, (*own, *settings), seeds)
+                for gait, of in config.gaits.items():
+                    place = Place(view, distance, speed, gait)
+                    row = name if gait == "normal" else f"{name}, {gait}"
+                    todo[place] = series(case, row, (*own, *of, *settings), seeds)
     return todo
 
 
@@ -175,14 +196,26 @@ def means(runs: Sequence[Run]) -> dict[str, Interval]:
     return {name: mean_interval(values) for name, values in columns.items()}
 
 
-def tables(rows: Sequence[Row]) -> tuple[Table, Table]:
-    """Return the angles and the gait: by view and standoff over all speeds, and by speed."""
+def tables(rows: Sequence[Row]) -> list[Table]:
+    """Return the angles and the gait: by view and standoff over all speeds, and by speed.
+
+    If there are several gaits, the last table has what tells them from each other.
+    """
     groups: dict[tuple[str, str], list[Run]] = {}
     for row in rows:
         groups.setdefault((row.view, f"{row.standoff_m:g} m"), []).extend(row.runs)
     for row in sorted(rows, key=lambda row: row.speed_m_s):
         groups.setdefault(("all", f"{row.speed_m_s:g} m/s"), []).extend(row.runs)
-    return _table("Angles and jitter", ANGLE_COLUMNS, groups), _table("Gait", GAIT_COLUMNS, groups)
+    found = [
+        _table("Angles and jitter", ANGLE_COLUMNS, groups),
+        _table("Gait", GAIT_COLUMNS, groups),
+    ]
+    by_gait: dict[tuple[str, str], list[Run]] = {}
+    for row in sorted(rows, key=lambda row: row.gait):
+        by_gait.setdefault((row.view, row.gait), []).extend(row.runs)
+    if len({row.gait for row in rows}) > 1:
+        found.append(_table("Gaits", GAITS_COLUMNS, by_gait))
+    return found
 
 
 def _table(

@@ -65,7 +65,7 @@ def cycles(curves: Mapping[Place, Curves]) -> Figure:
     nearest = {
         view: min(
             (place for place in curves if place.view == view),
-            key=lambda place: math.dist(place[1:], SHOWN),
+            key=lambda place: math.dist(place[1:3], SHOWN),
         )
         for view in dict.fromkeys(place.view for place in curves)
     }

@@ -40,6 +40,8 @@ class Quality(msgspec.Struct, frozen=True):
     """By the planted feet."""
     observed: Gait | None
     """By events in the refined joints."""
+    knee_flexion_deg: dict[str, dict[str, float]]
+    """The largest flexion of each side's knee, `true` and `found` in the refined joints."""
     seen: dict[str, float]
     """Share of the frames in which each joint is in view and not hidden."""
     d_err_m: float | None
@@ -89,6 +91,11 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
         {stage: None if each is None else _jitter_mm(each) for stage, each in stages.items()},
         gait,
         None if walk is None else parameters(seen.t, walk),
+        {
+            name: _knee_flexion(each)
+            for name, each in (("true", truth), ("found", of["refined"]))
+            if each is not None
+        },
         dict(zip(JOINTS, shares, strict=True)),
         following.d_err_m,
         following.theta_err_deg,
@@ -109,6 +116,14 @@ def numbers(of: Quality) -> dict[str, float]:
     if of.observed is not None:
         found, true = of.observed, of.truth
         asymmetry = found.step_time_asymmetry - true.step_time_asymmetry
+        for name, gait in (("true", true), ("found", found)):
+            values |= {
+                f"{name}_stride_m": gait.stride_length_m,
+                f"{name}_cadence": gait.cadence_per_min,
+                f"{name}_step_time_percent": 1e2 * gait.step_time_asymmetry,
+                f"{name}_step_length_percent": 1e2 * gait.step_length_asymmetry,
+                f"{name}_stance_percent": 1e2 * gait.stance_asymmetry,
+            }
         values |= {
             "stride_time_err_ms": 1e3 * abs(found.stride_time_s - true.stride_time_s),
             "stride_length_err_mm": 1e3 * abs(found.stride_length_m - true.stride_length_m),
@@ -116,6 +131,8 @@ def numbers(of: Quality) -> dict[str, float]:
             "stance_err_percent": 1e2 * (found.stance_share - true.stance_share),
             "asymmetry_err_percent": 1e2 * abs(asymmetry),
         }
+    for name, knees in of.knee_flexion_deg.items():
+        values |= {f"{name}_{side}_knee_deg": knees[side] for side in SIDES}
     for joint in (*MEASURED, "heel", "foot"):
         values[f"{joint}_seen_percent"] = 1e2 * fmean(of.seen[f"{s}_{joint}"] for s in SIDES)
     return {name: value for name, value in values.items() if value is not None}
@@ -125,6 +142,11 @@ def _rms(errors: Floats) -> dict[str, float]:
     """Return the root mean squares of errors (n, 6) of both legs, by joint."""
     squares = dict(zip(ANGLES, np.mean(errors**2, axis=0).tolist(), strict=True))
     return {joint: math.sqrt(fmean(squares[f"{s}_{joint}"] for s in SIDES)) for joint in MEASURED}
+
+
+def _knee_flexion(angles: Floats) -> dict[str, float]:
+    """Return the largest flexion of each side's knee, of angles (n, 6)."""
+    return {side: float(angles[:, ANGLES.index(f"{side}_knee")].max()) for side in SIDES}
 
 
 def _jitter_mm(joints: Floats) -> float:

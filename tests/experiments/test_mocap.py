@@ -1,5 +1,7 @@
 """`mecazen experiment mocap`: its options, its report and its figures, of one short run."""
 
+import math
+
 import msgspec
 import numpy as np
 import pytest
@@ -73,11 +75,12 @@ def test_what_a_user_gets_wrong_is_one_line(arguments, words):
         assert word in text
 
 
-@pytest.mark.parametrize("name", ["mocap", "mocap_ideal"])
+@pytest.mark.parametrize("name", ["mocap", "mocap_ideal", "mocap_standing", "mocap_gaits"])
 def test_every_place_of_the_experiments_faces_the_person(name):
     config = load_table(ROOT / f"configs/experiments/{name}.toml", MocapConfig)
     todo = expand(config, None, ())
-    assert len(todo) == len(config.views) * len(config.standoffs_m) * len(config.speeds_m_s)
+    values = config.views, config.standoffs_m, config.speeds_m_s, config.gaits
+    assert len(todo) == math.prod(map(len, values))
     for place, series in todo.items():
         settings = dict(setting.split("=", 1) for setting in series.jobs[0].settings)
         bearing, heading = (float(settings[f"follower.{n}_deg"]) for n in ("bearing", "heading"))

@@ -7,6 +7,7 @@ import pytest
 from experiments.walks import RATE_HZ, SPEED_M_S, STRIDE_S, pendulum, person
 from mecazen_experiments.capture import angles
 from mecazen_experiments.gait import about_path, events, parameters, true_gait
+from mecazen_people.config import Body, Limp
 
 
 def test_angles_of_straight_legs_are_the_thigh_s():
@@ -60,6 +61,18 @@ def test_events_of_the_simulated_person_are_near_those_of_their_planted_feet(spe
     assert found.stride_length_m == pytest.approx(true.stride_length_m, abs=0.005)
     # the method takes a step to end before the heel is down, and to begin after the toes are up
     assert 0.0 < found.stance_share - true.stance_share < 0.07
+
+
+def test_a_limp_is_told_by_its_steps_and_stances():
+    limp = Limp(side="right", stance_asymmetry=0.08, step_asymmetry=0.2)
+    t, joints, _ = person(0.8, rate_hz=50.0, body=Body(limp=limp))
+    true = true_gait(t, joints)
+    found = parameters(t, about_path(joints, 50.0))
+    # a sample of 20 ms is 0.015 of a stride
+    assert true.stance_asymmetry == pytest.approx(0.08, abs=0.015)
+    assert found.stance_asymmetry == pytest.approx(0.08, abs=0.05)  # by extrema, not by contacts
+    for gait in (true, found):
+        assert gait.step_length_asymmetry == pytest.approx(-0.2, abs=0.02)
 
 
 def test_who_stands_does_not_walk():

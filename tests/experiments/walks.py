@@ -46,9 +46,9 @@ def pendulum(duration_s=10.0, yaw=0.3, late=0.5, rate_hz=RATE_HZ):
     return t, joints @ np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
 
 
-def person(speed=SPEED_M_S, duration_s=12.0, rate_hz=RATE_HZ):
+def person(speed=SPEED_M_S, duration_s=12.0, rate_hz=RATE_HZ, body=None):
     """Times, joints and phases of the simulated person when the walk is steady."""
-    walker, twist, dt = Walker(Body()), Twist2D(x=speed), 1.0 / rate_hz
+    walker, twist, dt = Walker(body or Body()), Twist2D(x=speed), 1.0 / rate_hz
     walker.reset(Motion(Pose2D()))
     t = np.arange(1, round(duration_s * rate_hz)) * dt
     postures = [walker.step(Motion(Pose2D(x=speed * now), twist), dt) for now in t.tolist()]
