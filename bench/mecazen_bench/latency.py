@@ -39,6 +39,9 @@ MEDIAN_MS = Target(high=0.2)
 P99_MS = Target(high=1.0)
 BUSY_P99_MS = Target(high=5.0)
 
+BLIND = "sensor.also=[]"
+"""Without lidar and guard: the way to the controller alone."""
+
 CONTAINERS = ("router", "teleop-physics", "teleop-controller", "teleop-target")
 
 
@@ -72,10 +75,10 @@ class Probe:
 
 
 def run(puts: int = PUTS) -> list[Group]:
-    """Drive the scenario `teleop` from outside, idle and under load."""
+    """Drive the scenario `teleop` from outside, without its guard, idle and under load."""
     cores = len(os.sched_getaffinity(0))
     with (
-        running("teleop") as stack,
+        running("teleop", BLIND) as stack,
         ProcessPoolExecutor(1, get_context("spawn"), set_priority) as driver,
     ):
         idle = driver.submit(drive, stack.scenario, puts).result()
@@ -96,11 +99,11 @@ def run_containers(puts: int = PUTS) -> list[Group]:
         Compose().run("build", *CONTAINERS)
     except MecazenError as error:
         return [Group(title, str(error), ())]
-    with running("teleop") as stack:
+    with running("teleop", BLIND) as stack:
         processes = figures(drive(stack.scenario, puts))
-    with closing(Compose()) as compose:
+    with closing(Compose(MECAZEN_SET=BLIND)) as compose:
         compose.run("up", "--detach", *CONTAINERS)
-        reached = (f'bus.connect=["{compose.endpoint}"]',)
+        reached = (BLIND, f'bus.connect=["{compose.endpoint}"]')
         containers = figures(drive(load_scenario(SCENARIOS / "teleop.toml", reached), puts))
     rows = Row("processes", processes), Row("containers", containers)
     return [Group(title, f"`cmd_vel` to `joint_command`: {puts} puts by the host", rows)]
