@@ -48,30 +48,34 @@ def test_processes_over_zenoh_give_the_trajectory_of_one_process(scenario, setti
 
 SCENARIO_NAMES = sorted(path.stem for path in SCENARIOS.glob("*.toml"))
 SHORT = ("sim.duration_s=2.0",)
-GROUPINGS = {
-    "each alone": (),
-    "two pairs": (("physics", "controller"), ("target", "follower")),
-    "the world alone": (("controller", "follower"), ("target",)),
-    "all in one": (("physics", "controller", "target", "follower"),),
-}
-"""Of services to processes; a scenario may do without some of the services."""
 
 
-@pytest.mark.parametrize("grouping", GROUPINGS)
+@pytest.mark.parametrize("together", [False, True], ids=["each alone", "all in one"])
 @pytest.mark.parametrize("scenario", SCENARIO_NAMES)
-def test_every_scenario_gives_one_trajectory_however_services_share_processes(scenario, grouping):
+def test_every_scenario_gives_one_trajectory_in_one_process_and_in_many(scenario, together):
     services = load_scenario(SCENARIOS / f"{scenario}.toml").services
-    groups = [[part for part in group if part in services] for group in GROUPINGS[grouping]]
+    groups = [services] if together else []
     settings = (*SHORT, f"processes={json.dumps(groups)}")
     assert many_processes(scenario, *settings) == one_process(scenario, *SHORT)
 
 
-COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','collector']")
-"""Of the scenario `teleop`."""
+@pytest.mark.parametrize(
+    "groups",
+    [[["physics", "controller"], ["target", "follower"]], [["controller", "follower"], ["target"]]],
+    ids=["two pairs", "the world alone"],
+)
+def test_services_that_share_processes_in_groups_give_the_same_trajectory(groups):
+    settings = (*SHORT, f"processes={json.dumps(groups)}")
+    assert many_processes("back", *settings) == one_process("back", *SHORT)
+
+
+BLIND = "sensor.also=[]"
+COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','collector']", BLIND)
+"""Of the scenario `teleop`, without its lidar and its guard."""
 
 
 def test_a_run_of_services_that_others_started_is_collected_with_the_same_result(stack):
-    settings = ("sim.duration_s=3.0",)
+    settings = ("sim.duration_s=3.0", BLIND)
     running = stack(SCENARIOS / "teleop.toml", *settings, *COLLECTED)
     running.launch("physics", "controller", "target")
     result, _ = collect(running.scenario, "teleop")

@@ -85,10 +85,11 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
 
 
 def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_the_same(stack):
-    running = stack(SCENARIOS / "teleop.toml", "processes=[['physics', 'controller', 'target']]")
+    parts = "physics", "controller", "target", "sensors", "guard"
+    running = stack(SCENARIOS / "teleop.toml", f"processes=[{list(parts)}]")
     odom = Newest(running.bus, keys.ODOM)
     running.start()
-    assert set(running.supervisor.pids) == {"router", "physics+controller+target"}
+    assert set(running.supervisor.pids) == {"router", "+".join(parts)}
     zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
     running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
