@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import msgspec
+import pytest
 from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
 from mecazen.loading import load_scenario
@@ -47,18 +48,29 @@ def test_teleop_is_driven_by_zenoh_cli_on_the_host(stacks):
         # one command drives 0.3 m/s for 0.5 s, less what it takes to speed up
         stack.wait(bus, lambda: robot[-1] > robot[0] + 0.1)
     assert set(stack.containers()) == {
-        "router", "teleop-physics", "teleop-controller", "teleop-target", "teleop-viewer"
+        "router", "teleop-physics", "teleop-controller", "teleop-target", "teleop-sensors",
+        "teleop-guard", "teleop-viewer",
     }  # fmt: skip
 
 
-def test_a_robot_follows_by_sensors_in_a_container_of_their_own(stacks):
-    stack = stacks(None, COMPOSE_PROFILES="headless,senses", MECAZEN_SET="sensor.kind=fused")
+@pytest.mark.parametrize(
+    ("profiles", "settings", "beside", "topics"),
+    [
+        ("senses", {"MECAZEN_SET": "sensor.kind=fused"}, set(), ()),
+        ("senses,crowd", {"MECAZEN_SCENARIO": "crowd"}, {"crowd"}, (keys.PEOPLE,)),
+    ],
+    ids=["alone", "in a crowd"],
+)
+def test_a_robot_follows_by_sensors_in_a_container_of_their_own(
+    stacks, profiles, settings, beside, topics
+):
+    stack = stacks(None, COMPOSE_PROFILES=f"headless,{profiles}", **settings)
     stack.up()
     with stack.bus() as bus:
-        scans, bodies = Newest(bus, keys.SCAN), Newest(bus, keys.SKELETONS)
+        newest = [Newest(bus, topic) for topic in (keys.SCAN, keys.SKELETONS, *topics)]
+        stack.wait(bus, lambda: all(one.message is not None for one in newest))
         stack.await_following(bus, 0.5)
-        stack.wait(bus, lambda: None not in (scans.message, bodies.message))
-    assert set(stack.containers()) == LOOP | {"sensors"}
+    assert set(stack.containers()) == LOOP | {"sensors", "guard"} | beside
 
 
 def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks):
