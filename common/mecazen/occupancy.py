@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
+from sys import byteorder
+from typing import Any, NamedTuple
 
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
@@ -23,7 +23,14 @@ MAX_PIXELS = 4096 * 4096
 MAX_BOXES = 2000
 """Each costs time in every scan and in every step near it."""
 
-Cells = npt.NDArray[np.bool_]
+
+class Picture(NamedTuple):
+    """A grey picture: its pixels from 0 (black) to `white`, the top row first."""
+
+    width: int
+    height: int
+    white: int
+    pixels: Sequence[int]
 
 
 def take_map(world: dict[str, Any], path: Path) -> None:
@@ -65,12 +72,19 @@ def read_map(path: Path) -> list[dict[str, Any]]:
         ) from None
     if not 0.001 <= resolution <= 10.0:
         raise ConfigError(f"{path}: resolution: got {resolution:g}; allowed: 0.001 to 10 m")
-    grey = _read_pgm(image)
-    occupied = (grey if negate in ("1", "true") else 1.0 - grey) > threshold
-    rectangles = min(_rectangles(occupied), _turned(_rectangles(occupied.T)), key=len)
+    picture = _read_pgm(image)
+    width, rows = picture.width, picture.height
+    levels = range(picture.white + 1)
+    shown = [level if negate in ("1", "true") else picture.white - level for level in levels]
+    is_occupied = [level > threshold * picture.white for level in shown]
+    cells = bytes([is_occupied[level] for level in picture.pixels])
+    across = _rectangles(cells[row * width : (row + 1) * width] for row in range(rows))
+    rectangles = min(
+        across, _turned(_rectangles(cells[column::width] for column in range(width))), key=len
+    )
     if len(rectangles) > MAX_BOXES:
         raise ConfigError(f"{image}: {len(rectangles)} boxes; at most {MAX_BOXES} can be simulated")
-    origin, rows = Pose2D(x, y, yaw), len(grey)
+    origin = Pose2D(x, y, yaw)
     boxes = []
     for top, bottom, left, right in rectangles:
         middle = Pose2D((left + right) / 2 * resolution, (rows - (top + bottom) / 2) * resolution)
@@ -94,8 +108,8 @@ def _read_settings(path: Path) -> dict[str, str]:
     return {key.strip(): value.strip().strip("'\"") for key, colon, value in lines if colon}
 
 
-def _read_pgm(path: Path) -> npt.NDArray[np.float64]:
-    """Return a grey picture, P2 or P5, from 0 (black) to 1 (white), its top row first."""
+def _read_pgm(path: Path) -> Picture:
+    """Return a grey picture, P2 or P5."""
     data = _read(path)
     gap = rb"(?:\s|#[^\n]*\n)+"
     header = re.match(rb"(P[25])" + gap + gap.join([rb"(\d{1,9})"] * 3) + rb"\s", data)
@@ -108,31 +122,35 @@ def _read_pgm(path: Path) -> npt.NDArray[np.float64]:
             "pixels, up to 65535"
         )
     body = data[header.end() :]
+    pixels: Sequence[int] = body
     if header[1] == b"P2":
         words = re.sub(rb"#[^\n]*", b"", body).split()
-        pixels = np.array([int(word) for word in words if word.isdigit()], float)
-    else:
-        kind = np.dtype("u1" if most < 256 else ">u2")
-        pixels = np.frombuffer(body[: len(body) // kind.itemsize * kind.itemsize], kind) / 1.0
+        pixels = [int(word) for word in words if word.isdigit()]
+    elif most > 255:
+        pixels = array("H", body[: len(body) // 2 * 2])
+        if byteorder == "little":  # the picture's is big
+            pixels.byteswap()
+    pixels = pixels[: width * height]
     if len(pixels) < width * height:
         raise ConfigError(f"{path}: {len(pixels)} pixels of {width} x {height}")
-    return pixels[: width * height].reshape(height, width) / most
+    if (brightest := max(pixels)) > most:
+        raise ConfigError(f"{path}: a pixel of {brightest}, where {most} is white")
+    return Picture(width, height, most, pixels)
 
 
-def _rectangles(cells: Cells) -> list[tuple[int, int, int, int]]:
-    """Return rectangles (top, bottom, left, right; ends excluded) that cover exactly `cells`.
+def _rectangles(lines: Iterable[bytes]) -> list[tuple[int, int, int, int]]:
+    """Return rectangles (top, bottom, left, right; ends excluded) that cover the cells of 1.
 
-    Runs of cells in a row grow downwards as long as the next row has the same run.
+    Runs of cells in a line grow downwards as long as the next line has the same run.
     """
     found: list[tuple[int, int, int, int]] = []
     growing: dict[tuple[int, int], int] = {}
-    edges = np.diff(np.pad(cells, ((0, 1), (1, 1))).astype(np.int8), axis=1)
-    for row, steps in enumerate(edges):
-        begins, ends = np.flatnonzero(steps > 0).tolist(), np.flatnonzero(steps < 0).tolist()
-        runs = dict.fromkeys(zip(begins, ends, strict=True), row)
+    row = -1
+    for row, line in enumerate(lines):
+        runs = [run.span() for run in re.finditer(rb"\x01+", line)]
         found += [(top, row, *run) for run, top in growing.items() if run not in runs]
         growing = {run: growing.get(run, row) for run in runs}
-    return found
+    return found + [(top, row + 1, *run) for run, top in growing.items()]
 
 
 def _turned(rectangles: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:

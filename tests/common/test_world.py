@@ -1,10 +1,10 @@
 """Places from small files: walls, doors, tables, ramps and occupancy images become shapes."""
 
 import math
+import random
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 from harness import error_of
 from mecazen.errors import ConfigError
@@ -21,7 +21,7 @@ def covered(solids, x, y, z=0.1):
     for box in solids:
         along, across = x - box.position_m[0], y - box.position_m[1]
         c, s = math.cos(math.radians(box.yaw_deg)), math.sin(math.radians(box.yaw_deg))
-        half = np.array(box.size_m) / 2
+        half = [length / 2 for length in box.size_m]
         at = c * along + s * across, c * across - s * along, z - box.bottom_m - half[2]
         if all(abs(value) < most for value, most in zip(at, half, strict=True)):
             return True
@@ -167,15 +167,18 @@ def test_a_world_names_its_occupancy_image_beside_itself(tmp_path):
 
 
 def test_random_cells_are_covered_exactly_once(tmp_path):
-    cells = np.random.default_rng(1).random((30, 40)) < 0.3
-    picture = b"P5\n40 30\n255\n" + np.where(cells, 0, 255).astype("u1").tobytes()
+    chance = random.Random(1)
+    cells = [[chance.random() < 0.3 for _ in range(40)] for _ in range(30)]
+    picture = b"P5\n40 30\n255\n" + bytes([0 if cell else 255 for row in cells for cell in row])
     boxes = read_map(map_of(tmp_path, picture, resolution=1.0, origin="[0, 0, 0]"))
-    count = np.zeros((30, 40))
+    count = [[0] * 40 for _ in range(30)]
     for box in boxes:
         (x, y), (length, width, _) = box["position_m"], box["size_m"]
         left, low = round(x - length / 2), round(y - width / 2)
-        count[low : low + round(width), left : left + round(length)] += 1
-    assert np.array_equal(count[::-1], cells)
+        for row in count[low : low + round(width)]:
+            for column in range(left, left + round(length)):
+                row[column] += 1
+    assert count[::-1] == cells
 
 
 @pytest.mark.parametrize(
@@ -184,6 +187,7 @@ def test_random_cells_are_covered_exactly_once(tmp_path):
         (b"P6 1 1 255\n000", {}, "map.pgm: not a PGM picture (P2 or P5)"),
         (b"P5 99999 99999 255\n0", {}, "map.pgm: 99999 x 99999 pixels up to 255; allowed: at most"),
         (b"P5 4 3 255\n0", {}, "map.pgm: 1 pixels of 4 x 3"),
+        (b"P2 2 1 7\n7 8", {}, "map.pgm: a pixel of 8, where 7 is white"),
         (ASCII, {"resolution": 0.0}, "map.yaml: resolution: got 0; allowed: 0.001 to 10 m"),
         (ASCII, {"origin": "[0, 0]"}, "map.yaml: needs image, resolution, origin"),
     ],
@@ -195,7 +199,7 @@ def test_an_image_that_is_none_is_refused_with_one_line(picture, changes, expect
 
 
 def test_an_image_of_too_many_boxes_is_refused(tmp_path):
-    board = np.indices((100, 100)).sum(axis=0) % 2
-    picture = b"P5\n100 100\n255\n" + (board * 255).astype("u1").tobytes()
+    board = bytes([255 * ((row + column) % 2) for row in range(100) for column in range(100)])
+    picture = b"P5\n100 100\n255\n" + board
     problem = error_of(ConfigError, lambda: read_map(map_of(tmp_path, picture)))
     assert "5000 boxes; at most 2000 can be simulated" in problem
