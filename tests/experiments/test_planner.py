@@ -3,10 +3,17 @@
 import math
 from contextlib import closing
 
+import numpy as np
 import pytest
-from harness import SCENARIOS
+from follower.rooms import DRIVE
+from harness import SCENARIOS, load_robot
 from mecazen import keys
+from mecazen.drive import AngularLimits, AxisLimits, LinearLimits
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.limiter import LimiterState, limit_twist
 from mecazen.loading import load_scenario
+from mecazen_controller.config import ControllerConfig
+from mecazen_follower.planner.rollout import Able, follow, roll
 from mecazen_tools.simulate import InProcess, simulate
 
 SIDE = (
@@ -56,3 +63,29 @@ def test_in_a_corridor_the_robot_goes_behind_and_then_back_to_the_side():
     assert states[-1].plan == "open"
     assert max(state.last_seen_s for state in states) < 0.5
     assert math.degrees(states[-1].bearing_error) == pytest.approx(0.0, abs=10.0)
+
+
+@pytest.mark.parametrize("deceleration", [None, 4.0])
+def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(deceleration):
+    linear = LinearLimits(max_deceleration_m_s2=deceleration)
+    limits = AxisLimits(linear, linear, AngularLimits(max_acceleration_rad_s2=4.0)).limits
+    drive = DRIVE._replace(axes=limits)
+    kinematics = ControllerConfig().kinematics(load_robot())
+    steps, dt, tick = 8, 0.125, 0.00125
+    # along odom's axes: off at full speed, sideways as well, then to rest
+    commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)
+    able = Able(drive, 5.0, dt, float)
+    way = roll(0.3, Twist2D(0.2), 1, steps, dt, able, follow(commands[..., None]))
+
+    state = (LimiterState(0.2), LimiterState(), LimiterState())
+    robot = Pose2D(yaw=0.3)
+    for k, (vx, vy, turn) in enumerate(commands):
+        for _ in range(round(dt / tick)):
+            c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+            wanted = Twist2D(c * vx + s * vy, c * vy - s * vx, turn)
+            state = limit_twist(state, wanted, limits, tick)
+            speeds = kinematics.inverse(Twist2D(*(axis.velocity for axis in state)))
+            robot = robot.integrate(kinematics.forward(speeds.desaturate(40.0)), tick)
+        # the controller turns the command as the robot turns, a rollout once a step
+        assert (way.x[k, 0], way.y[k, 0]) == pytest.approx((robot.x, robot.y), abs=0.03)
+        assert math.atan2(way.s[k, 0], way.c[k, 0]) == pytest.approx(robot.yaw, abs=0.05)

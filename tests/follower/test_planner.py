@@ -8,11 +8,9 @@ from follower.rooms import BODY, CAMERA, DRIVE, legs, planner_of, scan, standing
 from harness import error_of, load_robot
 from mecazen import keys
 from mecazen.config import Scenario
-from mecazen.drive import AngularLimits, AxisLimits, Drive, LinearLimits
+from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_controller.config import ControllerConfig
-from mecazen_controller.limiter import LimiterState, limit_twist
 from mecazen_follower.config import FollowerConfig, PidControl
 from mecazen_follower.goal import Standoff
 from mecazen_follower.node import FollowerNode
@@ -22,36 +20,10 @@ from mecazen_follower.planner.field import CELL_M, Field, Shadows
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
 from mecazen_follower.planner.movers import Movers
 from mecazen_follower.planner.obstacles import MEMORY_S, Surroundings
-from mecazen_follower.planner.rollout import Able, Rollout, follow, roll
+from mecazen_follower.planner.rollout import Able, Rollout
 
 ORIGIN = Pose2D()
 NOTHING = np.empty((0, 2))
-
-
-@pytest.mark.parametrize("deceleration", [None, 4.0])
-def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(deceleration):
-    linear = LinearLimits(max_deceleration_m_s2=deceleration)
-    limits = AxisLimits(linear, linear, AngularLimits(max_acceleration_rad_s2=4.0)).limits
-    drive = DRIVE._replace(axes=limits)
-    kinematics = ControllerConfig().kinematics(load_robot())
-    steps, dt, tick = 8, 0.125, 0.00125
-    # along odom's axes: off at full speed, sideways as well, then to rest
-    commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)
-    able = Able(drive, 5.0, dt, float)
-    way = roll(0.3, Twist2D(0.2), 1, steps, dt, able, follow(commands[..., None]))
-
-    state = (LimiterState(0.2), LimiterState(), LimiterState())
-    robot = Pose2D(yaw=0.3)
-    for k, (vx, vy, turn) in enumerate(commands):
-        for _ in range(round(dt / tick)):
-            c, s = math.cos(robot.yaw), math.sin(robot.yaw)
-            wanted = Twist2D(c * vx + s * vy, c * vy - s * vx, turn)
-            state = limit_twist(state, wanted, limits, tick)
-            speeds = kinematics.inverse(Twist2D(*(axis.velocity for axis in state)))
-            robot = robot.integrate(kinematics.forward(speeds.desaturate(40.0)), tick)
-        # the controller turns the command as the robot turns, a rollout once a step
-        assert (way.x[k, 0], way.y[k, 0]) == pytest.approx((robot.x, robot.y), abs=0.03)
-        assert math.atan2(way.s[k, 0], way.c[k, 0]) == pytest.approx(robot.yaw, abs=0.05)
 
 
 def test_no_rim_is_faster_than_it_can_be():
