@@ -7,12 +7,11 @@ is driven for the whole horizon within the limits of the robot. It has the costs
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import product
 
 import numpy as np
 from mecazen_follower.node import FollowerNode
-from mecazen_follower.planner.mppi import STEPS
+from mecazen_follower.planner.mppi import STEPS, Problem
 from mecazen_follower.planner.rollout import Array, Rollout
 
 SPEEDS_M_S = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
@@ -31,18 +30,10 @@ class Window:
         ]
         self._commands = np.tile(np.array(twists, np.float32).T, (STEPS, 1, 1))
 
-    def plan(
-        self,
-        nominal: Array,
-        roll: Callable[[Array], Rollout],
-        cost: Callable[[Rollout], Array],
-        *,
-        loyal: bool,
-    ) -> tuple[Rollout, Array]:
+    def plan(self, problem: Problem) -> tuple[Rollout, Array]:
         """Return all ways and their costs, whatever the nominal ones are."""
-        del nominal, loyal
-        ways = roll(self._commands)
-        return ways, cost(ways)
+        ways = problem.roll(self._commands)
+        return ways, problem.cost(ways)
 
 
 class SamplerFollower(FollowerNode):

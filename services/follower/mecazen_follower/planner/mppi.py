@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -32,25 +32,24 @@ LOYALTY = 0.5
 Floats32 = npt.NDArray[np.float32]
 
 
+class Problem(NamedTuple):
+    """What a way is sought for."""
+
+    nominal: Array
+    """Commands of each mode (STEPS, 3, modes)."""
+    roll: Callable[[Array], Rollout]
+    """Where commands (STEPS, 3, n) lead."""
+    cost: Callable[[Rollout], Array]
+    """What ways cost (n)."""
+    loyal: bool
+    """Whether the last mode is the last plan, to be kept to."""
+
+
 class Search(Protocol):
     """What finds ways."""
 
-    def plan(
-        self,
-        nominal: Array,
-        roll: Callable[[Array], Rollout],
-        cost: Callable[[Rollout], Array],
-        *,
-        loyal: bool,
-    ) -> tuple[Rollout, Array]:
-        """Return ways (n) and their costs.
-
-        Args:
-            nominal: Commands of each mode (STEPS, 3, modes).
-            roll: Where commands (STEPS, 3, n) lead.
-            cost: What that costs (n).
-            loyal: Whether the last mode is the last plan, to be kept to.
-        """
+    def plan(self, problem: Problem) -> tuple[Rollout, Array]:
+        """Return ways (n) and their costs."""
 
 
 class Mppi:
@@ -66,15 +65,9 @@ class Mppi:
         noise[..., 1::2] *= FINE
         self._noise = noise.astype(np.float32)
 
-    def plan(
-        self,
-        nominal: Array,
-        roll: Callable[[Array], Rollout],
-        cost: Callable[[Rollout], Array],
-        *,
-        loyal: bool,
-    ) -> tuple[Rollout, Array]:
-        """Return the best way of each mode and each nominal one: see `Search`."""
+    def plan(self, problem: Problem) -> tuple[Rollout, Array]:
+        """Return each nominal way and the best one of each mode, and their costs."""
+        nominal, roll, cost, loyal = problem
         modes, samples = nominal.shape[-1], self._noise.shape[-1]
         ends = np.arange(modes + 1) * samples // modes
         commands = np.repeat(nominal.astype(np.float32), np.diff(ends), axis=-1)

@@ -18,7 +18,7 @@ from mecazen_follower.planner.costs import Body, Costs, Scene, Sight
 from mecazen_follower.planner.field import Field, Shadows
 from mecazen_follower.planner.law import PolarGains, towards
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
-from mecazen_follower.planner.mppi import STEPS, Mppi, Search
+from mecazen_follower.planner.mppi import STEPS, Mppi, Problem, Search
 from mecazen_follower.planner.obstacles import Surroundings
 from mecazen_follower.planner.rollout import Able, Array, Rollout, follow, roll, step_towards
 from mecazen_follower.planner.verdict import OPEN, free, verdict
@@ -151,7 +151,7 @@ class Planner:
 
         loyal = self._commands is not None
         cost = partial(self._costs.of, scene=scene)
-        best, costs = self.search.plan(modes, rolled, cost, loyal=loyal)
+        best, costs = self.search.plan(Problem(modes, rolled, cost, loyal))
         chosen = int(np.argmin(costs))
         way = Rollout(*(values[..., [chosen]] for values in best))
         self._commands = way.commands[..., 0]
