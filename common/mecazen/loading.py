@@ -90,6 +90,8 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
             origin = origin._replace(files={**origin.files, part: file[0]}, changes=changes)
     for key, value in settings.items():
         _override(raw, key, value)
+    if isinstance(world := raw.get("world"), dict):
+        take_map(world, path)  # of an override
     _refuse_reserved(raw, path)
     _take_programs(raw, path)
     _take_sensors(raw)

@@ -166,6 +166,12 @@ def test_a_world_names_its_occupancy_image_beside_itself(tmp_path):
     assert msgspec.to_builtins(scenario.world)["obstacles"][0]["kind"] == "box"
 
 
+def test_an_override_names_an_occupancy_image_as_well(tmp_path):
+    text = map_of(tmp_path, ASCII)
+    scenario = load_scenario(ROOT / "configs/scenarios/back.toml", (f"world.map={text}",))
+    assert len(scenario.world.solids) == 2
+
+
 def test_random_cells_are_covered_exactly_once(tmp_path):
     chance = random.Random(1)
     cells = [[chance.random() < 0.3 for _ in range(40)] for _ in range(30)]
