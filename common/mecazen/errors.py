@@ -20,6 +20,10 @@ class BusError(MecazenError):
     """The bus can't be opened, or a name or a port on it is taken."""
 
 
+class RefusedError(ValueError):
+    """A payload that is not what its key carries."""
+
+
 class StepTimeoutError(MecazenError):
     """A service did not answer a tick in time."""
 

@@ -39,6 +39,8 @@ class Message(msgspec.Struct, frozen=True):
     """Base of all messages."""
 
     ROS_TYPE: ClassVar[str]
+    ROS_CONSTANTS: ClassVar[tuple[str, ...]] = ()
+    """Lines of ROS's definition: the values that a field may have."""
 
 
 class Time(Message):
@@ -270,7 +272,7 @@ class Skeleton(Message):
     joints: tuple[Point, ...] = ()
     std: Floats = ()
     """Standard deviation of each joint along any axis [m]."""
-    confidence: tuple[UInt8, ...] = ()
+    confidence: tuple[UInt32, ...] = ()
     """Of each joint, as in k4abt: 0 none (out of view), 1 low (occluded), 2 medium (seen)."""
     angles: Floats = ()
     """Sagittal angles in the order of `mecazen.skeleton.ANGLES` [rad]."""
@@ -333,7 +335,13 @@ class DiagnosticStatus(Message):
     """The health of one thing: level 0 ok, 1 warning, 2 error, 3 stale."""
 
     ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/DiagnosticStatus"
-    level: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
+    ROS_CONSTANTS: ClassVar[tuple[str, ...]] = (
+        "byte OK=0",
+        "byte WARN=1",
+        "byte ERROR=2",
+        "byte STALE=3",
+    )
+    level: Annotated[int, msgspec.Meta(ge=0, le=3, extra={"ros": "byte"})] = 0
     name: str = ""
     message: str = ""
     hardware_id: str = ""

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, TypeVar, cast
 
 import msgspec
 
+from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
 from mecazen.messages import Message, Time
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -26,10 +27,6 @@ ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODI
 _STAMP = struct.Struct("<qII")
 _JSON = msgspec.json.Encoder()
 _MSGPACK = msgspec.msgpack.Encoder()
-
-
-class RefusedError(ValueError):
-    """A payload that is not what its key carries."""
 
 
 class Stamp(NamedTuple):
