@@ -1,4 +1,4 @@
-"""Bytes to messages and back: JSON or MessagePack, and the stamp that goes with every sample."""
+"""Bytes to messages and back: JSON, MessagePack or CDR, and the stamp that goes with samples."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
 from mecazen.messages import Message, Time
+from mecazen.ros import cdr
 
 MessageT = TypeVar("MessageT", bound=Message)
 Format = Literal["json", "msgpack"]
@@ -22,6 +23,8 @@ MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can hold."""
 JSON_ENCODING = "application/json"
 MSGPACK_ENCODING = "application/msgpack"
+CDR_ENCODING = "application/cdr"
+"""ROS 2's; it is read as the others are, and written for ROS alone."""
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
 _STAMP = struct.Struct("<qII")
@@ -85,7 +88,7 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     Args:
         payload: The bytes as they came.
         kind: The message that the key carries.
-        encoding: Zenoh's encoding; where it names neither format, the first byte tells.
+        encoding: Zenoh's encoding; where it names no format, the first bytes tell.
 
     Raises:
         RefusedError: Empty, oversized, truncated, of a wrong type, or with numbers not finite.
@@ -95,23 +98,28 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
     try:
-        if _format_of(payload, encoding) == "json":
+        form = _format_of(payload, encoding)
+        if form == "cdr":
+            return cdr.decode(payload, kind)
+        if form == "json":
             return cast(MessageT, _json_decoder(kind).decode(payload))
         return cast(MessageT, _msgpack_decoder(kind).decode(payload))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
 
 
-def _format_of(payload: bytes, encoding: str) -> Format:
+def _format_of(payload: bytes, encoding: str) -> Format | Literal["cdr"]:
     media = encoding.partition(";")[0]
     if media in (JSON_ENCODING, "text/json"):
         return "json"
     if media == MSGPACK_ENCODING:
         return "msgpack"
+    if media == CDR_ENCODING or payload.startswith(cdr.HEADER):
+        return "cdr"
     first = payload[0]
     if first == 0x7B or first in b" \t\r\n":
         return "json"
     # the three ways in which MessagePack begins a map, which every message is
     if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
         return "msgpack"
-    raise RefusedError(f"neither JSON nor MessagePack: first byte 0x{first:02x}")
+    raise RefusedError(f"neither JSON, MessagePack nor CDR: first byte 0x{first:02x}")

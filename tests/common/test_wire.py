@@ -10,7 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mecazen import keys
 from mecazen import messages as m
+from mecazen.ros import cdr
 from mecazen.wire import (
+    CDR_ENCODING,
     JSON_ENCODING,
     MAX_PAYLOAD_BYTES,
     MSGPACK_ENCODING,
@@ -41,6 +43,7 @@ def packed(value):
         b'{"linear":{"x":0.2}}\r\n',
         b' \t\r\n{"linear": {"x": 2e-1}}',
         packed({"linear": {"x": 0.2}}),
+        cdr.encode(FORWARD),
     ],
 )
 @pytest.mark.parametrize("encoding", ["", "zenoh/bytes", "text/plain"])
@@ -55,13 +58,21 @@ def test_a_part_of_a_message_without_a_telling_encoding_is_a_whole_message(paylo
         ("application/json;charset=utf-8", "json"),
         ("text/json", "json"),
         (MSGPACK_ENCODING, "msgpack"),
+        (CDR_ENCODING, "cdr"),
     ],
 )
 def test_the_encoding_is_believed_before_the_first_bytes(encoding, form):
-    assert decode(encode(FORWARD, form), m.Twist, encoding) == FORWARD
-    other = "msgpack" if form == "json" else "json"
-    with pytest.raises(RefusedError):
-        decode(encode(FORWARD, other), m.Twist, encoding)
+    payloads = {name: encode(FORWARD, name) for name in ("json", "msgpack")}
+    payloads["cdr"] = cdr.encode(FORWARD)
+    assert decode(payloads.pop(form), m.Twist, encoding) == FORWARD
+    for other in payloads.values():
+        with pytest.raises(RefusedError):
+            decode(other, m.Twist, encoding)
+
+
+def test_big_endian_cdr_is_read_where_the_encoding_says_so():
+    payload = bytes(4) + struct.pack(">6d", 0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert decode(payload, m.Twist, CDR_ENCODING) == FORWARD
 
 
 @pytest.mark.parametrize("size", [0, 15, 16, 0x10000])
@@ -133,7 +144,10 @@ REFUSED = {
     "lists in lists, MessagePack": (b"\x81\xa1x" + b"\x91" * 500_000 + b"\xc0", m.Twist),
     "tables in tables, MessagePack": (b"\x81\xa1x" * 200_000 + b"\xc0", m.Twist),
     "lists where a message is due": (b'{"linear":' + b"[" * 400_000, m.Twist),
-    "CDR": (b"\x00\x01\x00\x00" + b"\x00" * 48, m.Twist),
+    "CDR, one number short": (b"\x00\x01\x00\x00" + bytes(40), m.Twist),
+    "CDR, one number more": (b"\x00\x01\x00\x00" + bytes(56), m.Twist),
+    "big-endian CDR that does not say so": (bytes(52), m.Twist),
+    "CDR of what ROS can't say": (b"\x00\x01\x00\x00" + bytes(4), m.ResetRequest),
     "a byte order mark": (b"\xef\xbb\xbf{}", m.Twist),
     "text": (b"hello", m.Twist),
 }

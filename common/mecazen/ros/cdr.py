@@ -19,7 +19,7 @@ import msgspec.inspect as mi
 
 from mecazen.errors import RefusedError
 from mecazen.messages import Message
-from mecazen.ros.types import FLOAT32_MAX, Field, bounds, fields
+from mecazen.ros.fields import FLOAT32_MAX, Field, RosTypeError, bounds, fields
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -67,16 +67,17 @@ def decode(payload: bytes, kind: type[MessageT], *, finite: bool = True) -> Mess
         finite: Whether to refuse NaN and infinity, as in JSON; REP-117 has them in scans.
 
     Raises:
-        RefusedError: Truncated, too long, of another encoding, or a value out of its bounds.
-        RosTypeError: ROS has no type for a field.
+        RefusedError: Truncated, too long, of another encoding, or a value out of its bounds; or
+            ROS has no type for a field of such a message.
     """
     order = _HEADERS.get(payload[:4])
     if order is None:
         raise RefusedError(f"not a {kind.ROS_TYPE}: no header of CDR")
     try:
-        return cast(MessageT, _decoder(kind, order, finite)(payload))
-    except (struct.error, IndexError, ValueError, msgspec.ValidationError) as error:
-        raise RefusedError(f"not a {kind.ROS_TYPE}: {error or 'truncated'}") from None
+        message: MessageT = _decoder(kind, order, finite)(payload)
+    except (struct.error, IndexError, ValueError, msgspec.ValidationError, RosTypeError) as error:
+        raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
+    return message
 
 
 @cache
@@ -98,7 +99,7 @@ def _layout(order: str, pieces: _Pieces) -> Callable[..., struct.Struct]:
         text = order
         for code, fixed in pieces:
             length = next(rest) if fixed is None else fixed
-            if length:  # an empty list is not aligned
+            if length or code == "s":  # a list without items is not aligned
                 pad = (4 - at) % _SIZES[code]  # counted after the header
                 text += f"{pad}x{length}{code}"
                 at += pad + length * _SIZES[code]
@@ -256,7 +257,8 @@ class _Decoder(_Writer):
         self._flush()
         self._locate()
         self.line(f"if at != len(data): {self.new(_check_end)}(data, at)")
-        self.line(f"return {message} if valid else {self.new(_validated)}({message})")
+        self.line(f"message = {message}")
+        self.line(f"return message if valid else {self.new(_validated)}(message)")
         self.function = self.build()
 
     def _message(self, kind: type[Message]) -> str:

@@ -21,10 +21,10 @@ from mecazen.graph import SERVICES
 from mecazen.keys import TOPICS, MessageT
 from mecazen.loading import from_tables, installed_sections, robots_in
 from mecazen.messages import Message
+from mecazen.ros import cdr
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
 
-from mecazen_recorder import cdr
 from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
 
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)

@@ -15,9 +15,10 @@ from mecazen.config import join_key
 from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import Message
+from mecazen.ros import cdr
+from mecazen.ros.types import definition
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
 
-from mecazen_recorder import cdr
 from mecazen_recorder.config import Encoding
 
 LIBRARY = "mecazen"
@@ -99,7 +100,7 @@ class Schema(NamedTuple):
 def schema_of(kind: type[Message], encoding: Encoding) -> Schema:
     """Return a message's schema: ROS's definition for CDR, else a JSON schema."""
     if encoding == "cdr":
-        return Schema(kind.ROS_TYPE, "ros2msg", cdr.definition(kind).encode())
+        return Schema(kind.ROS_TYPE, "ros2msg", definition(kind).encode())
     _, definitions = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
     # readers expect the message at the root, not a reference to it
     text = msgspec.json.encode({**definitions[kind.__name__], "$defs": definitions})
