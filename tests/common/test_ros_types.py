@@ -128,6 +128,7 @@ def test_a_definition_is_followed_by_those_it_depends_on_each_once_as_it_is_firs
         (m.Float32, "float32"),
         (m.Matrix3, "float64[9]"),
         (Annotated[tuple[str, ...], msgspec.Meta(max_length=4)], "string[<=4]"),
+        (Annotated[str, msgspec.Meta(max_length=8)], "string<=8"),
         (bytes, "uint8[]"),
         (tuple[m.Time, ...], "builtin_interfaces/Time[]"),
     ],

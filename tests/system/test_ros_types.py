@@ -6,10 +6,11 @@ user builds.
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import cyclonedds.idl
 import cyclonedds.idl.types
+import msgspec
 import pycdr2
 import pycdr2.types
 import pytest
@@ -17,11 +18,18 @@ from drawn import KINDS, drawn, plain
 from harness import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mecazen import messages as m
 from mecazen.ros import cdr
-from mecazen.ros.types import definition, type_hash
+from mecazen.ros.types import definition, service_hash, type_hash
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+with pytest.MonkeyPatch.context() as patch:
+    patch.setenv("ROS_DISTRO", "jazzy")  # else it takes itself for Humble
+    from ros2_pyterfaces import core
+    from ros2_pyterfaces.core import all_srvs
+
+REQUEST = "request_message"
 FILES = sorted((ROOT / "ros2" / "mecazen_msgs" / "msg").glob("*.msg"))
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for file in FILES:
@@ -80,8 +88,41 @@ def test_libraries_for_dds_write_what_they_read_alike(library, kind, data):
     assert idl(library, kind.ROS_TYPE).deserialize(payload).serialize() == payload
 
 
-def test_ros2_pyterfaces_has_the_same_hashes_of_services(monkeypatch):
-    monkeypatch.setenv("ROS_DISTRO", "jazzy")
-    from ros2_pyterfaces.cyclone import std_srvs
+WHOLE = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 
-    print(std_srvs)
+
+def annotation(kind: Any) -> Any:
+    """Return how a struct says a type of ros2-pyterfaces."""
+    if isinstance(kind, dict):
+        return struct_of(kind)
+    if isinstance(kind, core.Array | core.Sequence):
+        length = kind.length if isinstance(kind, core.Array) else kind.max_length
+        least = length if isinstance(kind, core.Array) else 0
+        meta = msgspec.Meta(min_length=least, max_length=length)
+        return Annotated[tuple[annotation(kind.subtype), ...], meta]
+    if isinstance(kind, core.BoundedString):
+        return Annotated[str, msgspec.Meta(max_length=kind.max_length)]
+    if kind in WHOLE:
+        low, high = (0, 2) if kind[0] == "u" else (-1, 1)
+        half = 2 ** (int(kind.partition("int")[2]) - 1)
+        return Annotated[int, msgspec.Meta(ge=low * half, le=min(high * half - 1, 2**63 - 1))]
+    byte = Annotated[int, msgspec.Meta(extra={"ros": "byte"})]
+    plain_kinds = {"string": str, "bool": bool, "byte": byte, "float64": float}
+    return plain_kinds.get(kind, m.Float32)
+
+
+def struct_of(schema: dict[str, Any]) -> type[m.Message]:
+    """Return the struct of a schema of ros2-pyterfaces."""
+    name = schema["__typename"]
+    members = [(field, annotation(kind)) for field, kind in schema.items() if field != "__typename"]
+    namespace = {"ROS_TYPE": name}
+    return msgspec.defstruct("Kind", members, bases=(m.Message,), frozen=True, namespace=namespace)
+
+
+SERVICES = [one for one in vars(all_srvs).values() if isinstance(one, dict) and REQUEST in one]
+
+
+@pytest.mark.parametrize("service", SERVICES, ids=lambda service: service["__typename"])
+def test_ros2_pyterfaces_has_the_same_hashes_of_services(service):
+    request, response = struct_of(service[REQUEST]), struct_of(service["response_message"])
+    assert service_hash(service["__typename"], request, response) == core.hash_rihs01(service)

@@ -21,6 +21,11 @@ def test_a_file_that_is_made_from_the_graph_is_up_to_date(path, text):
     assert path.read_text() == text, "`make graph` writes it anew"
 
 
+def test_the_package_for_ros_has_no_other_files():
+    made = {path for path, _ in files(ROOT) if ROOT / "ros2" in path.parents}
+    assert {path for path in (ROOT / "ros2").rglob("*") if path.is_file()} == made
+
+
 def test_zenoh_reads_the_access_rules():
     config = session_config(BusConfig(zenoh_config=SECURE), "client")
     assert config.get_json("access_control/enabled") == "true"

@@ -1,7 +1,7 @@
 """What repeats the graph is written from it: `make graph`.
 
-The access rules, the picture of the data flow, and the tables in documents between
-`<!-- graph: NAME -->` and `<!-- /graph -->`.
+The access rules, the picture of the data flow, the package of our messages for ROS 2, and the
+tables in documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from mecazen.config import Process
 from mecazen.graph import COLLECTOR, GRAPH, Graph, services
 
+from mecazen_tools import ros_package
 from mecazen_tools.access import secure_json5
 from mecazen_tools.graph_views import keys_table, nodes_table, svg
 
@@ -26,6 +27,7 @@ def files(root: Path) -> Iterator[tuple[Path, str]]:
     tables = {"keys": keys_table(graph), "nodes": nodes_table(graph)}
     yield root / "configs" / "zenoh" / "secure.json5", secure_json5()
     yield root / "docs" / "dataflow.svg", svg(graph, one_process_each())
+    yield from ros_package.files(root / "ros2" / ros_package.NAME)
     for name in DOCUMENTS:
         text = (root / name).read_text()
         yield root / name, _REGION.sub(lambda m: f"{m[1]}{tables[m[2]]}\n{m[3]}", text)
@@ -43,7 +45,8 @@ def one_process_each() -> list[tuple[str, list[str]]]:
 def main() -> None:
     """Write the files below the present folder."""
     for path, text in files(Path.cwd()):
-        if path.read_text() != text:
+        if not path.exists() or path.read_text() != text:
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text)
             print(f"{path.relative_to(Path.cwd())}: written")
 

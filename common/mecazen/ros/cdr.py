@@ -279,6 +279,8 @@ class _Decoder(_Writer):
             text = self.new()
             self.line(f"{text} = data[at:at + {length} - 1].decode(); at += {length}")
             self.line("if data[at - 1]: raise ValueError('a text without its end')")
+            if field.capacity:
+                self.line(f"valid = valid and len({text}) <= {field.capacity}")
             return text
         value = self._take(_CODES[field.base], 1)
         self._check(field, value, "{low} <= {value} <= {high}")

@@ -24,6 +24,7 @@ _IDS = {
     "uint64": 9, "float32": 10, "float64": 11, "bool": 15, "byte": 16, "string": 17,
 }  # fmt: skip
 _NESTED_ID = 1
+_BOUNDED_STRING_ID = 21
 _SHAPE_IDS = {"": 0, "[{}]": 48, "[<={}]": 96, "[]": 144}
 
 
@@ -46,18 +47,26 @@ class Field(NamedTuple):
     """The annotation of one item, with its bounds."""
 
     @property
+    def capacity(self) -> int:
+        """The most characters of a text; 0 where it may have any number."""
+        return self.node.max_length or 0 if isinstance(self.node, mi.StrType) else 0
+
+    @property
     def text(self) -> str:
         """The field in a definition."""
-        return f"{self.base.replace('/msg/', '/')}{self.shape.format(self.length)} {self.name}"
+        bound = f"<={self.capacity}" if self.capacity else ""
+        own = self.base.replace("/msg/", "/")
+        return f"{own}{bound}{self.shape.format(self.length)} {self.name}"
 
     @property
     def description(self) -> dict[str, Any]:
         """The field as type_description_interfaces/msg/Field."""
         nested = "/" in self.base
+        number = _NESTED_ID if nested else _BOUNDED_STRING_ID if self.capacity else _IDS[self.base]
         kind = {
-            "type_id": (_NESTED_ID if nested else _IDS[self.base]) + _SHAPE_IDS[self.shape],
+            "type_id": number + _SHAPE_IDS[self.shape],
             "capacity": self.length,
-            "string_capacity": 0,
+            "string_capacity": self.capacity,
             "nested_type_name": self.base if nested else "",
         }
         return {"name": self.name, "type": kind}
