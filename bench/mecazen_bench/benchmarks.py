@@ -18,6 +18,7 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
+    ros2,
     senses,
     steps,
 )
@@ -44,6 +45,7 @@ BENCHMARKS = {
     "latency": Benchmark(latency.run),
     "realtime": Benchmark(realtime.run, rounds=3),
     "recorder": Benchmark(recorder.run),
+    "ros2": Benchmark(ros2.run),
     "viewer": Benchmark(realtime.run_viewer),
     "peers": Benchmark(physics.run_peers, on_demand=True),
     "steps": Benchmark(steps.run, rounds=1, on_demand=True),

@@ -12,6 +12,7 @@ from mecazen_bench import (
     realtime,
     recorder,
     robots,
+    ros2,
 )
 from mecazen_bench.figures import Figure, Group, named
 from mecazen_bench.stack import robot
@@ -92,6 +93,12 @@ def test_the_recorder_loses_nothing_alone_or_as_a_process():
     for row in rows.values():
         assert row["messages/s"].value > 1.0
     assert [row["lost"].value for row in rows.values() if "lost" in row] == [0.0, 0.0]
+
+
+def test_messages_for_ros_are_timed_in_each_way():
+    rows = figures(ros2.run(repeats=2))
+    assert len(rows) == 4 * 3
+    assert all(min(row["write µs"].value, row["read µs"].value) > 0.0 for row in rows.values())
 
 
 def test_the_viewer_takes_some_processor_time_and_memory():

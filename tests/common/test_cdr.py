@@ -1,5 +1,6 @@
 """Every message survives CDR bit for bit, others read it as ROS's, and what is none is refused."""
 
+import math
 import random
 import struct
 import tracemalloc
@@ -38,6 +39,18 @@ class Lists(Message):
     times: Annotated[tuple[m.Time, ...], msgspec.Meta(min_length=2, max_length=2)] = (m.Time(),) * 2
     id: Annotated[bytes, msgspec.Meta(min_length=3, max_length=3)] = b"abc"
     levels: tuple[Annotated[int, msgspec.Meta(ge=-3, le=3)], ...] = ()
+    alone: Annotated[tuple[m.UInt8, ...], msgspec.Meta(min_length=1, max_length=1)] = (0,)
+
+
+class Bounded(Message):
+    """Bounds on one side, or that a value must not reach."""
+
+    ROS_TYPE = "test_msgs/msg/Bounded"
+    positive: Annotated[float, msgspec.Meta(gt=0)] = 1.0
+    below: Annotated[float, msgspec.Meta(lt=1.0)] = 0.0
+    least: Annotated[int, msgspec.Meta(ge=1)] = 1
+    shares: tuple[Annotated[float, msgspec.Meta(ge=0, le=1)], ...] = ()
+    name: Annotated[str, msgspec.Meta(max_length=2)] = ""
 
 
 def from_others(value: Any) -> Any:
@@ -93,13 +106,13 @@ def test_big_endian_is_read():
 
 
 def test_arrays_and_bounded_lists_are_as_ros_has_them():
-    message = Lists((True, False), (7,), (m.Time(1, 2), m.Time(3, 4)), b"xyz", (-3, 3))
+    message = Lists((True, False), (7,), (m.Time(1, 2), m.Time(3, 4)), b"xyz", (-3, 3), (9,))
     payload = b"\x00\x01\x00\x00" + struct.pack(
-        "<I2B2xIB3xiIiI3sxI2b", 2, 1, 0, 1, 7, 1, 2, 3, 4, b"xyz", 2, -3, 3
+        "<I2B2xIB3xiIiI3sxI2bB", 2, 1, 0, 1, 7, 1, 2, 3, 4, b"xyz", 2, -3, 3, 9
     )
     assert cdr.encode(message) == payload
     assert cdr.decode(payload, Lists) == message
-    for place, value in ((12, 3), (-1, 4)):  # three where two are allowed; 4 where 3 is
+    for place, value in ((12, 3), (-2, 4)):  # three where two are allowed; 4 where 3 is
         wrong = bytearray(payload)
         wrong[place] = value
         with pytest.raises(RefusedError):
@@ -207,6 +220,11 @@ def test_large_numbers_are_numbers():
         (m.DiagnosticStatus(level=4), m.DiagnosticStatus),
         (m.StepRequest(ticks=0), m.StepRequest),
         (m.SpeedRequest(speed=0.0), m.SpeedRequest),
+        (Bounded(positive=0.0), Bounded),
+        (Bounded(below=1.0), Bounded),
+        (Bounded(least=0), Bounded),
+        (Bounded(shares=(0.0, 1.5)), Bounded),
+        (Bounded(name="abc"), Bounded),
     ],
 )
 def test_bounds_are_those_of_the_message(message, kind):
@@ -220,6 +238,18 @@ def test_bounds_are_those_of_the_message(message, kind):
 def test_what_does_not_fit_is_not_written(message):
     with pytest.raises(RefusedError, match=f"no {message.ROS_TYPE} in CDR"):
         cdr.encode(message)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Bounded(),
+        Bounded(positive=5e-324, below=math.nextafter(1.0, 0.0), least=2**63 - 1),
+        Bounded(positive=1.7e308, below=-1.7e308, shares=(0.0, 1.0), name="ab"),
+    ],
+)
+def test_whatever_is_within_its_bounds_is_taken(message):
+    assert cdr.decode(cdr.encode(message), Bounded) == message
 
 
 def test_names_that_change_are_read_anew():
