@@ -19,7 +19,16 @@ from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen.wire import ENCODINGS, MAX_SAMPLE_BYTES, RefusedError, decode, encode
+from mecazen.ros import cdr
+from mecazen.ros.fields import RosTypeError
+from mecazen.wire import (
+    CDR_ENCODING,
+    ENCODINGS,
+    MAX_SAMPLE_BYTES,
+    RefusedError,
+    decode,
+    encode,
+)
 from mecazen_tools.simulate import InProcess, simulate
 
 from mecazen_bench.figures import Figure, Group, Row, Target
@@ -36,12 +45,13 @@ ODD = (
     b"null", b"true", b'"1"', b"{}", b"[[]]", b'{"x":1}', b"-1", b"2147483648", b"1.5", b"NaN",
     b"-Infinity", b"1e999", b"9" * 400, b"0x10", b".5", b"[0,1]", b'"\\ud7ff"', b"\xff", b"\xc0",
     b"[" * 5000, b'{"header":' * 5000, b'{"linear":[' * 2000, b"\x91" * 5000, b"\x81\xa1a" * 5000,
+    b"\xff" * 4, b"\xf0\x7f",
     b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\x81\xd9\xff", b"\x81\xa6header" * 3000,
     b" " * MAX_SAMPLE_BYTES,
 )  # fmt: skip
-"""Wrong values, numbers that are none, no UTF-8, bombs in JSON and MessagePack, and too much."""
+"""Wrong values, numbers that are none, no UTF-8, bombs in JSON, MessagePack and CDR, too much."""
 LABELS = (
-    "", *ENCODINGS.values(), "text/json", "text/plain", "application/cdr", "zenoh/bytes",
+    "", *ENCODINGS.values(), CDR_ENCODING, "text/json", "text/plain", "zenoh/bytes",
     "application/json;é", "\x00", "/", "a" * 200,
 )  # fmt: skip
 CALLS: dict[str, Call[Any, Any]] = {call.key: call for call in keys.CALLS}
@@ -65,7 +75,7 @@ class Malformed:
         self._random = random.Random(seed)  # noqa: S311
         self._kinds = {key: type(messages[0]) for key, messages in good.items()}
         self._good = {
-            key: [encode(message, form) for message in messages for form in ENCODINGS]
+            key: [payload for message in messages for payload in _well_formed(message)]
             for key, messages in sorted(good.items())
         }
 
@@ -106,6 +116,13 @@ class Malformed:
         except RefusedError:
             return True
         return False
+
+
+def _well_formed(message: Message) -> Iterator[bytes]:
+    for form in ENCODINGS:
+        yield encode(message, form)
+    with suppress(RosTypeError):  # a request that may leave its seed open
+        yield cdr.encode(message)
 
 
 def sample_messages(scenario: Scenario) -> dict[str, list[Message]]:

@@ -2,7 +2,8 @@
 
 Vectors are in metres and radians (or their rates) in the frame that the message or its
 header names. Numbers must be finite; unknown fields are ignored when decoding.
-Types under `mecazen_msgs` have no equal in ROS.
+Types under `mecazen_msgs` have no equal in ROS. The bounds of a field also tell its type in ROS:
+see `mecazen.ros.fields`.
 """
 
 from __future__ import annotations
