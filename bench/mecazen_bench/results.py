@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 from mecazen.errors import MecazenError
+from mecazen_tools import files
 from rich.table import Table
 
 from mecazen_bench.figures import Group
@@ -85,9 +86,9 @@ def write(results: Results, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(msgspec.json.format(msgspec.json.encode(results)) + b"\n")
     except OSError as error:
-        raise ResultsError(f"{path}: {error.strerror}") from error
+        raise ResultsError(f"{path.parent}: {error.strerror}") from None
+    files.write(path, msgspec.json.format(msgspec.json.encode(results)) + b"\n")
 
 
 def read(path: Path) -> Results:

@@ -14,6 +14,7 @@ import typer
 from joblib import Parallel, delayed
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_table, named_file
+from mecazen_tools import files
 from mecazen_tools.cli.options import console
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -323,7 +324,5 @@ def _workers(options: Options) -> Iterator[Workers]:
 def _write(options: Options, result: object) -> None:
     if options.json is None:
         return
-    try:
-        options.json.write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
-    except OSError as error:
-        raise MecazenError(f"--json {options.json}: {error.strerror}") from None
+    content = msgspec.json.format(msgspec.json.encode(result)) + b"\n"
+    files.write(options.json, content, "--json")

@@ -8,6 +8,7 @@ Self-Following Motion Capture. The runs come as the tables "back without", "back
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mecazen_follower.config import FollowerConfig
+from mecazen_tools.files import write_with
 
 from mecazen_experiments.scores import deviations
 from mecazen_experiments.table import Poses, Table
@@ -73,8 +75,8 @@ def draw(tables: Mapping[str, Table], folder: Path) -> list[Path]:
     with style.context(STYLE):
         for name, figure in figures.items():
             png, svg = folder / f"{name}.png", folder / f"{name}.svg"
-            figure.savefig(png, dpi=300)
-            figure.savefig(svg, metadata={"Date": None})
+            write_with(png, partial(figure.savefig, dpi=300))
+            write_with(svg, partial(figure.savefig, metadata={"Date": None}))
             files += [png, svg]
     return files
 

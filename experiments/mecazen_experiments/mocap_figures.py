@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from mecazen.errors import MecazenError
+from mecazen_tools.files import write_with
 
 from mecazen_experiments.figures import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE
 from mecazen_experiments.mocap import Place, Row
@@ -56,7 +57,7 @@ def draw(folder: Path, rows: Sequence[Row], curves: Mapping[Place, Curves]) -> l
     with style.context(STYLE):
         for name, figure in figures.items():
             files.append(folder / f"{name}.png")
-            figure.savefig(files[-1], dpi=200)
+            write_with(files[-1], partial(figure.savefig, dpi=200))
     return files
 
 

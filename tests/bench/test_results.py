@@ -211,7 +211,7 @@ def test_a_folder_or_results_without_a_common_figure_are_refused(tmp_path):
     with pytest.raises(ResultsError, match="Is a directory"):
         results.read(tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(ResultsError, match=r"a\.json: .+"):
+    with pytest.raises(ResultsError, match="File exists"):
         results.write(result(1.0), tmp_path / "file" / "a.json")
     with pytest.raises(ResultsError, match="no figure is in both"):
         compare(result(1.0), msgspec.structs.replace(result(1.0), benchmarks={}))

@@ -22,6 +22,7 @@ from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.skeleton import JOINTS
 from mecazen.wire import encode
+from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.node import PhysicsWorld
 from mecazen_physics.urdf import meshes
@@ -221,10 +222,31 @@ def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
 
 def test_an_absurdly_fast_person_does_no_harm():
     driven = Driven()
+    driven.tick()  # nobody starts inside the robot
     for _ in range(20):
         driven.tick(person=person(Pose2D(), Twist2D(1.797e308, 1.797e308)))
     for topic, message in driven.states[""].items():
         assert_sendable(Sample(topic.key, message, None))
+
+
+BOX = {"position_m": (-0.3, 0.0), "size_m": (0.2, 0.2, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("solid", "kind"),
+    [(Box(**BOX), "box"), (Cylinder(position_m=(-0.3, 0.0), size_m=(0.15, 0.5)), "cylinder")],
+)
+def test_a_start_inside_an_obstacle_is_refused_and_one_below_it_is_not(solid, kind):
+    with pytest.raises(ConfigError, match=rf"start: .* inside the {kind} at \[-0.3, 0\]; move it"):
+        PhysicsWorld(scenario(world=WorldConfig(obstacles=(solid,))))
+    PhysicsWorld(scenario(world=WorldConfig(obstacles=(Box(**BOX, bottom_m=0.8),))))
+
+
+def test_a_start_inside_the_person_is_refused_and_one_beside_them_is_not():
+    # the robot's front is at 0.2 m, the person's radius 0.2 m
+    Driven().tick(person=person(Pose2D(x=0.45)))
+    with pytest.raises(ConfigError, match=r"inside the person, who is at \[0.35, 0\]"):
+        Driven().tick(person=person(Pose2D(x=0.35)))
 
 
 def test_robots_are_moved_each_by_its_own_commands_and_stopped_by_its_own_watchdog():

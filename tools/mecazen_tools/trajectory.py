@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import chain, dropwhile
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
 
@@ -129,10 +128,6 @@ class Trajectory:
         cells = rows.replace(b",null", b",").replace(b'"', b"")
         header = ",".join(self.columns).encode()
         return b"".join(line + b"\n" for line in (header, cells) if line)
-
-    def write(self, path: Path) -> None:
-        """Write the CSV."""
-        path.write_bytes(self.csv())
 
     def sha256(self) -> str:
         """Return the hash of the CSV: equal exactly when every number is."""

@@ -42,8 +42,10 @@ from mecazen.messages import (
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.skeleton import JOINTS
+from mecazen.world import Box
 
 from mecazen_physics.config import MAX_DT_S, PhysicsConfig
+from mecazen_physics.contacts import Footprint
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.people import FASTEST_M_S, Floats, JointMotion, MovingPerson
 from mecazen_physics.urdf import build_urdf, meshes
@@ -64,6 +66,8 @@ class PhysicsWorld(World):
         self.config = scenario.section(PhysicsConfig, "physics")
         self.steps_per_tick = _steps(scenario.sim.tick_s, self.config.dt_s)
         self.parts = {name: scenario.of(name) for name in scenario.names}
+        for name, part in self.parts.items():
+            _refuse_inside(part, name)
         self.has_legs = "skeleton" in scenario.sensor.features
         self.followed = {name or "target" for name in scenario.names}
 
@@ -90,10 +94,30 @@ class PhysicsWorld(World):
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
         """Simulate a control period; return the state of each robot at its end."""
         if tick.number > 0:
+            if tick.number == 1:
+                self._refuse_overlaps(inputs)
             commands = [robot.command(inputs[name]) for name, robot in self.robots.items()]
             self._place_walkers(next(iter(inputs.values())))
             self.world.advance(commands, self.steps_per_tick)
         return {name: robot.state(tick) for name, robot in self.robots.items()}
+
+    def _refuse_overlaps(self, inputs: Mapping[str, Inputs]) -> None:
+        """Refuse a start at which a robot and its person are in the same place.
+
+        Raises:
+            ConfigError: They are; the robot could only crawl away.
+        """
+        radius = self.scenario.world.person.radius_m
+        for name, robot in self.robots.items():
+            if (odometry := inputs[name].get(TARGET_ODOM)) is None:
+                continue
+            x, y, _ = odometry.pose.pose.to_planar()
+            if robot.robot.footprint().gap(Footprint(x, y, rim=radius)) < 0.0:
+                where = _of_robot("start", name)
+                raise ConfigError(
+                    f"{where}: the robot stands inside the person, who is at [{x:g}, {y:g}]; "
+                    "move it, or target.path"
+                )
 
     def _place_walkers(self, inputs: Inputs) -> None:
         """Put those whom no robot follows where they are; they stand where nobody says it."""
@@ -138,6 +162,27 @@ class PhysicsWorld(World):
             values[join_key("x_m", name)] = round(x, 3)
             values[join_key("y_m", name)] = round(y, 3)
         return values
+
+
+def _refuse_inside(scenario: Scenario, name: str) -> None:
+    """Refuse a robot that starts inside something.
+
+    Raises:
+        ConfigError: It does; the message says where that is.
+    """
+    robot = Footprint.of_robot(scenario.robot.footprint, scenario.start.pose, 0.0, 0.0)
+    for solid in scenario.world.solids:
+        above = isinstance(solid, Box) and solid.bottom_m >= scenario.robot.height
+        if not above and robot.gap(Footprint.of_obstacle(solid)) < 0.0:
+            kind = "box" if isinstance(solid, Box) else "cylinder"
+            at = ", ".join(f"{value:g}" for value in solid.position_m)
+            raise ConfigError(
+                f"{_of_robot('start', name)}: the robot stands inside the {kind} at [{at}]; move it"
+            )
+
+
+def _of_robot(key: str, name: str) -> str:
+    return f"robots.{name}.{key}" if name else key
 
 
 def _steps(tick_s: float, dt_s: float) -> int:

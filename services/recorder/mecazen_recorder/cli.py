@@ -149,7 +149,7 @@ def replay(
             times = {"begin_ns": begin_ns, "end_ns": end_ns}
             published = publish(recording, bus, keys or ["**"], speed=speed, turn=turn, **times)
             if turn == 0:
-                _tell_if_cut_off(recording)
+                _tell_of_damage(recording, any_samples=published > 0)
                 typer.echo(f"{published} samples published")
 
 
@@ -157,7 +157,7 @@ def _recompute(recording: Recording, program: str, robot: str) -> None:
     from mecazen_recorder.recompute import recompute
 
     compared = recompute(recording, program, robot)
-    _tell_if_cut_off(recording)
+    _tell_of_damage(recording)
     if compared.difference is not None:
         raise MecazenError(f"{recording.path}: {join_key(str(compared.difference), robot)}")
     counts = sorted(compared.counts.items())
@@ -175,7 +175,7 @@ def info(
 
     recording = Recording(file)
     found = inspect(recording)
-    _tell_if_cut_off(recording)
+    _tell_of_damage(recording, any_samples=found.count > 0)
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
         return
@@ -194,7 +194,11 @@ def info(
         typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
 
 
-def _tell_if_cut_off(recording: Recording) -> None:
+def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:
+    """Say that the end is missing; a recording without a sample is an error, damaged or not."""
+    if not any_samples:
+        cut = ", and its end is missing" if recording.is_cut_off else ""
+        raise MecazenError(f"{recording.path}: no sample in it{cut}")
     if recording.is_cut_off:
         what = "the end of the file is missing; what is there was read"
         typer.echo(f"{recording.path}: {what}", err=True)

@@ -79,7 +79,7 @@ class Sink:
             os.ftruncate(self._file, self._synced)
             raise RecordingError(
                 f"{self._path}: can't be written on: {error.strerror}; "
-                f"the {self._synced} bytes recorded so far can be read"
+                "what was recorded before can be read"
             ) from None
         self._synced += written
         self._waiting.clear()

@@ -13,15 +13,16 @@ from typing import Annotated
 import msgspec
 import typer
 from mecazen.errors import MecazenError
+from mecazen.explain import one_line
 from mecazen.loading import scenario_path, to_toml
 from mecazen.runtime import __main__ as runtime
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen_tools import certificates
+from mecazen_tools import certificates, files
 from mecazen_tools.cli import sim, status, talk, up
-from mecazen_tools.cli.options import ScenarioArgument, Settings, load
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
 from mecazen_tools.trajectory import Scores, Trajectory
 
@@ -171,38 +172,35 @@ def _refuse_missing_folder(trajectory: Path | None) -> None:
 @contextmanager
 def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
     """Show a bar meanwhile; yield what tells it how many ticks are done."""
-    console = Console(stderr=True)
+    terminal = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
-        console=console,
+        console=terminal,
         transient=True,
-        disable=not console.is_terminal,  # else it ends with an empty line
+        disable=not terminal.is_terminal,  # else it ends with an empty line
     ) as bar:
         task = bar.add_task(description, total=ticks)
         yield lambda done: bar.update(task, completed=done)
 
 
 def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool) -> None:
-    if file is not None:
-        run.write(file)
+    """Tell the scores, then write the file: what a full disk refuses must not cost the scores."""
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
-        return
-    table = Table("simulated", "real-time factor", "distance error", "heading error", "trajectory")
-    table.add_row(
-        f"{result.duration_s:g} s",
-        f"{result.rtf:.1f}",
-        *_measures(result),
-        f"{result.trajectory_sha256[:16]}…",
-    )
-    for name, scores in result.robots.items():
-        table.add_row(name, "", *_measures(scores))
-    Console().print(table)
+    else:
+        table = Table("simulated", "real-time factor", "distance error", "heading error")
+        table.add_row(f"{result.duration_s:g} s", f"{result.rtf:.1f}", *_measures(result))
+        for name, scores in result.robots.items():
+            table.add_row(name, "", *_measures(scores))
+        console(80).print(table)
+        typer.echo(f"trajectory: sha256 {result.trajectory_sha256}")
     if file is not None:
-        Console().print(f"every tick: {file}")
+        files.write(file, run.csv(), "--trajectory")
+        if not as_json:
+            typer.echo(f"every tick: {file}")
 
 
 def _measures(of: Result | Scores) -> tuple[str, str]:
@@ -251,7 +249,20 @@ def create(
 def main() -> None:
     """Run the command line; what may go wrong ends in one line."""
     try:
-        app(standalone_mode=True)
+        sys.exit(app(standalone_mode=False))
+    except typer.TyperException as error:
+        sys.stderr.write(_usage_error(error))
+        sys.exit(error.exit_code)
     except MecazenError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
+
+
+def _usage_error(error: typer.TyperException) -> str:
+    """Return what is wrong with a command line in one line; nothing where help was shown."""
+    told = one_line(error.format_message().strip()).rstrip(".")
+    if not told:
+        return ""
+    context = getattr(error, "ctx", None)  # of an error in how a command is used
+    hint = "" if context is None else f"; `{context.command_path} --help` tells what is allowed"
+    return f"error: {told}{hint}\n"

@@ -16,6 +16,9 @@ from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 
 STEP_TIMEOUT_S = 3600.0
 
+NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
+"""So that -3 is a number out of range, not an option that does not exist."""
+
 app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or speed up a simulation.")
 
 
@@ -48,9 +51,9 @@ def resume(connect: Connect = None, namespace: Namespace = None, tls: Tls = None
     _ask(keys.SIM_RESUME, connect, namespace, tls)
 
 
-@app.command()
+@app.command(context_settings=NEGATIVE_NUMBERS)
 def step(
-    ticks: Annotated[int, typer.Argument(help="Ticks to simulate.")] = 1,
+    ticks: Annotated[int, typer.Argument(min=1, max=10**9, help="Ticks to simulate.")] = 1,
     connect: Connect = None,
     namespace: Namespace = None,
     tls: Tls = None,
@@ -62,7 +65,8 @@ def step(
 @app.command()
 def reset(
     seed: Annotated[
-        int | None, typer.Option(help="A new seed.", show_default="the old one")
+        int | None,
+        typer.Option(min=0, max=2**32 - 1, help="A new seed.", show_default="the old one"),
     ] = None,
     connect: Connect = None,
     namespace: Namespace = None,
@@ -72,9 +76,11 @@ def reset(
     _ask(keys.SIM_RESET, connect, namespace, tls, **({} if seed is None else {"seed": seed}))
 
 
-@app.command()
+@app.command(context_settings=NEGATIVE_NUMBERS)
 def speed(
-    factor: Annotated[float, typer.Argument(help="Simulated seconds per wall second.")],
+    factor: Annotated[
+        float, typer.Argument(min=0.01, max=1000.0, help="Simulated seconds per wall second.")
+    ],
     connect: Connect = None,
     namespace: Namespace = None,
     tls: Tls = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import time
 from collections import Counter
 from pathlib import Path
@@ -9,15 +10,14 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
-from mecazen.keys import topic_of
+from mecazen.keys import CALLS, TOPICS, topic_of
 from mecazen.programs import graph_of
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
-from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
-from mecazen_tools import graph_views
+from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
 from mecazen_tools.generated import one_process_each
 
@@ -49,10 +49,7 @@ def graph(
             if process.robot in ("", loaded.names[0])
         ]
     if svg_file is not None:
-        try:
-            svg_file.write_text(graph_views.svg(nodes, processes))
-        except OSError as error:
-            raise MecazenError(f"--svg {svg_file}: {error.strerror}") from None
+        files.write(svg_file, graph_views.svg(nodes, processes).encode(), "--svg")
     table = Table("process", "node", "takes", "gives, answers?", "rates")
     for process, names in processes:
         for number, name in enumerate(names):
@@ -95,13 +92,15 @@ def topics(
             end = time.monotonic() + LIVE_S
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
-    table = Table("key", "message", "rate", "from", "meaning", *(["Hz now"] if live else []))
+    # a narrow terminal folds cells: what is cut off can't be read
+    names = ["key", "message", "rate", "from", "meaning", *(["Hz now"] if live else [])]
+    table = Table(*(Column(name, overflow="fold") for name in names))
     for cells in graph_views.topic_rows(nodes):
         table.add_row(*cells, *([f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []))
     table.add_section()
     for cells in graph_views.call_rows(nodes):
         table.add_row(*cells)
-    Console().print(table)
+    console(200).print(table)
 
 
 def echo(
@@ -129,6 +128,7 @@ def echo(
             typer.echo(f"{key}: {len(payload)} bytes that are no message: {error}", err=True)
         shown += 1
 
+    _warn_of_typo(key)
     with tool_bus(connect, namespace, tls) as bus:
         bus.subscribe_bytes(key, show)
         while count is None or shown < count:
@@ -158,11 +158,14 @@ def pub(
     """
     payload = message.encode()
     try:
-        _read(key, payload, JSON_ENCODING)
+        _warn_of_unknown_fields(
+            key, msgspec.json.decode(payload), _read(key, payload, JSON_ENCODING)
+        )
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
+    _warn_of_typo(key)
     with tool_bus(connect, namespace, tls) as bus:
         begin, sent = time.monotonic(), 0
         while True:
@@ -178,3 +181,34 @@ def _read(key: str, payload: bytes, encoding: str) -> Any:
     """Return what is on a key: a message of its type where the table has it, else any JSON."""
     topic = topic_of(key)
     return msgspec.json.decode(payload) if topic is None else decode(payload, topic.type, encoding)
+
+
+def _warn_of_typo(key: str) -> None:
+    """Say on standard error that no node of ours takes or gives a key, and which one is like it.
+
+    It may be a key of somebody's own, so it is no error.
+    """
+    known = [topic.key for topic in TOPICS] + [call.key for call in CALLS]
+    # a robot of several has its name before its keys
+    own = next((k for k in known if key.endswith(f"/{k}")), key)
+    if "*" in key or topic_of(own) is not None or own in known:
+        return
+    close = difflib.get_close_matches(key, known, n=1)
+    suggestion = f"; did you mean {close[0]}?" if close else "; `mecazen topics` shows all"
+    typer.echo(f"warning: {key}: no key of mecazen{suggestion}", err=True)
+
+
+def _warn_of_unknown_fields(key: str, given: Any, message: Any, within: str = "") -> None:
+    """Say on standard error which fields of a message in JSON its type does not have."""
+    if not isinstance(given, dict) or not isinstance(message, msgspec.Struct):
+        return
+    for name, value in given.items():
+        if name in message.__struct_fields__:
+            _warn_of_unknown_fields(key, value, getattr(message, name), f"{within}{name}.")
+            continue
+        close = difflib.get_close_matches(name, message.__struct_fields__, n=1)
+        suggestion = f"did you mean {close[0]}? " if close else ""
+        allowed = ", ".join(message.__struct_fields__)
+        typer.echo(
+            f"warning: {key}: {within}{name} is ignored; {suggestion}allowed: {allowed}", err=True
+        )

@@ -217,7 +217,7 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
     )
     lines = [
         f"mecazen echo {odom}{tls}",
-        f"mecazen sim pause|resume|reset{tls}",
+        f"mecazen sim pause{tls}   # also: resume, reset, step, speed",
         f"mecazen topics --live{tls}",
     ]
     if "follower" in scenario.services:

@@ -1,0 +1,40 @@
+"""Files that commands write: whole, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from mecazen.errors import MecazenError
+
+
+def write(path: Path, content: bytes, option: str = "") -> None:
+    """Write a file; see `write_with`."""
+    write_with(path, lambda part: part.write_bytes(content), option)
+
+
+def write_with(path: Path, save: Callable[[Path], object], option: str = "") -> None:
+    """Have `save` write beside `path`, and put the result in its place when it is whole.
+
+    A failure leaves neither half a file nor a changed one.
+
+    Args:
+        path: The file.
+        save: Writes the file that it is told; its suffix is that of `path`.
+        option: What the user asked for it with, for the message.
+
+    Raises:
+        MecazenError: It can't be written, as on a full disk.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            save(path)  # a device, such as /dev/stdout: nothing can take its place
+            return
+        part = path.with_name(f".{path.stem}.part{path.suffix}")
+        try:
+            save(part)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise MecazenError(f"{option} {path}: {error.strerror}".strip()) from None
