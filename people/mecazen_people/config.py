@@ -15,6 +15,10 @@ from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
 Turn = Literal["left", "right"]
 
 
+FASTEST_M_S = 13.0
+"""Nobody runs faster."""
+
+
 class _Path(Section, tag_field="kind"):
     x_m: Finite = 0.0
     y_m: Finite = 0.0
@@ -29,7 +33,7 @@ class _Walk(_Path):
 class SteadyWalk(_Walk):
     """A curve at constant speed."""
 
-    speed_m_s: Positive = 0.2
+    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=FASTEST_M_S)] = 0.2
 
 
 class UTrack(SteadyWalk, tag="u_track"):
@@ -94,7 +98,7 @@ class ScriptStep(Section):
     """A velocity, and for how long."""
 
     duration_s: Positive
-    speed_m_s: NonNegative = 0.0
+    speed_m_s: Annotated[float, msgspec.Meta(ge=0.0, le=FASTEST_M_S)] = 0.0
     direction_deg: AngleDeg = 0.0
     """In the person's frame: 0 is ahead, 90 to the left, 180 backwards."""
     yaw_rate_deg_s: Finite = 0.0

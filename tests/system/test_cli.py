@@ -25,36 +25,6 @@ from mecazen_tools.processes import private_router
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("simulate", "nowhere"), ("nowhere", "back", "side", "teleop")),
-        (("simulate", "back", "--set", "physics.dt=1"), ("physics.dt", "dt_s")),
-        (("simulate", "back", "--set", "physics.dt_s=fast"), ("physics.dt_s", "number")),
-        (("simulate", "back", "--set", "physics.dt_s=7"), ("physics.dt_s", "0.002")),
-        (
-            ("simulate", "back", "--set", "physics.dt_s=0.0019"),
-            ("sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
-        ),
-        (("simulate", "back", "--set", "follower.estimator=magic"), ("magic", "kf_cv")),
-        (("simulate", "back", "--set", "follower.view=top"), ("follower.view", "side_left")),
-        (("simulate", "back", "--set", "robot=none.toml"), ("none.toml", "no such file")),
-        (("simulate", "pedestrian", "--set", "target.path.file=x.csv"), ("x.csv",)),
-        (("simulate", "back", "--set", "services=['physics','pilot']"), ("pilot", "installed")),
-        (("simulate", "back", "--set", "nonsense"), ("--set nonsense", "key.path=value")),
-        (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
-        (("collect", "back"), ("sim.mode=lockstep", "collector")),
-        (("run", "pilot", "back"), ("pilot", "physics")),
-        (("pub", "cmd_vel", '{"linear":{"x":"fast"}}'), ("cmd_vel", "float")),
-        (("pub", "cmd_vel", "{"), ("cmd_vel",)),
-        (("sim", "speed", "0"), ("sim/speed", "0.01")),
-        (("echo", "odom", "--connect", "tcp/127.0.0.1:1", "--namespace", "a b"), ("--namespace",)),
-    ],
-)
-def test_what_a_user_gets_wrong_is_one_line_and_exit_code_2(arguments, words):
-    assert_one_line(mecazen(*arguments), 2, *words)
-
-
-@pytest.mark.parametrize(
     "arguments",
     [
         ("sim", "state"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 from mecazen.drive import Drive
@@ -74,7 +74,7 @@ class FollowerConfig(Section):
     """Direction from the person to the robot: 0 is ahead of the person, 90 to their left."""
     heading_deg: AngleDeg | None = None
     """The robot's heading minus the person's."""
-    standoff_m: Positive = 1.0
+    standoff_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 1.0
     """Distance from the person to the robot."""
     estimator: str = "imm"
     estimator_params: dict[str, float] = msgspec.field(default_factory=dict)

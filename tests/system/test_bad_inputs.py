@@ -1,0 +1,114 @@
+"""What a user may get wrong: one line each, with what is wrong and what is allowed.
+
+The command line runs in this process, as starting one for each would take a minute.
+"""
+
+import sys
+
+import pytest
+from mecazen_tools.cli import main
+
+NOBODY = ("--connect", "tcp/127.0.0.1:1")
+
+
+def setting(text, *words, scenario="back"):
+    return ("simulate", scenario, "--set", text), words
+
+
+BAD = [
+    # commands, arguments and options
+    (("bla",), ("No such command", "bla")),
+    (("simulate",), ("SCENARIO",)),
+    (("simulate", "back", "--sett", "a=1"), ("--sett", "--set")),
+    (("simulate", "nowhere"), ("nowhere", "back", "side", "teleop")),
+    (("simulate", "./nowhere.toml"), ("nowhere.toml", "no such")),
+    (("simulate", "back", "--seed", "-1"), ("seed", ">= 0")),
+    (("simulate", "back", "--seed", "one"), ("--seed",)),
+    (("simulate", "back", "--duration", "0"), ("sim.duration_s", "> 0")),
+    (("simulate", "back", "--duration", "nan"), ("sim.duration_s",)),
+    (("simulate", "back", "--trajectory", "no/such/run.csv"), ("--trajectory", "no such folder")),
+    (("collect", "back"), ("sim.mode=lockstep", "collector")),
+    (("run", "pilot", "back"), ("pilot", "physics")),
+    (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
+    (("up", "back", "--processes", "0"), ("--processes", "1")),
+    (("graph", "back", "--svg", "no/such/flow.svg"), ("--svg", "No such file or directory")),
+    (("keys", "create", "/dev/null/keys"), ("/dev/null/keys",)),
+    (("keys", "create", "new", "--host", "a b"), ("--host a b",)),
+    # what is asked of a running simulation
+    (("sim", "step", "0"), ("ticks", "1")),
+    (("sim", "step", "-3"), ("ticks", "1")),
+    (("sim", "step", "many"), ("ticks", "integer")),
+    (("sim", "speed", "0"), ("factor", "0.01")),
+    (("sim", "speed", "-1"), ("factor", "0.01")),
+    (("sim", "speed", "1e9"), ("factor", "1000")),
+    (("sim", "reset", "--seed", "-1"), ("--seed", "0")),
+    (("sim", "restart"), ("restart",)),
+    (("sim", "state", *NOBODY), ("tcp/127.0.0.1:1", "mecazen up")),
+    (("sim", "state", "--connect", "nonsense"), ("nonsense",)),
+    (("sim", "state", "--tls", "no/keys"), ("no/keys",)),
+    (("status", *NOBODY), ("tcp/127.0.0.1:1", "mecazen up")),
+    (("echo", "odom", "--namespace", "a b"), ("--namespace",)),
+    (("echo", "odom", "--count", "0"), ("--count", "1")),
+    (("pub", "cmd_vel", '{"linear":{"x":"fast"}}'), ("cmd_vel", "float")),
+    (("pub", "cmd_vel", '{"linear":{"x":1e999}}'), ("cmd_vel",)),
+    (("pub", "cmd_vel", "{"), ("cmd_vel",)),
+    (("pub", "cmd_vel", "[]"), ("cmd_vel", "object")),
+    (("pub", "cmd_vel", "{}", "--rate", "0"), ("--rate", "0.01")),
+    (("pub", "cmd_vel", "{}", "--duration", "1"), ("--duration", "--rate")),
+    # recordings
+    (("info", "none.mcap"), ("none.mcap", "No such file")),
+    (("info", "/dev/null"), ("/dev/null", "not an MCAP file")),
+    (("replay", "none.mcap"), ("none.mcap", "No such file")),
+    (("replay", "/dev/null", "--through", "follower", "--loop"), ("not an MCAP file",)),
+    (("record", "-o", "/dev/null/run.mcap", *NOBODY), ("tcp/127.0.0.1:1",)),
+    # settings
+    setting("nonsense", "--set nonsense", "key.path=value"),
+    setting("=1", "key.path=value"),
+    setting("physics.dt=1", "physics.dt", "dt_s"),
+    setting("tick_s=0.01", "did you mean sim.tick_s"),
+    setting("physics.dt_s=fast", "physics.dt_s", "number"),
+    setting("physics.dt_s=7", "physics.dt_s", "0.002"),
+    setting("physics.dt_s=0.0019", "sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
+    setting("sim.tick_s=0", "sim.tick_s", "0.001"),
+    setting("sensor.rate_hz=33", "sensor.rate_hz", "25 and 33.3333"),
+    setting("sensor.kind=radar", "sensor.kind", "pose"),
+    setting("follower.estimator=magic", "magic", "kf_cv"),
+    setting("follower.view=top", "follower.view", "side_left"),
+    setting("follower.standoff_m=1e9", "follower.standoff_m", "<= 100"),
+    setting("follower.standoff_m=-1", "follower.standoff_m", "> 0"),
+    setting("follower.bearing_deg=30", "bearing_deg and heading_deg"),
+    setting("follower.lost_after_s=0.05", "coast_after_s"),
+    setting("target.path.speed_m_s=500", "target.path.speed_m_s", "<= 13"),
+    setting("target.path.kind=moonwalk", "target.path.kind", "u_track"),
+    setting("target.path.file=x.csv", "x.csv", scenario="pedestrian"),
+    setting("robot=none.toml", "none.toml", "no such file"),
+    setting("world=none.toml", "none.toml", "no such file"),
+    setting("start={x_m=0.1}", "start", "inside the person"),
+    setting("start={x_m=1e12}", "start.x_m", "<= 1000000000"),
+    setting("services=['physics','pilot']", "pilot", "installed"),
+    setting("services=['physics','physics']", "services", "at most once"),
+    setting("processes=[['physics','viewer']]", "viewer"),
+    setting("programs.follower='none.py:Mine'", "none.py"),
+    setting("bus.format=xml", "bus.format", "json"),
+    setting("seed=-1", "seed", ">= 0"),
+    setting("robots.one.start.x_m=1", "robots"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(given) for given, _ in BAD])
+def test_what_a_user_gets_wrong_is_one_line_and_says_what_is_allowed(
+    arguments, words, capsys, monkeypatch, tmp_path
+):
+    if arguments[0] == "keys":
+        monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["mecazen", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr()
+    assert ended.value.code in (1, 2), told
+    assert not told.out
+    (line,) = told.err.splitlines()
+    assert line.startswith("error: ")
+    for word in words:
+        assert word in line
+    assert not list(tmp_path.iterdir())
