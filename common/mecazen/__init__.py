@@ -1,1 +1,13 @@
-"""mecazen: messages, bus, time, configuration and command line of the simulator."""
+"""mecazen: messages, bus, time and configuration of the simulator; `Simulation` runs a scenario."""
+
+from importlib import import_module
+from typing import Any
+
+__all__ = ["Simulation"]
+
+
+def __getattr__(name: str) -> Any:
+    """Return `Simulation`, which the project of the tools has: a node needs none of it."""
+    if name != "Simulation":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module("mecazen_tools.simulation").Simulation

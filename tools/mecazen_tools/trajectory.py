@@ -129,6 +129,27 @@ class Trajectory:
         header = ",".join(self.columns).encode()
         return b"".join(line + b"\n" for line in (header, cells) if line)
 
+    def to_numpy(self) -> Any:
+        """Return the rows as a structured array: `trajectory.to_numpy()["robot_x_m"]`.
+
+        Numbers are float64, NaN where there is nothing; `tracking` is text.
+        """
+        import numpy as np  # noqa: PLC0415 - a command needs none
+
+        kinds = ["U16" if name.endswith("tracking") else "f8" for name in self.columns]
+        empty = ["" if kind == "U16" else math.nan for kind in kinds]
+        rows = [
+            tuple(empty[n] if cell is None else cell for n, cell in enumerate(row))
+            for row in self.rows()
+        ]
+        return np.array(rows, dtype=list(zip(self.columns, kinds, strict=True)))
+
+    def to_pandas(self) -> Any:
+        """Return the rows as a table, with `t_s` as its index; pandas must be installed."""
+        import pandas as pd  # noqa: PLC0415 - as above
+
+        return pd.DataFrame(self.to_numpy()).set_index("t_s")
+
     def sha256(self) -> str:
         """Return the hash of the CSV: equal exactly when every number is."""
         return hashlib.sha256(self.csv()).hexdigest()

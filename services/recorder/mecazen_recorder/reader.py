@@ -158,7 +158,9 @@ class Recording:
         except ValueError as error:
             reason = one_line(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
-        optional = {*SERVICES, *installed_sections(), "bus"}
+        # guard and sensors are sections that every node reads, besides being services
+        own = {*SERVICES, *installed_sections()} - {*Scenario.__struct_fields__}
+        optional = {*own, "bus"}
 
         def wanted(tables: dict[str, Any]) -> dict[str, Any]:
             return {

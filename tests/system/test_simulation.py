@@ -1,0 +1,91 @@
+"""Scenarios from Python: the same bits as the command line, and one-line errors."""
+
+import doctest
+import math
+
+import numpy as np
+import pytest
+from harness import SCENARIOS
+from mecazen import Simulation
+from mecazen.errors import ConfigError, MecazenError
+from mecazen.loading import load_scenario
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recompute import recompute
+from mecazen_tools import simulation
+from mecazen_tools.simulate import simulate
+
+SHORT = {"seed": 5, "duration_s": 1.0, "follower.standoff_m": 1.5}
+
+
+def test_a_name_a_file_and_an_object_give_the_same_bits_as_the_command_line():
+    file = SCENARIOS / "side.toml"
+    settings = ("seed=5", "sim.duration_s=1.0", "follower.standoff_m=1.5")
+    expected, _ = simulate(load_scenario(file, settings), "side")
+    for scenario in ("side", file, load_scenario(file)):
+        with Simulation(scenario, **SHORT) as sim:
+            for _ in range(50):
+                sim.step()
+            sim.run()
+            assert sim.is_over
+            assert sim.trajectory.sha256() == expected.trajectory_sha256
+            assert sim.scores().d_err_m == expected.d_err_m
+
+
+def test_the_state_is_that_of_the_tick_and_the_tables_hold_every_tick():
+    with Simulation("side", duration_s=1.0) as sim:
+        state = sim.run(0.5)
+        table = sim.trajectory.to_numpy()
+        assert state.time_s == sim.time_s == table["t_s"][-1] == 0.5
+        assert len(table) == 51
+        assert state.robot == (
+            table["robot_x_m"][-1],
+            table["robot_y_m"][-1],
+            table["robot_yaw_rad"][-1],
+        )
+        assert table["tracking"][-1] == state.follower.tracking
+        assert np.isnan(table["estimate_x_m"][0]) == (table["tracking"][0] == "waiting")
+        frame = sim.trajectory.to_pandas()
+        assert frame.index[-1] == 0.5
+        assert frame["odom_x_m"].iloc[-1] == state.odom.x
+
+
+def test_a_robot_that_is_commanded_goes_on_until_told_otherwise_and_is_computed_anew(tmp_path):
+    file = tmp_path / "run.mcap"
+    with Simulation("teleop", duration_s=3.0, record=file, **{"guard.enabled": False}) as sim:
+        sim.command(0.2)
+        sim.run(2.0)
+        moved = sim.state.robot.x - sim.scenario.start.x_m
+        # 0.2 m/s for 2 s, less a start within its acceleration limit
+        assert moved == pytest.approx(0.4, abs=0.05)
+        sim.command(wz=-0.5)
+        assert sim.run().robot.yaw < -0.3
+    assert recompute(Recording(file), "controller", "").difference is None
+
+
+def test_several_robots_are_told_apart():
+    with Simulation("convoy", duration_s=0.2) as sim:
+        sim.run()
+        first, second, *_ = sim.scenario.names
+        assert sim.state == sim.state_of(first)
+        assert sim.state_of(second).robot != sim.state.robot
+        assert sim.latest(f"{second}/odom").pose.pose.to_planar() == sim.state_of(second).odom
+        assert not math.isnan(sim.scores(second).d_err_m or 0.0)
+
+
+def test_what_is_wrong_is_said_in_one_line():
+    with pytest.raises(ConfigError, match="did you mean"):
+        Simulation("back", **{"follower.standof_m": 1.5})
+    with Simulation("back", duration_s=0.1) as sim:
+        with pytest.raises(ConfigError, match="follower drives"):
+            sim.command(0.1)
+        with pytest.raises(ConfigError, match="driven"):
+            sim.command_person(0.1)
+        with pytest.raises(ConfigError, match="no robot 'two'"):
+            sim.state_of("two")
+        sim.run()
+        with pytest.raises(MecazenError, match=r"the run is over after 0\.1 s"):
+            sim.step()
+
+
+def test_the_examples_in_the_docstrings_are_true():
+    assert doctest.testmod(simulation).failed == 0

@@ -1,0 +1,281 @@
+"""A scenario from Python, step by step: `from mecazen import Simulation`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from os import PathLike, fspath
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from mecazen import keys
+from mecazen.config import Scenario, wanted_view
+from mecazen.errors import ConfigError, MecazenError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.keys import Topic
+from mecazen.loading import effective, from_tables, load_scenario, scenario_path
+from mecazen.messages import FollowerState, Message, Odometry, Twist
+from mecazen.programs import graph_of
+from mecazen.wire import JSON_ENCODING, NS_PER_S, Stamp, encode
+
+from mecazen_tools.simulate import InProcess
+from mecazen_tools.trajectory import Scores, Trajectory
+
+RECORDER = "recorder"
+
+
+class State(NamedTuple):
+    """Where a robot and its person are, at a tick; None where nobody has said it yet."""
+
+    time_s: float
+    robot: Pose2D
+    """The true pose of base_link in world [m, m, rad]."""
+    robot_twist: Twist2D
+    """In base_link [m/s, m/s, rad/s]."""
+    person: Pose2D | None
+    """The true pose in world."""
+    person_twist: Twist2D | None
+    """In the person's own frame: x forward, y left."""
+    odom: Pose2D | None
+    """Where the robot believes to be, in odom."""
+    command: Twist2D | None
+    """The newest `cmd_vel`, in base_link."""
+    follower: FollowerState | None
+
+
+class Simulation:
+    """A scenario in this process, in lockstep, tick by tick.
+
+    The same scenario, seed and commands give the same trajectory to the last bit, and the same
+    as `mecazen simulate`. It is begun at once; close it, or use it in a `with` statement.
+
+    >>> with Simulation("back", duration_s=2.0) as sim:
+    ...     state = sim.run()
+    >>> round(state.robot.distance(state.person), 2)
+    1.02
+
+    Args:
+        scenario: A name, a TOML file, or a loaded scenario.
+        seed: Of the noise; the scenario's if left out.
+        duration_s: Simulated seconds; the scenario's if left out.
+        record: An MCAP file for everything that is published.
+        settings: What differs from the scenario, by key: `**{"follower.standoff_m": 1.5}`.
+
+    Raises:
+        ConfigError: A setting can't be used; one line says what is allowed.
+    """
+
+    def __init__(
+        self,
+        scenario: str | PathLike[str] | Scenario,
+        *,
+        seed: int | None = None,
+        duration_s: float | None = None,
+        record: str | PathLike[str] | None = None,
+        **settings: Any,
+    ) -> None:
+        if seed is not None:
+            settings["seed"] = seed
+        if duration_s is not None:
+            settings["sim.duration_s"] = duration_s
+        loaded = _load(scenario, settings)
+        if record is not None:
+            settings["services"] = [*loaded.services, RECORDER]
+            settings[f"{RECORDER}.file"] = fspath(record)
+            loaded = _load(scenario, settings)
+        self._run = InProcess(loaded)
+        self._graph = graph_of(loaded)
+        self._latest: dict[str, Message] = {}
+        self._held: dict[str, bytes] = {}
+        """What is commanded before each tick, by key."""
+        for robot in loaded.names:
+            for topic in self._graph.topics:
+                self._listen(topic, robot)
+        self._run.begin()
+        self._run.clock.await_answers()
+
+    @property
+    def scenario(self) -> Scenario:
+        """The whole configuration."""
+        return self._run.scenario
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return self._run.clock.stamp.time_ns / NS_PER_S
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the scenario's duration has passed."""
+        return self._run.clock.tick >= self.scenario.sim.ticks - 1
+
+    def step(self) -> State:
+        """Simulate one tick, and return the state after it.
+
+        Raises:
+            MecazenError: The scenario's duration has passed, or a service failed.
+        """
+        if self.is_over:
+            raise MecazenError(
+                f"the run is over after {self.scenario.sim.duration_s:g} s; duration_s sets it"
+            )
+        for key, payload in self._held.items():
+            self._run.bus.put_bytes(key, payload, JSON_ENCODING)
+        self._run.step()
+        self._run.clock.await_answers()
+        return self.state
+
+    def run(self, seconds: float | None = None) -> State:
+        """Simulate some seconds, or all that are left; return the state after them.
+
+        Raises:
+            MecazenError: As of `step`.
+        """
+        sim, now = self.scenario.sim, self._run.clock.tick
+        left = sim.ticks - 1 - now if seconds is None else round(seconds / sim.tick_s)
+        for _ in range(left):
+            self.step()
+        return self.state
+
+    def command(
+        self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""
+    ) -> None:
+        """Drive a robot by hand from now on: its velocity in base_link [m/s, m/s, rad/s].
+
+        It is `cmd_vel` from outside, before each tick; guard and limits hold as for anyone.
+
+        Raises:
+            ConfigError: A node of the scenario drives the robot, or there is none of this name.
+        """
+        self._hold(keys.CMD_VEL, robot, Twist.planar(Twist2D(vx, vy, wz)))
+
+    def command_person(
+        self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""
+    ) -> None:
+        """Walk the person from now on, in their own frame; their `target.path` must be driven.
+
+        Raises:
+            ConfigError: The path is known in advance, or there is no robot of this name.
+        """
+        path = getattr(self.scenario.of(robot).sections.get("target"), "path", None)
+        if not hasattr(path, "timeout_s"):
+            raise ConfigError("command_person needs target.path = { kind = 'driven' }")
+        self._hold(keys.TARGET_CMD_VEL, robot, Twist.planar(Twist2D(vx, vy, wz)))
+
+    @property
+    def state(self) -> State:
+        """The state of the robot, or of the first of several."""
+        return self.state_of(self.scenario.names[0])
+
+    def state_of(self, robot: str) -> State:
+        """Return the state of one of several robots.
+
+        Raises:
+            ConfigError: There is none of this name.
+        """
+        truth = self._motion(keys.GROUND_TRUTH, robot)
+        person = self._motion(keys.TARGET_ODOM, robot) or (None, None)
+        odom = self._motion(keys.ODOM, robot) or (None, None)
+        command = self.latest(_key(keys.CMD_VEL, robot))
+        follower = self.latest(_key(keys.FOLLOWER_STATE, robot))
+        if truth is None:
+            raise ConfigError(f"no robot {robot!r}; robots: {', '.join(self.scenario.names)}")
+        return State(
+            self.time_s,
+            truth[0],
+            truth[1],
+            person[0],
+            person[1],
+            odom[0],
+            command.to_planar() if isinstance(command, Twist) else None,
+            follower if isinstance(follower, FollowerState) else None,
+        )
+
+    def latest(self, key: str) -> Message | None:
+        """Return the newest message on a key, such as `scan` or `one/odom`; None: not yet one."""
+        return self._latest.get(key)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Every tick so far: `to_numpy()`, `to_pandas()`, `csv()`, `sha256()`."""
+        self._run.bus.spin()
+        return self._run.trajectory
+
+    def scores(self, robot: str | None = None) -> Scores:
+        """Return the published measures of following so far, of the first robot or a named one."""
+        name = self.scenario.names[0] if robot is None else robot
+        return self.trajectory.scores(*wanted_view(self.scenario.of(name)), name)
+
+    def view(self) -> object:
+        """Show it in a notebook from now on, as the viewer does; call it before the first step.
+
+        Raises:
+            ConfigError: The viewer is not installed here, or not for notebooks.
+        """
+        for entry in entry_points(group="mecazen.notebook"):
+            return entry.load()(self._run.bus, self.scenario)
+        raise ConfigError("view needs the viewer: pip install 'mecazen-viewer[notebook]'")
+
+    def close(self) -> None:
+        """End the services' work; a recording is whole then."""
+        self._run.bus.spin()
+        self._run.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _listen(self, topic: Topic[Any], robot: str) -> None:
+        key = topic.key if topic.shared else _key(topic, robot)
+
+        def take(message: Message, stamp: Stamp | None) -> None:
+            del stamp
+            self._latest[key] = message
+
+        self._run.bus.namespaced(robot).subscribe(topic, take)
+
+    def _motion(self, topic: Topic[Odometry], robot: str) -> tuple[Pose2D, Twist2D] | None:
+        odometry = self.latest(_key(topic, robot))
+        if not isinstance(odometry, Odometry):
+            return None
+        return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()
+
+    def _hold(self, topic: Topic[Twist], robot: str, twist: Twist) -> None:
+        if robot not in self.scenario.names:
+            known = ", ".join(self.scenario.names) or "one without a name"
+            raise ConfigError(f"no robot {robot!r}; there is {known}")
+        giver = self._graph.giver(topic.key)
+        if giver is not None:
+            raise ConfigError(
+                f"{giver.name} drives: leave it out of services, as the scenario teleop does"
+            )
+        self._held[_key(topic, robot)] = encode(twist, "json")
+
+
+def _load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) -> Scenario:
+    overrides = tuple(f"{key}={_toml(value)}" for key, value in settings.items())
+    if isinstance(scenario, Scenario):
+        return from_tables(effective(scenario), Path("scenario"), overrides)
+    return load_scenario(scenario_path(fspath(scenario)), overrides)
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML has it on one line: as JSON, but for tables."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(fspath(value) if isinstance(value, PathLike) else value)
+
+
+def _key(topic: Topic[Any], robot: str) -> str:
+    return f"{robot}/{topic.key}" if robot else topic.key
