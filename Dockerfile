@@ -7,6 +7,7 @@ COPY constraints.txt /
 
 FROM base AS sdk-wheel
 COPY common /src/common
+COPY configs /src/configs
 COPY tools /src/tools
 RUN pip wheel --no-deps -w /wheels /src/common /src/tools
 

@@ -23,6 +23,8 @@ from mecazen.schema import Folder, Section
 
 SectionT = TypeVar("SectionT", bound=Section)
 
+OWN = Path(__file__).parent
+"""Where the scenarios, robots and worlds are that come with the package, in `configs`."""
 SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
 """The environment's scenario, and its overrides, apart by spaces, where none are given."""
 
@@ -44,6 +46,8 @@ def scenario_path(name: str) -> Path:
 def named_file(name: str, kind: str) -> Path:
     """Return a TOML file given by its path or by its name in `configs/<kind>s`.
 
+    That is a folder here or above, or else the one that comes with the package.
+
     Raises:
         ConfigError: There is no such file.
     """
@@ -51,14 +55,12 @@ def named_file(name: str, kind: str) -> Path:
     if path.is_file():
         return path
     here = Path.cwd()
-    for above in (here, *here.parents):
-        folder = above / "configs" / f"{kind}s"
-        if folder.is_dir():
-            if (folder / f"{name}.toml").is_file():
-                return folder / f"{name}.toml"
-            known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
-            raise ConfigError(f"{name}: no such {kind}; a path to a TOML file, or one of {known}")
-    raise ConfigError(f"{name}: no such file, and no configs/{kind}s here or above")
+    folders = [above / "configs" / f"{kind}s" for above in (here, *here.parents, OWN)]
+    folder = next(filter(Path.is_dir, folders))
+    if (folder / f"{name}.toml").is_file():
+        return folder / f"{name}.toml"
+    known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
+    raise ConfigError(f"{name}: no such {kind}; a path to a TOML file, or one of {known}")
 
 
 def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:

@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import pytest
 import tomli_w
-from harness import error_of
+from harness import SCENARIOS, error_of
 from mecazen import loading
 from mecazen.config import BusConfig, Scenario, whole_ticks
 from mecazen.errors import ConfigError
@@ -402,10 +402,10 @@ def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path,
         scenario_path("bak")
 
 
-def test_when_there_are_no_scenarios_expect_that_said(tmp_path, monkeypatch):
+def test_where_there_are_no_scenarios_those_of_the_package_are_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=r"^back: no such file, and no configs/scenarios here"):
-        scenario_path("back")
+    assert scenario_path("back").read_bytes() == (SCENARIOS / "back.toml").read_bytes()
+    assert load_scenario(scenario_path("back")).robot.name
 
 
 def test_a_scenario_is_immutable(scenario):

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import metadata
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
@@ -85,6 +86,22 @@ def run(
     mecazen run controller+follower back
     """
     runtime.run(service, load(scenario, settings), robot)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mecazen {metadata.version('mecazen')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _global(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version.", callback=_tell_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Take the options of `mecazen` itself; its help is the application's."""
 
 
 @app.command(name="simulate")
