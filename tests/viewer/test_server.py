@@ -133,6 +133,24 @@ def test_a_server_that_ends_is_an_error():
             server.check()
 
 
+def test_a_viewer_whose_server_has_died_survives_a_reset_and_so_do_others():
+    stage = Stage()
+    with serving(ANYWHERE, LAYOUT) as server:
+        stage.viewer.send = server.take
+        stage.play(run=1, ticks=1)
+        held = stage.viewer.recording
+        held.flush(timeout_sec=10.0)
+        (rerun,) = psutil.Process().children()
+        rerun.kill()
+        rerun.wait()
+        stage.viewer.reset(seed=2)
+        other = Stage()
+        other.play(run=1, ticks=1)
+        assert other.shown == ["00000001"]
+        with pytest.raises(RuntimeError):
+            held.flush(timeout_sec=10.0)
+
+
 def test_when_the_viewer_is_killed_the_server_ends_too():
     code = (
         "from mecazen_viewer.server import serving\n"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 
 import numpy as np
 import rerun as rr
@@ -146,8 +147,10 @@ class ViewerService(Observer):
     def end(self) -> None:
         """End the recording of a run."""
         self.recording, self.logged_ns = None, -1
-        # an orphaned recording keeps its threads until this call
-        rerun_bindings.flush_and_cleanup_orphaned_recordings()
+        # an orphaned recording keeps its threads until this call, which raises if any recording of
+        # this process has lost its server: `run` says so of its own
+        with suppress(RuntimeError):
+            rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
     def robot(self, name: str) -> Iterable[Entity]:
         """Return the static entities of a robot; none if nobody describes it."""
