@@ -225,6 +225,9 @@ def test_in_real_time_a_tick_ends_when_it_is_due_and_counts_what_was_missed(wall
         rig.clock.step()
     assert x_of(rig.take()) == pytest.approx(0.22)
     assert rig.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 2
+    anew = rig.ask(keys.SIM_RESET, ResetRequest())
+    rig.tick("controller")
+    assert anew.message.missed_deadlines == 0
 
 
 def test_at_twice_the_speed_a_tick_takes_half_the_time_and_lockstep_has_none(wall):

@@ -74,7 +74,6 @@ class TimeOwner(Participant):
         self.steps_left = 0
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
-        self.missed_deadlines = 0
         self._clock = bus.publisher(keys.CLOCK) if scenario.robots else None
         """Simulated time for all robots together, in no one's namespace."""
         configuration = to_toml(scenario)
@@ -90,7 +89,7 @@ class TimeOwner(Participant):
     def reset(self, seed: int) -> None:
         """Begin a run: the world back at its start."""
         self.world.reset(seed)
-        self.tick = 0
+        self.tick = self.missed_deadlines = 0
         self.stamp = Stamp(0, secrets.randbits(32), seed)
         for link in self.links:
             link.reset(self.stamp)
