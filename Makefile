@@ -5,20 +5,25 @@ SCENARIO ?= back
 HOURS ?= 2
 WORKSPACE := common people tools $(SERVICES:%=services/%) experiments bench
 
-# uv where it is present, else pip: the same versions from constraints.txt
+# Every process would compile all modules anew, where an image says that they are not kept.
+unexport PYTHONDONTWRITEBYTECODE
+
+# uv where it is present, else pip: the same versions from constraints.txt. What builds our projects
+# is installed once and not, as pip would have it, for each of them anew; compiled is what is used.
 define make_venv
 	rm -rf $(1)
 	if command -v uv >/dev/null; then \
 		uv venv -q -p $(PYTHON) $(1) && \
 		uv pip install -q -p $(1)/bin/python -b constraints.txt -c constraints.txt $(2); \
 	else \
-		$(PYTHON) -m venv $(1) && \
-		$(1)/bin/pip install -q -U --disable-pip-version-check -c constraints.txt pip && \
-		PIP_CONSTRAINT=$(CURDIR)/constraints.txt \
-			$(1)/bin/pip install -q --disable-pip-version-check $(2); \
+		$(PYTHON) -m venv --without-pip $(1) && \
+		pip="$(CURDIR)/.venv-pip/bin/pip --python $(1)/bin/python install -q --no-compile -c constraints.txt" && \
+		$$pip $(BUILD) && $$pip --no-build-isolation $(2); \
 	fi
 	touch $(1)/ready
 endef
+BUILD := hatchling editables
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # what draws without a screen or a graphics card: tests that need it skip where it can't be had
 DRAWING := libvulkan1 mesa-vulkan-drivers chromium
@@ -44,25 +49,30 @@ help:
 
 install: .venv/ready
 
-.venv/ready: pyproject.toml constraints.txt $(WORKSPACE:%=%/pyproject.toml)
+.venv-pip/ready: constraints.txt
+	@command -v uv >/dev/null || { rm -rf $(@D) && $(PYTHON) -m venv $(@D) && \
+		$(@D)/bin/pip install -q -U -c constraints.txt pip; }
+	@mkdir -p $(@D) && touch $@
+
+.venv/ready: pyproject.toml constraints.txt $(WORKSPACE:%=%/pyproject.toml) | .venv-pip/ready
 	@echo "preparing .venv: a minute or two the first time"
-	@$(call make_venv,.venv,$(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
+	@$(call make_venv,.venv,pip $(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
 
 # one service and nothing else: what it does not declare, it does not find
 .venv-target/ready .venv-crowd/ready: PEOPLE := -e ./people
-.venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml tools/pyproject.toml services/%/pyproject.toml
+.venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
 	@echo "preparing .venv-$*"
 	@$(call make_venv,.venv-$*,-e ./common $(PEOPLE) -e ./tools -e ./services/$* --group test)
 
-.venv-common/ready: constraints.txt common/pyproject.toml
+.venv-common/ready: constraints.txt common/pyproject.toml | .venv-pip/ready
 	@echo "preparing .venv-common"
 	@$(call make_venv,.venv-common,-e ./common --group test)
 
-.venv-people/ready: constraints.txt common/pyproject.toml people/pyproject.toml
+.venv-people/ready: constraints.txt common/pyproject.toml people/pyproject.toml | .venv-pip/ready
 	@echo "preparing .venv-people"
 	@$(call make_venv,.venv-people,-e ./common -e ./people --group test)
 
-.venv-tools/ready: constraints.txt common/pyproject.toml tools/pyproject.toml
+.venv-tools/ready: constraints.txt common/pyproject.toml tools/pyproject.toml | .venv-pip/ready
 	@echo "preparing .venv-tools"
 	@$(call make_venv,.venv-tools,-e ./common -e ./tools[keys] --group test)
 
