@@ -29,7 +29,7 @@ from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
 from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_path, parse_sweeps
 from mecazen_experiments.jobs import Job, Key, Series, expand
-from mecazen_experiments.local import LocalWorkers
+from mecazen_experiments.local import LocalWorkers, as_workers
 from mecazen_experiments.quality import Curves, Quality
 from mecazen_experiments.run import Record, tabulate
 from mecazen_experiments.schedule import Progress, Workers, do_all, do_new, run_all
@@ -195,9 +195,10 @@ def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
     done: list[fuzzing.Episode] = []
     with bar:
         minute = partial(fuzzing.episode, physics=physics, robot=robot)
-        made = Parallel(n_jobs=options.jobs or -1, return_as="generator")(
-            delayed(minute)(seed) for seed in seeds
-        )
+        with as_workers():
+            made = Parallel(n_jobs=options.jobs or -1, return_as="generator")(
+                delayed(minute)(seed) for seed in seeds
+            )
         for one in made:
             done.append(one)
             progress(len(done), len(seeds))

@@ -50,7 +50,7 @@ class LocalWorkers:
     def _do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         outcomes: Outcomes[T] | None = None
         try:
-            with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():
+            with parallel_config(backend="loky", inner_max_num_threads=1), as_workers():
                 parallel = Parallel(
                     self._count, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
                 )
@@ -63,7 +63,7 @@ class LocalWorkers:
 
 
 @contextmanager
-def _as_workers() -> Iterator[None]:
+def as_workers() -> Iterator[None]:
     """Start processes that leave it to this one to end them, and to say why.
 
     They ignore Ctrl-C, which a terminal sends to all. joblib's process that removes what others

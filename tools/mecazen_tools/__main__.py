@@ -1,5 +1,25 @@
-"""The command line: `python -m mecazen_tools`."""
+"""The command line, `mecazen` or `python -m mecazen_tools`: Ctrl-C ends it quietly at any time."""
 
-from mecazen_tools.cli import main
+import signal
+import sys
 
-main()
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+def main() -> None:
+    """Run the command line; until it has been imported Ctrl-C ends the process at once."""
+    interrupt = signal.getsignal(signal.SIGINT)
+    if interrupt is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        run()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()
