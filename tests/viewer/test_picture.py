@@ -221,18 +221,18 @@ def test_of_several_robots_health_and_tracking_are_told_with_their_names():
     assert lines == [
         f"{robot}/{line}" for robot in ("one", "two") for line in ("tracking: lost", "follower: ok")
     ]
-    table = dict(pictures[0].on_diagnostics(physics_says("1.0"), 0))[e.HEALTH]
-    (text,) = table.text.as_arrow_array().to_pylist()
-    rows = [line.split(" | ")[0] for line in text.splitlines()[2:]]
-    assert rows == ["| one/follower", "| physics", "| two/follower"]
+    shown = dict(pictures[0].on_diagnostics(physics_says("1.0"), 0))[e.HEALTH]
+    (text,) = shown.text.as_arrow_array().to_pylist()
+    names = [paragraph.split()[0] for paragraph in text.split("\n\n")]
+    assert names == ["**one/follower**", "**physics**", "**two/follower**"]
 
 
-def test_the_table_holds_the_newest_of_every_service_in_four_digits():
+def test_health_is_the_newest_of_the_newest_of_every_service_in_four_digits():
     shown = picture()
     list(shown.on_diagnostics(physics_says("0.123456"), 0))
-    table = dict(shown.on_diagnostics(physics_says("0.987654"), 0))[e.HEALTH]
-    (text,) = table.text.as_arrow_array().to_pylist()
-    assert "| physics | ok | rtf 0.9877 |" in text
+    text_shown = dict(shown.on_diagnostics(physics_says("0.987654"), 0))[e.HEALTH]
+    (text,) = text_shown.text.as_arrow_array().to_pylist()
+    assert "**physics** ok: rtf 0.9877" in text
     assert "0.1235" not in text
 
 

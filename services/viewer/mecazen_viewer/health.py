@@ -1,4 +1,4 @@
-"""Diagnostics and tracking state as text: changes in a log, the newest values in a table."""
+"""Diagnostics and tracking state as text: changes in a log, the newest values in full."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Health:
             yield f"{e.LOG}/guard", rr.TextLog(line, level=level)
 
     def diagnostics(self, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
-        """Return a log line for each service whose health has changed, and the table of all."""
+        """Return a log line for each service whose health has changed, and the text of all."""
         for status in report.status:
             name = join_key(status.name, robot)
             before = self._status.get(name)
@@ -58,18 +58,19 @@ class Health:
             if before is None or (before.level, before.message) != (status.level, status.message):
                 line = rr.TextLog(f"{name}: {status.message}", level=LEVELS[status.level])
                 yield f"{e.LOG}/{status.name}", line
-        yield e.HEALTH, rr.TextDocument(self._table(), media_type=rr.MediaType.MARKDOWN)
+        yield e.HEALTH, rr.TextDocument(self._text(), media_type=rr.MediaType.MARKDOWN)
 
-    def _table(self) -> str:
-        rows = ["| service | health | values |", "| --- | --- | --- |"]
+    def _text(self) -> str:
+        """Return a paragraph for each service, which wraps: a table's cells would be cut off."""
+        paragraphs = []
         for name, status in sorted(self._status.items()):
             values = ", ".join(
                 f"{pair.key} {_short(pair.value)}"
                 for pair in status.values
                 if pair.key not in HIDDEN and not pair.key.startswith(HIDDEN_PREFIXES)
             )
-            rows.append(f"| {name} | {NAMES[status.level]} | {values} |")
-        return "\n".join(rows)
+            paragraphs.append(f"**{name}** {NAMES[status.level]}: {values}")
+        return "\n\n".join(paragraphs)
 
 
 def _short(value: str) -> str:

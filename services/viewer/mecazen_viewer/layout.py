@@ -8,12 +8,13 @@ import rerun.blueprint as rrb
 
 from mecazen_viewer import entities as e
 from mecazen_viewer.plots import TIME_LINES
-from mecazen_viewer.track import TRAIL_NS
 
 BACKGROUND = (206, 211, 218)
 """Background of the scene: light, since the robot is dark, in both themes of the viewer."""
-PLOTTED_NS = TRAIL_NS
+PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
+LEGEND_SHARE = 0.25
+"""Of the width of a plot: its legend's place, right of the newest values."""
 
 
 def application(robots: Sequence[str]) -> str:
@@ -39,12 +40,21 @@ def _of_robot(robot: str) -> rrb.Horizontal:
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
 
-    def plot(path: str, name: str) -> rrb.TimeSeriesView:
+    def plot(path: str, name: str, width: float = 1.0) -> rrb.TimeSeriesView:
+        share = LEGEND_SHARE / width
         return rrb.TimeSeriesView(
             origin=path if path in TIME_LINES else e.of_robot(path, robot),
             name=name,
             time_ranges=past,
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+            axis_x=rrb.TimeAxis(
+                view_range=rrb.TimeRange(
+                    start=rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS),
+                    end=rrb.TimeRangeBoundary.cursor_relative(
+                        nanos=round(PLOTTED_NS * share / (1.0 - share))
+                    ),
+                )
+            ),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
         )
 
     def scene(name: str, eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
@@ -77,9 +87,12 @@ def _of_robot(robot: str) -> rrb.Horizontal:
         plot(e.DISTANCE, "distance error [m]"),
         plot(e.ANGLE, "heading error [°]"),
         rrb.Horizontal(
-            plot(e.VELOCITY, "body velocity [m/s]"), plot(e.YAW_RATE, "yaw rate [rad/s]")
+            plot(e.VELOCITY, "body velocity [m/s]", 0.5),
+            plot(e.YAW_RATE, "yaw rate [rad/s]", 0.5),
         ),
         plot(e.WHEEL_SPEED, "wheel speed [rad/s]"),
-        rrb.Horizontal(plot(e.NEES, "estimator: NEES"), plot(e.REAL_TIME, "real-time factor")),
+        rrb.Horizontal(
+            plot(e.NEES, "estimator: NEES", 0.5), plot(e.REAL_TIME, "real-time factor", 0.5)
+        ),
     )
     return rrb.Horizontal(scenes, plots, column_shares=[3, 2], name=robot or None)
