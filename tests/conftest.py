@@ -73,7 +73,7 @@ def attach():
     from mecazen_viewer.rerun_process import RerunError, headless_viewer
 
     try:
-        with headless_viewer() as viewer:
+        with headless_viewer(1280, 720) as viewer:
             yield viewer
     except RerunError as error:
         pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")

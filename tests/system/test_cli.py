@@ -4,6 +4,8 @@ import hashlib
 import os
 import select
 import signal
+import subprocess
+import sys
 import time
 import tomllib
 
@@ -21,7 +23,23 @@ from harness import (
     options,
 )
 from mecazen.loading import effective, load_scenario
+from mecazen_tools.cli import main
 from mecazen_tools.processes import private_router
+
+
+@pytest.fixture
+def here(monkeypatch, capsys):
+    """Run a command as `harness.mecazen` does, but in this process, which has started already."""
+
+    def run(*arguments, **variables):
+        for name, value in {"COLUMNS": "160", "TERM": "dumb", **variables}.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setattr(sys, "argv", ["mecazen", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return subprocess.CompletedProcess(arguments, ended.value.code, *capsys.readouterr())
+
+    return run
 
 
 @pytest.mark.parametrize(
@@ -34,9 +52,9 @@ from mecazen_tools.processes import private_router
         ("pub", "cmd_vel", "{}"),
     ],
 )
-def test_without_a_router_tools_say_so_in_one_line(arguments):
+def test_without_a_router_tools_say_so_in_one_line(here, arguments):
     endpoint = endpoint_of(private_router())
-    assert_one_line(mecazen(*arguments, "--connect", endpoint), 1, endpoint, "mecazen up")
+    assert_one_line(here(*arguments, "--connect", endpoint), 1, endpoint, "mecazen up")
 
 
 def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path):
@@ -50,8 +68,8 @@ def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path):
 
 
 @pytest.mark.parametrize("scenario", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
-def test_the_printed_configuration_is_whole_and_loads_again(scenario, tmp_path):
-    printed = mecazen("config", scenario).stdout
+def test_the_printed_configuration_is_whole_and_loads_again(here, scenario, tmp_path):
+    printed = here("config", scenario).stdout
     copy = tmp_path / "copy.toml"
     copy.write_text(printed)
     original = load_scenario(SCENARIOS / f"{scenario}.toml")
@@ -61,29 +79,29 @@ def test_the_printed_configuration_is_whole_and_loads_again(scenario, tmp_path):
     )
 
 
-def test_scenario_and_settings_may_come_from_the_environment():
+def test_scenario_and_settings_may_come_from_the_environment(here):
     variables = {
         "MECAZEN_SCENARIO": "side",
         "MECAZEN_SET": 'sim.speed=2  follower.standoff_m=1.5 services=["physics","controller"]',
     }
-    printed = tomllib.loads(mecazen("config", **variables).stdout)
+    printed = tomllib.loads(here("config", **variables).stdout)
     assert printed["follower"]["view"] == "side_left"
     assert (printed["sim"]["speed"], printed["follower"]["standoff_m"]) == (2, 1.5)
     assert printed["services"] == ["physics", "controller"]
-    given = tomllib.loads(mecazen("config", "back", "--set", "sim.speed=3", **variables).stdout)
+    given = tomllib.loads(here("config", "back", "--set", "sim.speed=3", **variables).stdout)
     assert (given["sim"]["speed"], given["follower"]["view"]) == (3, "back")
     wrong = {**variables, "MECAZEN_SET": "sim.speed=0"}
-    assert_one_line(mecazen("config", **wrong), 2, "sim.speed", "0.01")
+    assert_one_line(here("config", **wrong), 2, "sim.speed", "0.01")
 
 
-def test_every_command_has_help_that_says_what_it_does():
+def test_every_command_has_help_that_says_what_it_does(here):
     names = ["up", "run", "simulate", "collect", "topics", "status", "echo", "pub", "config"]
     names += ["sim", "view", "graph", "record", "replay", "info"]
     for name in names:
-        done = mecazen(name, "--help")
+        done = here(name, "--help")
         assert done.returncode == 0
         assert len(done.stdout) > 300
-    overview = mecazen("--help").stdout
+    overview = here("--help").stdout
     assert all(name in overview for name in names)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from harness import ROOT, SCENARIOS, Command, Newest, mecazen, options
 from mecazen import keys
-from mecazen.messages import ResetRequest
+from mecazen.messages import ResetRequest, SpeedRequest
 from mecazen_tools.processes import private_router
 from mecazen_viewer.entities import of_robot
 from mecazen_viewer.plots import LINES
@@ -61,6 +61,10 @@ class Shown:
     def until(self, time_s: float) -> None:
         """Let simulated time pass."""
         self.running.wait(lambda: self.time_s > time_s)
+
+    def slow_down(self) -> None:
+        """Let the run go on so slowly that there is time to draw it in software."""
+        self.running.bus.call(keys.SIM_SPEED, SpeedRequest(speed=0.02))
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -112,9 +116,10 @@ def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]
 def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, attach):
     shown = Shown(stack, "side", "sim.speed=3")
     shown.until(5.0)
+    shown.slow_down()
     attach.open(shown.uri)
     whole = until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
-    assert whole.shape == (1080, 1920, 3)
+    assert whole.shape == (720, 1280, 3)
     state = attach.get_state()
     assert all(view.visible and not view.reports for view in state.views)
     views = {view.name: view.view_id for view in state.views}
@@ -138,6 +143,7 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, 
 
 def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(stack, attach):
     shown = Shown(stack, "convoy")
+    shown.slow_down()
     attach.open(shown.uri)
     until_shown(attach.take_screenshot, shows_two_persons)
     state = attach.get_state()
@@ -149,6 +155,7 @@ def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(stack, at
 def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(stack, attach):
     shown = Shown(stack, "side", "sim.speed=2")
     shown.until(1.0)
+    shown.slow_down()
     attach.open(shown.uri)
     until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
     before = attach.get_state()
@@ -169,6 +176,7 @@ def test_a_browser_shows_a_live_run_at_the_printed_address(stack):
     from playwright.sync_api import sync_playwright
 
     shown = Shown(stack, "side")
+    shown.slow_down()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
