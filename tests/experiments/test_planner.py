@@ -74,8 +74,8 @@ def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(decelerati
     steps, dt, tick = 8, 0.125, 0.00125
     # along odom's axes: off at full speed, sideways as well, then to rest
     commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)
-    able = Able(drive, 5.0, dt, float)
-    way = roll(0.3, Twist2D(0.2), 1, steps, dt, able, follow(commands[..., None]))
+    able = Able(drive, 5.0, dt, 1)
+    way = roll(0.3, Twist2D(0.2), steps, able, follow(commands[..., None]))
 
     state = (LimiterState(0.2), LimiterState(), LimiterState())
     robot = Pose2D(yaw=0.3)

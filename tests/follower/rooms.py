@@ -70,7 +70,7 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     """
     config, planner = planner_of(config)
     law = config.make_controller(DRIVE, View(math.radians(22.5)))
-    able = Able(DRIVE, 2.0, TICK, float)
+    able = Able(DRIVE, 2.0, TICK, 1)
     person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)
     for tick in range(round(seconds / TICK)):

@@ -27,11 +27,11 @@ NOTHING = np.empty((0, 2))
 
 
 def test_no_rim_is_faster_than_it_can_be():
-    able = Able(DRIVE, 5.0, 10.0, float)
+    able = Able(DRIVE, 5.0, 10.0, 1)
     x, y, yaw = able.reach(np.zeros((3, 1)), np.array([[2.0], [2.0], [3.0]]))[:, 0]
     assert x + y + DRIVE.lever * yaw == pytest.approx(DRIVE.rim_speed)
     assert x / yaw == pytest.approx(2.0 / 3.0)  # all are slowed down alike
-    free = Able(Drive(), 1.0, 10.0, float)
+    free = Able(Drive(), 1.0, 10.0, 1)
     assert np.hypot(*free.reach(np.zeros((3, 1)), np.ones((3, 1)))[:2]) == pytest.approx(1.0)
 
 
@@ -47,7 +47,7 @@ def scene(points=NOTHING, person=(0.0, 0.0, 0.0), goal=(-1.2, 0.0, 0.0), steps=3
     hiding = np.broadcast_to(points, (steps, *points.shape))
     shadows = Shadows(places[:, :2], hiding, np.full(len(points), 0.05))
     goals = np.tile(goal, (steps, 1))
-    return Scene(places, goals, np.empty((steps, 0, 2)), Field(points), shadows)
+    return Scene(places, goals, np.empty((steps, 0, 2)), points, shadows)
 
 
 def test_a_way_costs_what_it_gives_up_by_the_priorities():
@@ -87,12 +87,13 @@ def test_half_the_clearance_costs_a_quarter_of_contact_and_touching_more_than_al
 
 def test_the_field_has_the_distance_to_the_nearest_point_and_shadows_lie_behind():
     points = np.array([[1.0, 0.5], [-2.0, 1.0]])
-    field = Field(points)
+    corners = np.full(2, -2.0), np.full(2, 1.0)
+    field = Field(points, *corners)
     for x, y in ((0.0, 0.0), (1.0, 0.5), (-1.7, 0.3)):
         exact = min(math.dist((x, y), point) for point in points)
         found = field.distance(np.array([x]), np.array([y]))[0]
         assert found == pytest.approx(exact, abs=CELL_M)
-    assert np.isinf(Field(NOTHING).distance(np.zeros(1), np.zeros(1)))
+    assert np.isinf(Field(NOTHING, *corners).distance(np.zeros(1), np.zeros(1)))
     shadows = Shadows(np.zeros((1, 2)), points[None], np.full(2, 0.05))
     x, y = np.array([[2.0, 0.8, 2.0, -4.0]]), np.array([[1.0, 0.4, 0.0, 2.0]])
     # beyond the first, before it, beside it, beyond the second

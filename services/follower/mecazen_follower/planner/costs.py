@@ -48,13 +48,14 @@ class Body(NamedTuple):
 class Scene(NamedTuple):
     """What is around the robot, from its place on.
 
-    `person` and `goals` (steps, 3) have x, y and yaw, `movers` (steps, n, 2) places.
+    `person` and `goals` (steps, 3) have x, y and yaw, `movers` (steps, n, 2) and `standing` (n, 2)
+    places.
     """
 
     person: Floats
     goals: Floats
     movers: Floats
-    field: Field
+    standing: Floats
     shadows: Shadows
 
 
@@ -121,19 +122,24 @@ class Costs:
     def clearance(self, ways: Rollout, scene: Scene) -> Array:
         """Return how far obstacles and walkers are from the robot (steps, n)."""
         least: Array = np.full_like(ways.x, np.inf)
+        disc = self._body.disc
+        low, high = np.array((ways.x.min(), ways.y.min())), np.array((ways.x.max(), ways.y.max()))
+        field = Field(scene.standing, low - disc, high + disc)
         c, s = ways.c * (self._body.length / 2), ways.s * (self._body.length / 2)
         across_c, across_s = ways.c * (self._body.width / 2), ways.s * (self._body.width / 2)
         # four discs, each about a quarter of the robot
         for dx, dy in ((c - across_s, s + across_c), (c + across_s, s - across_c)):
-            np.minimum(least, scene.field.distance(ways.x + dx, ways.y + dy), out=least)
-            np.minimum(least, scene.field.distance(ways.x - dx, ways.y - dy), out=least)
-        least -= self._body.disc
+            np.minimum(least, field.distance(ways.x + dx, ways.y + dy), out=least)
+            np.minimum(least, field.distance(ways.x - dx, ways.y - dy), out=least)
+        least -= disc
         between = self._body.person + math.hypot(self._body.length, self._body.width)
         movers = scene.movers.astype(ways.x.dtype)
+        square = np.full_like(ways.x, np.inf)
         for i in range(movers.shape[1]):
             x, y = ways.x - movers[:, i, :1], ways.y - movers[:, i, 1:]
-            np.minimum(least, np.sqrt(x * x + y * y) - between, out=least)
-        return least
+            np.minimum(square, x * x + y * y, out=square)
+        nearest: Array = np.minimum(least, np.sqrt(square) - between)
+        return nearest
 
     def _near(self, gap: Array, wanted: float | None = None) -> Array:
         wanted = self._clearance if wanted is None else max(wanted, 1e-3)

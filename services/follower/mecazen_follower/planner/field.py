@@ -19,29 +19,35 @@ Floats = npt.NDArray[np.float64]
 
 
 class Field:
-    """The distances from `points` (n, 2) [m], about the origin; beyond the table as at its edge."""
+    """The distances from `points` (n, 2) [m], about the origin; beyond the table as at its edge.
 
-    def __init__(self, points: Floats) -> None:
-        at = (np.arange(CELLS, dtype=np.float32) - (CELLS - 1) / 2) * np.float32(CELL_M)
-        table = np.full((CELLS, CELLS), np.inf, np.float32)
-        for x, y in points.astype(np.float32):
-            np.minimum(table, ((at - x) ** 2)[:, None] + (at - y) ** 2, out=table)
-        self._table = np.sqrt(table).ravel()
+    Only its part between two corners is made, `low` and `high` (2) [m].
+    """
+
+    def __init__(self, points: Floats, low: Floats, high: Floats) -> None:
+        (left, below), (right, above) = (_cells(low) - 1).tolist(), (_cells(high) + 2).tolist()
+        x, y = (
+            (np.clip(np.arange(*ends), 0, CELLS - 1) - (CELLS - 1) / 2).astype(np.float32)
+            * np.float32(CELL_M)
+            for ends in ((left, right), (below, above))
+        )
+        dx, dy = x - points[:, :1].astype(np.float32), y - points[:, 1:].astype(np.float32)
+        squares = (dx * dx)[:, :, None] + (dy * dy)[:, None]
+        self._table = np.sqrt(squares.min(axis=0, initial=np.inf)).ravel()
+        self._width, self._first = len(y), left * len(y) + below
 
     def distance(self, x: Array, y: Array) -> Array:
         """Return the distances at places of any shape, to half a cell's diagonal."""
-        i, j = (_cells(v) for v in (x, y))
-        i *= CELLS
-        i += j
-        distances: Array = self._table.take(i)
+        cells = _cells(x) * self._width
+        cells += _cells(y)
+        cells -= self._first
+        distances: Array = self._table.take(cells)
         return distances
 
 
 def _cells(values: Array) -> npt.NDArray[np.int32]:
     cells = values * np.float32(1.0 / CELL_M)
     cells += np.float32(CELLS / 2)
-    np.maximum(cells, 0, out=cells)
-    np.minimum(cells, CELLS - 1, out=cells)
     return cells.astype(np.int32)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class PolarGains(NamedTuple):
-    """PolarGains [1/s] and decelerations [m/s², rad/s²] of `PolarControl`, and its fastest turn."""
+    """Gains [1/s] and decelerations [m/s², rad/s²] of `PolarControl`, and its fastest turn."""
 
     linear: float
     braking: float
@@ -39,33 +39,35 @@ def towards(person: Floats, goals: Goals, gains: PolarGains) -> Command:
 
     `person` (steps, 3) is where the person will be.
     """
+    n = goals.poses.shape[-1]
+    gain, twice_braking = (
+        np.repeat(np.array(values)[:, None], n, axis=1)
+        for values in (
+            (gains.linear, gains.linear, gains.heading),
+            (2.0 * gains.braking, 2.0 * gains.braking, 2.0 * gains.heading_braking),
+        )
+    )
+    reaches = goals.poses[:, :2] - person[:, :2, None]
+    lengths = np.hypot(reaches[:, 0], reaches[:, 1])
+    # with the person, without the goal's turn about them: that is for the robot's distance
+    turned = goals.turn * reaches
+    along_x, along_y = goals.velocities[:, 0] + turned[:, 1], goals.velocities[:, 1] - turned[:, 0]
 
     def command(k: int, x: Array, y: Array, yaw: Array) -> Array:
-        px, py = person[k, 0], person[k, 1]
-        (gx, gy, heading), (vx, vy, turning) = goals.poses[k], goals.velocities[k]
-        offset_x, offset_y = x - px, y - py
+        (reach_x, reach_y), with_x, with_y = reaches[k], along_x[k], along_y[k]
+        offset_x, offset_y = x - person[k, 0], y - person[k, 1]
         distance = np.maximum(np.hypot(offset_x, offset_y), 1e-6)
         ux, uy = offset_x / distance, offset_y / distance
-        reach_x, reach_y = gx - px, gy - py
-        wanted = np.hypot(reach_x, reach_y)
         off = np.arctan2(ux * reach_y - uy * reach_x, ux * reach_x + uy * reach_y)
-        # with the person, without the goal's turn about them: that is for the robot's distance
-        with_x, with_y = vx + goals.turn * reach_y, vy - goals.turn * reach_x
-        away = ux * with_x + uy * with_y
-        away += _rate(wanted - distance, gains.linear, gains.braking)
-        around = ux * with_y - uy * with_x + goals.turn * distance
-        around += _rate(distance * off, gains.linear, gains.braking)
-        turn = turning + _rate(_wrapped(heading - yaw), gains.heading, gains.heading_braking)
-        turn = np.clip(turn, -gains.max_yaw_rate, gains.max_yaw_rate)
+        turn = goals.poses[k, 2] - yaw
+        turn -= math.tau * np.rint(turn / math.tau)
+        error = np.array((lengths[k] - distance, distance * off, turn))
+        size = np.abs(error)
+        rate = np.copysign(np.minimum(gain * size, np.sqrt(twice_braking * size)), error)
+        away = ux * with_x + uy * with_y + rate[0]
+        around = ux * with_y - uy * with_x + goals.turn * distance + rate[1]
+        turn = goals.velocities[k, 2] + rate[2]
+        turn = np.minimum(np.maximum(turn, -gains.max_yaw_rate), gains.max_yaw_rate)
         return np.array((ux * away - uy * around, uy * away + ux * around, turn))
 
     return command
-
-
-def _rate(error: Array, gain: float, deceleration: float) -> Any:
-    size = np.abs(error)
-    return np.copysign(np.minimum(gain * size, np.sqrt(2.0 * deceleration * size)), error)
-
-
-def _wrapped(angle: Array) -> Any:
-    return angle - math.tau * np.round(angle / math.tau)

@@ -67,26 +67,25 @@ def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
     for turn in (behind, ASIDE, -ASIDE, mirrored):
         if all(abs(wrap(turn - other)) > ALIKE for other in turns):
             turns.append(turn)
-    poses, velocities = [], []
+    steps, modes = len(person.poses), len(turns) + 2
+    poses, velocities = np.zeros((steps, 3, modes)), np.zeros((steps, 3, modes))
     facing = standoff.heading - standoff.bearing  # heading, from the direction person to robot
-    for turn in turns:
-        bearing = standoff.bearing + turn
-        direction = person.poses[:, 2] + bearing
-        reach = standoff.distance * np.stack((np.cos(direction), np.sin(direction)), axis=-1)
-        place = person.poses[:, :2] + reach
-        poses.append(np.column_stack((place, direction + facing)))
-        yaw_rate = person.velocities[:, 2]
-        vx = person.velocities[:, 0] - yaw_rate * reach[:, 1]
-        vy = person.velocities[:, 1] + yaw_rate * reach[:, 0]
-        velocities.append(np.column_stack((vx, vy, yaw_rate)))
+    direction = person.poses[:, 2:] + (standoff.bearing + np.array(turns))
+    reach = standoff.distance * np.stack((np.cos(direction), np.sin(direction)), axis=1)
+    poses[:, :2, :-2] = person.poses[:, :2, None] + reach
+    poses[:, 2, :-2] = direction + facing
+    yaw_rate = person.velocities[:, 2:]
+    velocities[:, 0, :-2] = person.velocities[:, :1] - yaw_rate * reach[:, 1]
+    velocities[:, 1, :-2] = person.velocities[:, 1:2] + yaw_rate * reach[:, 0]
+    velocities[:, 2, :-2] = yaw_rate
 
-    for places, speeds in (_along(trail, person, standoff.distance), _stay(len(person.poses))):
-        off = places - person.poses[:, :2]
-        heading = np.arctan2(off[:, 1], off[:, 0]) + facing
-        poses.append(np.column_stack((places, heading)))
-        velocities.append(np.column_stack((speeds, np.zeros(len(speeds)))))
-    turn_rates = np.array([*[person.velocities[0, 2]] * len(turns), 0.0, 0.0])
-    return Goals(np.stack(poses, axis=-1), np.stack(velocities, axis=-1), turn_rates)
+    # the trail; and to stay, at the origin
+    poses[:, :2, -2], velocities[:, :2, -2] = _along(trail, person, standoff.distance)
+    off = poses[:, :2, -2:] - person.poses[:, :2, None]
+    poses[:, 2, -2:] = np.arctan2(off[:, 1], off[:, 0]) + facing
+    turn_rates = np.zeros(modes)
+    turn_rates[:-2] = yaw_rate[0]
+    return Goals(poses, velocities, turn_rates)
 
 
 def _along(trail: Floats, person: Prediction, distance: float) -> tuple[Floats, Floats]:
@@ -99,7 +98,3 @@ def _along(trail: Floats, person: Prediction, distance: float) -> tuple[Floats, 
     dx, dy = (np.interp(at + 0.1, lengths, axis) - v for axis, v in zip(way.T, (x, y), strict=True))
     length = np.maximum(np.hypot(dx, dy), 1e-6)
     return np.column_stack((x, y)), np.column_stack((dx, dy)) * (speeds / length)[:, None]
-
-
-def _stay(steps: int) -> tuple[Floats, Floats]:
-    return np.zeros((steps, 2)), np.zeros((steps, 2))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.goal import Standoff
 from mecazen_follower.planner.config import PlannerConfig
 from mecazen_follower.planner.costs import Body, Costs, Scene, Sight
-from mecazen_follower.planner.field import Field, Shadows
+from mecazen_follower.planner.field import Shadows
 from mecazen_follower.planner.law import PolarGains, towards
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
 from mecazen_follower.planner.mppi import STEPS, Mppi, Problem, Search
@@ -58,10 +58,9 @@ class Planner:
         seed: int,
     ) -> None:
         self._config, self._standoff, self._gains = config, standoff, gains
-        self._drive, self._max_speed, self._body = drive, max_speed, body
+        self._body = body
         self._dt = config.horizon_s / STEPS
-        self._able = Able(drive, max_speed, self._dt, float)
-        self._able32 = Able(drive, max_speed, self._dt, np.float32)
+        self._able = lru_cache(partial(Able, drive, max_speed))
         self._costs = Costs(config.priorities, standoff.distance, config.clearance_m, body, sight)
         self.search: Search = Mppi(config.samples, seed)
         self.forget()
@@ -111,8 +110,7 @@ class Planner:
             return nominal
         x, y, yaw = self._commands[0].tolist()
         wanted = Twist2D(*rotate(x, y, -robot.yaw), yaw)
-        able = Able(self._drive, self._max_speed, dt, float)
-        self._sent = step_towards(self._sent, wanted, able)
+        self._sent = step_towards(self._sent, wanted, self._able(dt, 1))
         return self._sent
 
     def _replan(self, time: float, elapsed: float, person: Estimate, robot: Pose2D) -> None:
@@ -121,10 +119,8 @@ class Planner:
         nominal = roll(
             robot.yaw,
             self._sent,
-            goals.poses.shape[-1],
             STEPS,
-            self._dt,
-            self._able,
+            self._able(self._dt, goals.poses.shape[-1]),
             towards(prediction.poses, goals, self._gains),
         )
         standing = self.surroundings.standing(robot) - robot[:2]
@@ -139,15 +135,14 @@ class Planner:
         if not obstacle:
             self.plan, self._commands = OPEN, None
             return
-        scene = Scene(prediction.poses, goals.poses[..., 0], movers, Field(standing), shadows)
+        scene = Scene(prediction.poses, goals.poses[..., 0], movers, standing, shadows)
         modes = nominal.commands
         if self._commands is not None:
             modes = np.concatenate((modes, _shifted(self._commands, elapsed / self._dt)), axis=-1)
 
         def rolled(commands: Array) -> Rollout:
-            able = self._able32 if commands.dtype == np.float32 else self._able
-            n = commands.shape[-1]
-            return roll(robot.yaw, self._sent, n, STEPS, self._dt, able, follow(commands))
+            able = self._able(self._dt, commands.shape[-1], commands.dtype)
+            return roll(robot.yaw, self._sent, STEPS, able, follow(commands))
 
         loyal = self._commands is not None
         cost = partial(self._costs.of, scene=scene)

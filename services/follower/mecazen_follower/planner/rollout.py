@@ -17,6 +17,10 @@ Command = Callable[[int, Array, Array, Array], Array]
 """From step, x, y and yaw, each (n), to velocities along odom's axes and yaw rates (3, n)."""
 
 
+UNLIMITED = 1e9
+"""[m/s]: what has no limit is no faster."""
+
+
 class Rollout(NamedTuple):
     """Poses after each step, each (steps, n): x, y [m], cos and sin of the yaw.
 
@@ -34,21 +38,30 @@ class Able:
     """What the robot is able to do in a step of `dt` [s]: its axes first, then its wheels.
 
     As the controller: each axis keeps its limits, then all are slowed down alike until no rim is
-    faster than it can be. `max_speed` [m/s] limits the planar speed.
+    faster than it can be. `max_speed` [m/s] limits the planar speed. `n` robots are alike: limits
+    as wide as their twists, for NumPy takes a tenth of a plan to broadcast them.
     """
 
-    def __init__(self, drive: Drive, max_speed: float, dt: float, dtype: npt.DTypeLike) -> None:
+    def __init__(
+        self, drive: Drive, max_speed: float, dt: float, n: int, dtype: npt.DTypeLike = float
+    ) -> None:
         axes = drive.axes
-        self._up, self._down, self._fastest = (
-            np.array(values, dtype)[:, None]
+        self._up, self._down, self._fastest, self._gains = (
+            np.repeat(np.array(values, dtype)[:, None], n, axis=1)
             for values in (
                 [axis.acceleration * dt for axis in axes],
                 [axis.deceleration * dt for axis in axes],
                 [axis.velocity for axis in axes],
+                [1.0, drive.sideways, drive.lever],
             )
         )
+        self._slowest, self._twice_up, self._twice_down = (
+            factor * limit
+            for factor, limit in ((-1.0, self._fastest), (2.0, self._up), (2.0, self._down))
+        )
         self._even = bool((self._up == self._down).all())
-        self._drive, self._max_speed = drive, max_speed
+        self._rim_speed, self._max_speed = min(drive.rim_speed, UNLIMITED), max_speed
+        self.n, self.dt = n, np.array(dt, dtype)[()]
         # of what the wheels can do, nothing may be left to limit
         self._any_speed = max_speed >= drive.rim_speed / min(drive.sideways, 1.0)
 
@@ -61,15 +74,14 @@ class Able:
             low = twist - np.where(twist > 0.0, down, up)
             high = twist + np.where(twist < 0.0, down, up)
         reached: Array = np.minimum(np.maximum(wanted, low), high)
-        np.minimum(np.maximum(reached, -self._fastest, out=reached), self._fastest, out=reached)
-        x, y, yaw = np.abs(reached)
-        rims = x + self._drive.sideways * y + self._drive.lever * yaw
-        reached *= np.minimum(self._drive.rim_speed / np.maximum(rims, 1e-6), 1.0)
+        reached = np.minimum(np.maximum(reached, self._slowest), self._fastest)
+        rims = np.abs(reached) * self._gains
+        fastest = np.maximum(rims[0] + rims[1] + rims[2], self._rim_speed)
+        reached *= self._rim_speed / fastest
         if self._any_speed:
             return reached
         x, y, _ = reached
-        speed = np.sqrt(x * x + y * y)
-        reached[:2] *= np.minimum(self._max_speed / np.maximum(speed, 1e-6), 1.0)
+        reached[:2] *= self._max_speed / np.maximum(np.sqrt(x * x + y * y), self._max_speed)
         return reached
 
     def mean(self, twist: Array, reached: Array) -> Array:
@@ -78,10 +90,10 @@ class Able:
         A change Δ takes the time Δ/a, in which half of it is missing: Δ²/(2a) in all.
         """
         change = reached - twist
-        limit = self._up
+        twice = self._twice_up
         if not self._even:
-            limit = np.where(np.abs(reached) < np.abs(twist), self._down, self._up)
-        mean: Array = reached - change * np.abs(change) / (2.0 * limit)
+            twice = np.where(np.abs(reached) < np.abs(twist), self._twice_down, twice)
+        mean: Array = reached - change * np.abs(change) / twice
         return mean
 
 
@@ -91,30 +103,23 @@ def step_towards(twist: Twist2D, wanted: Twist2D, able: Able) -> Twist2D:
     return Twist2D(*reached[:, 0].tolist())
 
 
-def roll(
-    yaw: float, twist: Twist2D, n: int, steps: int, dt: float, able: Able, command: Command
-) -> Rollout:
-    """Return where `n` robots get that begin at the origin with a yaw [rad] and a twist.
+def roll(yaw: float, twist: Twist2D, steps: int, able: Able, command: Command) -> Rollout:
+    """Return where robots get that begin at the origin with a yaw [rad] and a twist.
 
-    A step leads along the mean of the directions at its ends. The arrays are of the type that
-    `command` returns.
+    A step leads along the mean of the directions at its ends.
     """
-    first = command(0, *(np.full(n, value) for value in (0.0, 0.0, yaw)))
-    dtype = first.dtype
-    x, y = np.zeros(n, dtype), np.zeros(n, dtype)
-    angle = np.full(n, yaw, dtype)
+    n, dt, dtype = able.n, able.dt, able.dt.dtype
+    x, y, angle = np.zeros(n, dtype), np.zeros(n, dtype), np.full(n, yaw, dtype)
     now = np.repeat(np.array(twist, dtype)[:, None], n, axis=1)
     c, s = np.cos(angle), np.sin(angle)
-    poses = np.empty((4, steps, n), dtype)
-    commands = np.empty((steps, 3, n), dtype)
-    wanted = np.empty((3, n), dtype)
-    half, full_dt = dtype.type(0.5), dtype.type(dt)
+    poses, commands = np.empty((4, steps, n), dtype), np.empty((steps, 3, n), dtype)
+    wanted, half = np.empty_like(now), dtype.type(0.5)
     for k in range(steps):
-        commands[k] = first if k == 0 else command(k, x, y, angle)
+        commands[k] = command(k, x, y, angle)
         vx, vy, wanted[2] = commands[k]
         wanted[0], wanted[1] = c * vx + s * vy, c * vy - s * vx
         reached = able.reach(now, wanted)
-        mx, my, turn = able.mean(now, reached) * full_dt
+        mx, my, turn = able.mean(now, reached) * dt
         angle = angle + turn
         last_c, last_s = c, s
         c, s = np.cos(angle), np.sin(angle)
