@@ -42,7 +42,6 @@ BESIDE_M = 0.15
 UNLIMITED = 1e6
 """[m/s²], [rad/s²]: what has no limit is as fast."""
 NONE = np.empty((0, 2))
-HERE = np.zeros((3, 1, 1))
 AT_REST = (LimiterState(), LimiterState(), LimiterState())
 
 
@@ -96,6 +95,7 @@ class Guard:
             [min(getattr(axis, name), UNLIMITED) for axis in drive.axes]
             for name in ("acceleration", "deceleration")
         )
+        self._bounds = np.array((self._up, self._down))
         self.begin(Twist2D())
 
     def begin(self, twist: Twist2D) -> None:
@@ -156,7 +156,7 @@ class Guard:
         )
         recovered = min(self._last_factor + self._dt / RECOVERY_S, 1.0)
         twist = np.array(wanted)
-        first = twist, recovered * twist
+        first = (twist,) if recovered == 1.0 else (twist, recovered * twist)
         scene = _Scene(self, np.array(moving), within, age_s, hold, horizon, fastest, first)
         nearest = self._nearest(points, from_middle)
         return self._choose(twist, recovered, scene, within, nearest)
@@ -170,7 +170,7 @@ class Guard:
         nearest: tuple[float, float],
     ) -> Verdict:
         """Return the largest share, of the twist or of its part past what is in the way."""
-        whole, part = scene.first
+        whole, part = scene.first[0], scene.first[-1]
         worst = int(np.argmin(whole))
         if whole[worst] >= 0.0:
             if recovered == 1.0 or part.min() < 0.0 or not scene.approaches(whole):
@@ -197,8 +197,8 @@ class Guard:
         return self._seen(points.xy[few])
 
     def _seen(self, xy: Floats) -> tuple[float, float]:
-        clearances = self.clearances(HERE, xy[None])[0, 0]
-        least = int(np.argmin(clearances))
+        clearances = self._clearances(np.abs(xy[:, 0]), np.abs(xy[:, 1]))
+        least = int(clearances.argmin())
         x, y = xy[least].tolist()
         return float(clearances[least]), math.atan2(y, x)
 
@@ -218,7 +218,7 @@ class Guard:
 
     def speeds(self, moving: Floats, hold: float, middles: Floats) -> tuple[Floats, ...]:
         """Return the bounds of speeds at M times, and by what they are braked then; (M, 3) each."""
-        up, down = np.array(self._up), np.array(self._down)
+        up, down = self._bounds
         growing = np.minimum(middles, hold)[:, None]
         low = moving - np.where(moving > 0.0, down, up) * growing
         high = moving + np.where(moving < 0.0, down, up) * growing
@@ -236,11 +236,11 @@ class Guard:
         if rims.max() > self._drive.rim_speed:
             speeds *= np.minimum(1.0, self._drive.rim_speed / np.maximum(rims, 1e-9))[..., None]
         moved = speeds.transpose(2, 0, 1) * step
-        yaw = np.cumsum(moved[2], axis=-1)
+        yaw = moved[2].cumsum(axis=-1)
         between = yaw - moved[2] / 2.0
         c, s = np.cos(between), np.sin(between)
         x, y = moved[0], moved[1]
-        return np.stack((np.cumsum(c * x - s * y, -1), np.cumsum(s * x + c * y, -1), yaw))
+        return np.array(((c * x - s * y).cumsum(axis=-1), (s * x + c * y).cumsum(axis=-1), yaw))
 
     def clearances(self, poses: Floats, xy: Floats) -> Floats:
         """Return the distance of points from the outline at poses, (C, M, N); inside negative.
@@ -250,8 +250,11 @@ class Guard:
         x, y, yaw = poses[..., None]
         c, s = np.cos(yaw), np.sin(yaw)
         dx, dy = xy[..., 0] - x, xy[..., 1] - y
-        ahead = np.abs(c * dx + s * dy) - self._half[0]
-        beside = np.abs(c * dy - s * dx) - self._half[1]
+        return self._clearances(np.abs(c * dx + s * dy), np.abs(c * dy - s * dx))
+
+    def _clearances(self, ahead: Floats, beside: Floats) -> Floats:
+        """Return the same of points so far from the robot's middle along its axes."""
+        ahead, beside = ahead - self._half[0], beside - self._half[1]
         inside = np.minimum(np.maximum(ahead, beside), 0.0)
         clearances: Floats = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0)) + inside
         return clearances
@@ -285,10 +288,10 @@ class _Scene:
             lasting = np.where(points.stops, braking - braking**2 / (2.0 * stop), gone)
             xy = xy + points.velocity * lasting[..., None]
         self._xy, self._every = xy, slice(None)
-        self._rest, *least = self._least(np.stack((np.zeros(3), *first)))
+        self._rest, *least = self._least(np.array((np.zeros(3), *first)))
         self._wanted = np.minimum(points.margin, self._rest - TOLERANCE_M)
         self.first = [one - self._wanted for one in least]
-        """`spare` of the first twists."""
+        """`spare` of the whole twist, and of what it has recovered to if that is less."""
 
     def _least(self, twists: Floats) -> Floats:
         poses = self._guard.poses(twists, self._bounds, self._step_s)

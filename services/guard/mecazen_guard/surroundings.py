@@ -177,7 +177,7 @@ class Surroundings:
 def _turned(xy: Floats, c: float, s: float) -> Floats:
     """Return vectors turned by the angle whose cosine and sine are given, (N, 2)."""
     x, y = xy.T
-    return np.stack((c * x - s * y, s * x + c * y), axis=-1)
+    return np.array((c * x - s * y, s * x + c * y)).T
 
 
 class _Things:
