@@ -19,6 +19,7 @@ from mecazen_bench import (
     recorder,
     robots,
     ros2,
+    safety,
     senses,
     steps,
 )
@@ -42,6 +43,7 @@ BENCHMARKS = {
     "robots": Benchmark(robots.run),
     "loop": Benchmark(loop.run),
     "senses": Benchmark(senses.run, rounds=3),
+    "safety": Benchmark(safety.run, rounds=3),
     "latency": Benchmark(latency.run),
     "realtime": Benchmark(realtime.run, rounds=3),
     "recorder": Benchmark(recorder.run),

@@ -8,7 +8,7 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.messages import Clock
 from mecazen.wire import Stamp
-from mecazen_bench import loop, senses
+from mecazen_bench import loop, safety, senses
 from mecazen_bench.loop import BUS, Stopwatch, TimedBus
 
 PARTS = ["physics", "controller", "target", "follower", "trajectory", BUS]
@@ -53,3 +53,10 @@ def test_each_kind_of_sensor_has_its_share_of_the_loop_with_the_pose():
     assert [row.subject for row in kinds.rows] == ["pose", "body", "legs", "fused"]
     assert kinds.rows[0].figures["of pose"].value == 1.0
     assert "sensors" in {row.subject for row in parts.rows}
+
+
+def test_guard_and_planner_share_what_they_take_of_a_core():
+    (group,) = safety.run(duration_s=2.0)
+    guard, planner, both = (row.figures["% of a core"].value for row in group.rows)
+    assert min(guard, planner) > 0.0
+    assert both == pytest.approx(guard + planner)

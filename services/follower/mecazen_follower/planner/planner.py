@@ -104,7 +104,7 @@ class Planner:
         if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
             elapsed = time - self._planned
             self._planned = time
-            self._replan(time, elapsed, person, robot)
+            self.replan(time, elapsed, person, robot)
         if self._commands is None:
             self._sent = nominal
             return nominal
@@ -113,7 +113,8 @@ class Planner:
         self._sent = step_towards(self._sent, wanted, self._able(dt, 1))
         return self._sent
 
-    def _replan(self, time: float, elapsed: float, person: Estimate, robot: Pose2D) -> None:
+    def replan(self, time: float, elapsed: float, person: Estimate, robot: Pose2D) -> None:
+        """Plan at `time` [s], `elapsed` [s] after the last plan."""
         prediction = Prediction.of(person, robot, STEPS, self._dt)
         goals = goals_of(self._standoff, prediction, self._trail.points(robot))
         nominal = roll(
