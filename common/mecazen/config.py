@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
 
 import msgspec
 
+from mecazen.changes import Change
 from mecazen.errors import ConfigError
 from mecazen.faults import SensorFaults, check_intervals
 from mecazen.geometry import Pose2D, overlap
@@ -237,6 +238,8 @@ class Scenario(Section):
     """Services that share a process, by groups; any other has one of its own."""
     robots: tuple[RobotConfig, ...] = ()
     """Several robots in one world, each with services of its own; none: the one of `robot`."""
+    changes: tuple[Change, ...] = ()
+    """Parameters that have other values from some time on."""
     sections: dict[str, Section] = msgspec.field(default_factory=dict)
     """The sections of the services that are installed here, by name."""
     others: dict[str, Any] = msgspec.field(default_factory=dict)

@@ -48,12 +48,12 @@ def explain(
         problem += f"allowed: {', '.join(names)}"
         trail = [*trail, unknown[1]]
     elif missing and not own_words:
-        problem = f"missing; must be {_describe(_fields(node).get(missing[1], node))}"
+        problem = f"missing; must be {describe(_fields(node).get(missing[1], node))}"
         trail = [*trail, missing[1]]
     elif not own_words:
-        problem = f"got {show(value)}; allowed: {_describe(node)}"
+        problem = f"got {show(value)}; allowed: {describe(node)}"
     elif not isinstance(node, mi.StructType):
-        problem += f"; allowed: {_describe(node)}"
+        problem += f"; allowed: {describe(node)}"
     key = ".".join([prefix, *trail] if prefix else trail)
     of_table = own_words and isinstance(node, mi.StructType)
     source = name_source(key, problem, of_table=of_table)
@@ -133,7 +133,7 @@ def _fields(node: mi.Type) -> dict[str, mi.Type]:
     return {f.encode_name: f.type for f in node.fields if f.encode_name not in RESERVED} | tag
 
 
-def _describe(node: mi.Type) -> str:
+def describe(node: mi.Type) -> str:
     """Return what a value of this type may be, in words."""
     if isinstance(node, mi.Metadata):
         node = node.type
@@ -159,14 +159,14 @@ def _describe(node: mi.Type) -> str:
         tags = [str(t.tag) for t in node.types if isinstance(t, mi.StructType) and t.tag]
         if tags:
             return " or ".join(repr(tag) for tag in tags)
-        return " or ".join(_describe(t) for t in node.types if not isinstance(t, mi.NoneType))
+        return " or ".join(describe(t) for t in node.types if not isinstance(t, mi.NoneType))
     if isinstance(node, mi.VarTupleType | mi.ListType):
-        return f"a list, each {_describe(node.item_type)}"
+        return f"a list, each {describe(node.item_type)}"
     if isinstance(node, mi.TupleType):
-        return "[" + ", ".join(_describe(t) for t in node.item_types) + "]"
+        return "[" + ", ".join(describe(t) for t in node.item_types) + "]"
     if isinstance(node, mi.StructType):
         files = {Robot: "a robot file, or a table", WorldConfig: "a world file, or a table"}
         return files.get(node.cls, "a table")
     if isinstance(node, mi.DictType):
-        return f"a table, each value {_describe(node.value_type)}"
+        return f"a table, each value {describe(node.value_type)}"
     return "a path to a folder" if getattr(node, "cls", None) is Folder else "a path to a file"

@@ -169,7 +169,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "clock",
         "simulated time: advances the world when a tick is answered or due",
-        outputs=(keys.CLOCK,),
+        outputs=(keys.CLOCK, keys.PARAMETERS),
         calls=(
             keys.SIM_STATE,
             keys.SIM_SCENARIO,
@@ -178,6 +178,8 @@ GRAPH: tuple[Row, ...] = (
             keys.SIM_STEP,
             keys.SIM_RESET,
             keys.SIM_SPEED,
+            keys.GET_PARAMETERS,
+            keys.SET_PARAMETERS,
         ),
         service="physics",
         shared=True,

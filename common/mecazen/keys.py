@@ -73,6 +73,12 @@ LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the sc
 DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]", max_bytes=MAX_PAYLOAD_BYTES)
 CAMERA_INFO = Topic("camera/camera_info", m.CameraInfo, "how the depth camera projects")
 FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
+PARAMETERS = Topic(
+    "sim/parameters",
+    m.Parameters,
+    "what has been changed of the configuration",
+    shared=True,
+)
 
 DIAGNOSTICS = Topic("diagnostics/*", m.DiagnosticArray, "a service's rates, counts and health")
 """Of all services; see `diagnostics`."""
@@ -97,6 +103,7 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     CAMERA_INFO,
     OBSERVATION,
     FOLLOWER_STATE,
+    PARAMETERS,
     DIAGNOSTICS,
 )  # type: ignore[assignment]  # a tuple of topics of different messages
 
@@ -110,6 +117,19 @@ SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "let it go on", changes=Tru
 SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "N ticks while paused", changes=True)
 SIM_RESET = Call("sim/reset", m.ResetRequest, m.SimState, "back to the start", changes=True)
 SIM_SPEED = Call("sim/speed", m.SpeedRequest, m.SimState, "times real time", changes=True)
+GET_PARAMETERS = Call(
+    "sim/get_parameters",
+    m.ParameterNames,
+    m.ParameterDescriptors,
+    "what can be changed while it runs",
+)
+SET_PARAMETERS = Call(
+    "sim/set_parameters",
+    m.Parameters,
+    m.Parameters,
+    "change it, all or nothing, from the next tick on",
+    changes=True,
+)
 SET_ODOMETRY = Call(
     "set_odometry",
     m.OdometryRequest,
@@ -127,6 +147,8 @@ CALLS: tuple[Call[m.Message, m.Message], ...] = (
     SIM_STEP,
     SIM_RESET,
     SIM_SPEED,
+    GET_PARAMETERS,
+    SET_PARAMETERS,
     SET_ODOMETRY,
 )  # type: ignore[assignment]
 

@@ -456,6 +456,56 @@ class SpeedRequest(Message):
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
 
 
+class Parameter(Message):
+    """A setting of the configuration."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Parameter"
+    name: str = ""
+    """As in `--set`: `follower.standoff_m`; of one of several robots `robots.two.follower…`."""
+    value: str = ""
+    """In TOML; of a bare word the quotes may be missing. Empty: the setting is left out."""
+
+
+class Parameters(Message):
+    """What has been changed of the configuration since the start, the last change last."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Parameters"
+    header: Header = Header()
+    revision: UInt32 = 0
+    """How often it has been changed; stamps have it from the tick on from which this counts."""
+    parameters: tuple[Parameter, ...] = ()
+
+
+class ParameterNames(Message):
+    """Which parameters; without any, all that can be changed."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ParameterNames"
+    names: tuple[str, ...] = ()
+
+
+class ParameterDescriptor(Message):
+    """A parameter that can be changed while it runs, and what is allowed."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ParameterDescriptor"
+    name: str = ""
+    value: str = ""
+    """In TOML; empty where the setting is left out."""
+    type: str = ""
+    """bool, integer, float, string or list."""
+    unit: str = ""
+    range: Floats = ()
+    """The least and the largest number, where both are known."""
+    allowed: str = ""
+    """In words."""
+
+
+class ParameterDescriptors(Message):
+    """The answer to `ParameterNames`."""
+
+    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ParameterDescriptors"
+    parameters: tuple[ParameterDescriptor, ...] = ()
+
+
 class OdometryRequest(Message):
     """Where the odometry should believe the robot to be, in the odometry frame."""
 

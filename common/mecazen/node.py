@@ -108,6 +108,19 @@ class Computing(ABC):
     def reset(self, seed: int) -> None:
         """Begin a run: back to the start, with random numbers from `seed`."""
 
+    def configure(self, scenario: Scenario) -> None:
+        """Go on with a configuration in which live parameters have changed, between two steps.
+
+        An attribute that is a section, as `self.config` mostly is, is the new one from now on. What
+        the constructor has made of the old one, a class makes anew here; what belongs to the run
+        stays.
+        """
+        for name, section in self.scenario.sections.items():
+            for attribute, value in vars(self).items():
+                if value is section:
+                    vars(self)[attribute] = scenario.sections[name]
+        self.scenario = scenario
+
     def diagnostics(self) -> Mapping[str, object]:
         """Return what it says of its health, by name, once a second of simulated time."""
         return {}

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from pathlib import PosixPath
-from typing import Annotated, dataclass_transform
+from typing import Annotated, TypeVar, dataclass_transform
 
 import msgspec
+
+FieldT = TypeVar("FieldT")
+
+LIVE = "live"
+"""Names in `Meta.extra` that a field may change while a simulation runs."""
+Live = Annotated[FieldT, msgspec.Meta(extra={LIVE: True})]
+"""Such a field: `standoff_m: Live[Positive] = 1.0`."""
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]

@@ -28,6 +28,7 @@ CDR_ENCODING = "application/cdr"
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
 _STAMP = struct.Struct("<qII")
+_REVISED = struct.Struct("<qIII")
 _JSON = msgspec.json.Encoder()
 _MSGPACK = msgspec.msgpack.Encoder()
 
@@ -42,6 +43,8 @@ class Stamp(NamedTuple):
     time_ns: int
     run: int
     seed: int
+    revision: int = 0
+    """How often parameters have been changed until this tick; see `mecazen.parameters`."""
 
     @property
     def time(self) -> Time:
@@ -49,7 +52,12 @@ class Stamp(NamedTuple):
         return Time.from_ns(self.time_ns)
 
     def pack(self) -> bytes:
-        """Return the stamp as the 16 bytes of a Zenoh attachment: int64 ns, uint32, uint32."""
+        """Return the stamp as a Zenoh attachment: int64 ns, uint32, uint32.
+
+        A uint32 follows where parameters have been changed.
+        """
+        if self.revision:
+            return _REVISED.pack(*self)
         return _STAMP.pack(self.time_ns, self.run, self.seed)
 
     @classmethod
@@ -57,11 +65,12 @@ class Stamp(NamedTuple):
         """Return the stamp of an attachment.
 
         Raises:
-            RefusedError: It is not 16 bytes long, or its time is none that `Time` can hold.
+            RefusedError: It is not 16 or 20 bytes long, or its time is none that `Time` can hold.
         """
-        if len(attachment) != _STAMP.size:
+        form = _REVISED if len(attachment) == _REVISED.size else _STAMP
+        if len(attachment) != form.size:
             raise RefusedError(f"attachment of {len(attachment)} bytes, a stamp has {_STAMP.size}")
-        stamp = cls(*_STAMP.unpack(attachment))
+        stamp = cls(*form.unpack(attachment))
         if not 0 <= stamp.time_ns <= MAX_TIME_NS:
             raise RefusedError(f"attachment with the time {stamp.time_ns} ns")
         return stamp

@@ -11,19 +11,26 @@ from functools import partial
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario, join_key
-from mecazen.errors import NodeError, StepTimeoutError
-from mecazen.graph import OBSERVERS, Graph
+from mecazen.errors import ConfigError, NodeError, StepTimeoutError
+from mecazen.graph import OBSERVERS, SHARED, Graph
 from mecazen.loading import to_toml
 from mecazen.messages import (
     Clock,
     Empty,
+    Header,
+    ParameterDescriptors,
+    ParameterNames,
+    Parameters,
     ResetRequest,
     SimState,
     SpeedRequest,
     StepRequest,
     String,
 )
-from mecazen.node import Tick, World
+from mecazen.node import Node, Tick, World
+from mecazen.parameters import described, parameters, refuse_unknown, settings_of, to_message
+from mecazen.programs import classes
+from mecazen.runtime.changing import Changing
 from mecazen.runtime.link import Answer, Link
 from mecazen.runtime.own import check_outputs, guarded
 from mecazen.runtime.participant import Participant
@@ -59,6 +66,7 @@ class TimeOwner(Participant):
         self, name: str, bus: Bus, scenario: Scenario, graph: Graph, world: type[World]
     ) -> None:
         super().__init__(name, bus, scenario)
+        self.changing = Changing(scenario, _refuse_unsuitable)
         self.lockstep = scenario.sim.mode == "lockstep"
         self._row = row = world.row(scenario)
         self._is_own = name in scenario.programs
@@ -76,6 +84,7 @@ class TimeOwner(Participant):
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         self._clock = bus.publisher(keys.CLOCK) if scenario.robots else None
         """Simulated time for all robots together, in no one's namespace."""
+        self._parameters = bus.publisher(keys.PARAMETERS)
         configuration = to_toml(scenario)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
@@ -84,6 +93,10 @@ class TimeOwner(Participant):
         bus.serve(keys.SIM_STEP, self._on_step)
         bus.serve(keys.SIM_RESET, self._on_reset)
         bus.serve(keys.SIM_SPEED, self._on_speed)
+        bus.serve(keys.GET_PARAMETERS, self._on_get)
+        bus.serve(keys.SET_PARAMETERS, self._on_set)
+        for link in self.links:  # for who comes after a change
+            link.bus.presence.on_change.append(self._publish_parameters)
         self.reset(scenario.seed)
 
     def reset(self, seed: int) -> None:
@@ -151,13 +164,21 @@ class TimeOwner(Participant):
 
     def _advance(self) -> None:
         """Bring the world to the present tick and publish its state."""
+        changes = self.changing.take(self.tick)
+        if changes:
+            self.scenario = self.changing.scenario
+            self.world.configure(self.scenario)
+            if self.tick == 0:
+                self.world.reset(self.stamp.seed)
         inputs = {link.name: link.inputs() for link in self.links}
         now_ns = self.tick * self.tick_ns
         period_s = self.tick_ns / NS_PER_S if self.tick else 0.0
         outputs = self.world.step(Tick(self.tick, now_ns, period_s), inputs)
         if self._is_own:
             self._check(outputs)
-        self.stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed)
+        self.stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.changing.revision)
+        if changes or now_ns % NS_PER_S < self.tick_ns:
+            self._publish_parameters()
         if self._clock is not None:
             self._clock.put(Clock(clock=self.stamp.time), self.stamp)
         for link in self.links:
@@ -242,6 +263,44 @@ class TimeOwner(Participant):
         self.schedule.restart(self.tick)
         reply.answer(self.sim_state())
 
+    def _on_get(self, request: ParameterNames, reply: Reply[ParameterDescriptors]) -> None:
+        """Tell what can be changed, and how it is."""
+        found = parameters(self.changing.wanted)
+        names = request.names or tuple(found)
+        try:
+            refuse_unknown(self.changing.wanted, dict.fromkeys(names, ""))
+        except ConfigError as error:
+            reply.refuse(str(error))
+        else:
+            descriptors = tuple(described(name, found[name]) for name in names)
+            reply.answer(ParameterDescriptors(parameters=descriptors))
+
+    def _on_set(self, request: Parameters, reply: Reply[Parameters]) -> None:
+        """Change parameters from the next tick on; the answer tells which that is."""
+        try:
+            self.changing.ask(settings_of(request))
+        except ConfigError as error:
+            reply.refuse(str(error))
+            return
+        begins = Stamp((self.tick + 1) * self.tick_ns, self.stamp.run, self.stamp.seed)
+        reply.answer(
+            Parameters(
+                header=Header(stamp=begins.time),
+                revision=self.changing.revision + 1,
+                parameters=request.parameters,
+            )
+        )
+
+    def _publish_parameters(self) -> None:
+        """Publish what has been changed, if anything was: now and then, for who comes late."""
+        if self.changing.revision:
+            message = Parameters(
+                header=Header(stamp=self.stamp.time),
+                revision=self.changing.revision,
+                parameters=to_message(self.changing.settings),
+            )
+            self._parameters.put(message, self.stamp)
+
     def _is_current(self, stamp: Stamp) -> bool:
         return stamp.run == self.stamp.run
 
@@ -321,3 +380,20 @@ class TimeOwner(Participant):
         if self.step_reply is not None:
             self.step_reply.refuse(reason)
             self.step_reply = None
+
+
+def _refuse_unsuitable(scenario: Scenario, service: str) -> None:
+    """Refuse a scenario that a node of a service does not take.
+
+    Raises:
+        ConfigError: The node's constructor says why; where it is not installed, nobody does.
+    """
+    try:
+        kinds = classes(service, scenario)
+    except ConfigError:
+        return
+    shared = service in SHARED
+    for part in (scenario,) if shared else map(scenario.of, scenario.names):
+        for kind in kinds.values():
+            if issubclass(kind, Node):
+                kind(part)

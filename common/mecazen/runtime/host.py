@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import cast
 
 from mecazen.bus import Bus
@@ -10,6 +11,7 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import SHARED
 from mecazen.node import Node, World
+from mecazen.parameters import changed
 from mecazen.programs import Kind, classes, graph_of
 from mecazen.runtime.clock import TimeOwner
 from mecazen.runtime.observer import Observer
@@ -49,7 +51,8 @@ def make_nodes(
     service: str, kinds: Mapping[str, Kind], bus: Bus, scenario: Scenario, robot: str = ""
 ) -> Participant:
     """Return a service of these classes, by the names of its nodes; see `make_service`."""
-    seen = part_of(service, scenario, robot)
+    see = partial(part_of, service, robot=robot)
+    seen = see(scenario)
     bus = bus.namespaced(robot)
     kind = next(iter(kinds.values()))
     if issubclass(kind, Observer):
@@ -59,4 +62,6 @@ def make_nodes(
     graph = graph_of(seen, kinds)
     if issubclass(kind, World):
         return TimeOwner(service, bus, seen, graph, kind)
-    return Service(service, bus, seen, graph, cast(Mapping[str, type[Node]], kinds))
+    made = Service(service, bus, seen, graph, cast(Mapping[str, type[Node]], kinds))
+    made.take_changes(lambda settings: see(changed(scenario, settings)))
+    return made

@@ -77,7 +77,7 @@ class Link:
 
     def begin_tick(self, stamp: Stamp) -> None:
         """Await the answers to a tick."""
-        self.stamp = Stamp(stamp.time_ns, stamp.run, self._seed)
+        self.stamp = Stamp(stamp.time_ns, stamp.run, self._seed, stamp.revision)
         self._samples = {}
         self._pending.update(
             (self.name, topic)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from mecazen import keys
 from mecazen.bus import Bus, Publisher, Reply
 from mecazen.config import Scenario
+from mecazen.errors import ConfigError
 from mecazen.graph import Graph
 from mecazen.keys import CLOCK, Call, Topic
-from mecazen.messages import Message
+from mecazen.messages import Message, Parameters
 from mecazen.node import Inputs, Node, Tick
+from mecazen.parameters import settings_of
 from mecazen.runtime.join import Joined, make_join
 from mecazen.runtime.own import check_outputs, guarded
 from mecazen.runtime.participant import Participant
@@ -41,6 +45,9 @@ class Service(Participant):
         kinds: Mapping[str, type[Node]],
     ) -> None:
         super().__init__(name, bus, scenario)
+        self.revision = 0
+        """Of the parameters: how often they have been changed, as far as is known here."""
+        self._forget_changes: Callable[[], None] = lambda: None
         self.nodes = [_Stepped(part, kind, self, graph) for part, kind in kinds.items()]
         if scenario.robots:
             self._of_robots = {i.topic for node in self.nodes for i in node.row.inputs} - {CLOCK}
@@ -62,8 +69,40 @@ class Service(Participant):
         bus.presence.on_return.append(self._on_return)
         self.reset(scenario.seed)
 
+    def take_changes(self, changed: Callable[[dict[str, str]], Scenario]) -> None:
+        """Take changes of parameters, with what makes the service's scenario of those since its start.
+
+        No step is made before those are known that count in its tick.
+        """
+        started = self.scenario
+
+        def take(message: Parameters, stamp: Stamp | None) -> None:
+            if stamp is None or message.revision <= self.revision:
+                return
+            try:
+                self._go_on_with(changed(settings_of(message)), message.revision, stamp)
+            except ConfigError as error:
+                self.bus.refuse(keys.PARAMETERS.key, str(error))
+
+        def forget() -> None:
+            self._go_on_with(started, 0, self.stamp)
+
+        self._forget_changes = forget
+        self.bus.subscribe(keys.PARAMETERS, take, every=True)
+
+    def _go_on_with(self, scenario: Scenario, revision: int, stamp: Stamp) -> None:
+        self.revision = revision
+        if scenario != self.scenario:
+            self.scenario = scenario
+            for node in self.nodes:
+                node.changes.append((stamp._replace(revision=revision), scenario))
+        for node in self.nodes:
+            node.release()
+
     def reset(self, seed: int) -> None:
         """Begin a run, or begin anew in this one."""
+        if self.stamp.revision < self.revision:
+            self._forget_changes()  # who owns time has begun anew
         for node in self.nodes:
             node.reset(seed)
 
@@ -101,6 +140,11 @@ class _Stepped:
         scenario = service.scenario
         row = graph.row(name)
         self.row = row = row.beside(scenario.names) if scenario.robots else row
+        self._service = service
+        self.changes: deque[tuple[Stamp, Scenario]] = deque()
+        """Of parameters: from which tick on, and what then counts."""
+        self._held: list[Joined] = []
+        """Steps whose parameters are not known yet."""
         self._is_own = name in scenario.programs
         make = partial(kind, scenario)
         self.node = guarded(name, make) if self._is_own else make()
@@ -122,6 +166,9 @@ class _Stepped:
 
     def reset(self, seed: int) -> None:
         """Begin a run."""
+        self._held.clear()
+        while self.changes and self.changes[0][0].revision <= self._service.stamp.revision:
+            self.node.configure(self.changes.popleft()[1])
         self.join.reset()
         self._last_ns: int | None = None
         self._known_ns: dict[Topic[Any], int] = {}
@@ -130,6 +177,13 @@ class _Stepped:
     def step(self, joined: Joined) -> None:
         """Make a step and publish what it gives."""
         stamp, samples = joined
+        if stamp.revision > self._service.revision:
+            self._held.append(joined)
+            return
+        if self._held:
+            self._held.clear()  # a tick after them knows less: they lied
+        if self.changes:
+            self._configure(stamp)
         now_ns = stamp.time_ns
         known = self._known_ns
         ages_s = {topic: (now_ns - at_ns) / NS_PER_S for topic, at_ns in known.items()}
@@ -147,6 +201,25 @@ class _Stepped:
                 known[topic] = now_ns
         for topic, message in outputs.items():
             self._publishers[topic].put(message, stamp)
+
+
+    def release(self) -> None:
+        """Make the steps that were held back for parameters that are known now."""
+        held, self._held = self._held, []
+        for joined in held:
+            self.step(joined)
+
+    def _configure(self, stamp: Stamp) -> None:
+        """Let the changes count that are due at a tick; before the first one, the run begins anew."""
+        while self.changes:
+            begins, scenario = self.changes[0]
+            is_due = begins.run == stamp.run and begins.time_ns <= stamp.time_ns
+            if not is_due and begins.revision > stamp.revision:
+                break
+            self.changes.popleft()
+            self.node.configure(scenario)
+            if self._last_ns is None:
+                self.node.reset(stamp.seed)
 
 
 def _deliver(

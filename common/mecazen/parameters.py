@@ -1,0 +1,299 @@
+"""Parameters: the settings of a scenario that may change while a simulation runs.
+
+They are the fields that are declared `mecazen.schema.Live`. A change is a setting as with `--set`,
+by its key and in TOML, and what is allowed is what is allowed there.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import msgspec
+import msgspec.inspect as mi
+
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.explain import describe, one_line, show
+from mecazen.messages import Parameter, ParameterDescriptor, Parameters
+from mecazen.schema import LIVE, Section
+
+ROBOTS = "robots"
+"""Begins the keys of what differs for one of several robots, by its name."""
+
+UNITS = {
+    "m": "m",
+    "s": "s",
+    "deg": "°",
+    "hz": "Hz",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "m_s3": "m/s³",
+    "rad_s": "rad/s",
+    "rad_s2": "rad/s²",
+    "rad_s3": "rad/s³",
+    "1_s": "1/s",
+}
+"""Units by the ends of names."""
+
+Path = tuple[str, ...]
+
+
+class Live(NamedTuple):
+    """A parameter of a scenario."""
+
+    value: Any
+    kind: mi.Type
+
+
+def parameters(scenario: Scenario) -> dict[str, Live]:
+    """Return the parameters of the services that take part, by their keys.
+
+    With several robots each has its own as well: `robots.two.follower.standoff_m`.
+    """
+    found = _of_services(scenario)
+    for robot in scenario.robots:
+        own = _of_services(scenario.of(robot.name))
+        found |= {
+            f"{ROBOTS}.{robot.name}.{key}": live
+            for key, live in own.items()
+            if key.partition(".")[0] in scenario.sections
+        }
+    return found
+
+
+def _of_services(scenario: Scenario) -> dict[str, Live]:
+    sections = {name: getattr(scenario, name, None) for name in scenario.services}
+    sections |= {name: scenario.sections.get(name, sections[name]) for name in sections}
+    return {
+        f"{name}.{'.'.join(path)}": live
+        for name, section in sections.items()
+        if isinstance(section, Section)
+        for path, live in _within(section)
+    }
+
+
+def _within(section: Section) -> Iterator[tuple[Path, Live]]:
+    for name, kind in _kinds(type(section)).items():
+        value = getattr(section, name)
+        if isinstance(kind, mi.Metadata) and (kind.extra or {}).get(LIVE):
+            yield (name,), Live(value, kind.type)
+        elif isinstance(value, Section):
+            yield from (((name, *path), live) for path, live in _within(value))
+
+
+@cache
+def _kinds(kind: type[Section]) -> dict[str, mi.Type]:
+    info = mi.type_info(kind)
+    assert isinstance(info, mi.StructType)
+    return {field.name: field.type for field in info.fields}
+
+
+def described(name: str, live: Live) -> ParameterDescriptor:
+    """Return a parameter as a message."""
+    parts = name.rpartition(".")[2].split("_")
+    ends = ("_".join(parts[first:]) for first in range(1, len(parts)))
+    kind = _some(live.kind)
+    bounds = (getattr(kind, "ge", None), getattr(kind, "gt", None)), (getattr(kind, "le", None),)
+    known = tuple(next((b for b in of if b is not None), None) for of in bounds)
+    types = {mi.BoolType: "bool", mi.IntType: "integer", mi.FloatType: "float"}
+    is_list = isinstance(kind, mi.VarTupleType | mi.TupleType)
+    return ParameterDescriptor(
+        name=name,
+        value=to_text(live.value),
+        type=types.get(type(kind), "list" if is_list else "string"),
+        unit=next((UNITS[end] for end in ends if end in UNITS), ""),
+        range=() if None in known else tuple(map(float, known)),  # type: ignore[arg-type]
+        allowed=describe(live.kind) + ("" if kind is live.kind else ", or left out"),
+    )
+
+
+def _some(kind: mi.Type) -> mi.Type:
+    """Return the type of a value that is there, of one that may be left out."""
+    if isinstance(kind, mi.UnionType):
+        (kind,) = (t for t in kind.types if not isinstance(t, mi.NoneType))
+    return kind.type if isinstance(kind, mi.Metadata) else kind
+
+
+def to_text(value: Any) -> str:
+    """Return a value in TOML; "" of what is left out."""
+    if value is None:
+        return ""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return repr(value) if is_number else json.dumps(value)
+
+
+def from_text(text: str) -> Any:
+    """Return the value of a text in TOML; a bare word is a string."""
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text.strip()
+    return parsed["value"] if len(parsed) == 1 else text.strip()
+
+
+def settings_of(message: Parameters) -> dict[str, str]:
+    """Return the values of a message by their keys, the last one last."""
+    settings: dict[str, str] = {}
+    for parameter in message.parameters:
+        settings.pop(parameter.name, None)
+        settings[parameter.name] = parameter.value
+    return settings
+
+
+def to_message(settings: Mapping[str, str]) -> tuple[Parameter, ...]:
+    """Return the opposite of `settings_of`."""
+    return tuple(Parameter(name=name, value=value) for name, value in settings.items())
+
+
+def flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return the settings in nested tables, by their keys."""
+    found: dict[str, str] = {}
+    for name, value in tables.items():
+        if isinstance(value, dict):
+            found |= flat(value, f"{prefix}{name}.")
+        else:
+            found[prefix + name] = to_text(value)
+    return found
+
+
+def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
+    """Refuse settings that are no parameters.
+
+    Raises:
+        ConfigError: One is not, with a suggestion.
+    """
+    known = parameters(scenario)
+    for key in settings:
+        if key in known:
+            continue
+        close = difflib.get_close_matches(key, known, n=1)
+        section, _, rest = key.partition(".")
+        if section in scenario.others and section not in scenario.sections:
+            problem = f"{section} is not installed where the clock runs, so nobody can check it"
+        elif _is_setting(scenario, section, rest):
+            problem = f"can't change while it runs: `--set {key}=…` counts from the start"
+        else:
+            problem = "no such parameter; "
+            problem += f"did you mean {close[0]}?" if close else "`mecazen param list` shows all"
+        raise ConfigError(one_line(f"{key}: {problem}"))
+
+
+def _is_setting(scenario: Scenario, section: str, path: str) -> bool:
+    """Return whether a key is one of the configuration."""
+    value: Any = scenario.sections.get(section, getattr(scenario, section, None))
+    for name in filter(None, path.split(".")):
+        if not isinstance(value, Section) or name not in type(value).__struct_fields__:
+            return False
+        value = getattr(value, name)
+    return value is not None and section in {*scenario.sections, *Scenario.__struct_fields__}
+
+
+def changed(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
+    """Return a scenario with some parameters changed; without a robot's name, those of all robots.
+
+    A section of a service that is not installed here is changed unchecked.
+
+    Raises:
+        ConfigError: A value, or the scenario with it, is not allowed.
+    """
+    tree: dict[str, Any] = {}
+    trees: dict[str, dict[str, Any]] = {robot.name: {} for robot in scenario.robots}
+    own: set[tuple[str, str]] = {
+        (robot.name, name) for robot in scenario.robots for name in (*robot.sections, *robot.others)
+    }
+    for key, text in settings.items():
+        path = key.split(".")
+        if path[0] == ROBOTS and len(path) > 3 and path[1] in trees:
+            _put(trees[path[1]], path[2:], text)
+            own.add((path[1], path[2]))
+        else:
+            for to in (tree, *trees.values()):
+                _put(to, path, text)
+    robots = tuple(
+        msgspec.structs.replace(
+            robot,
+            **_laid_over(
+                scenario.of(robot.name),
+                {name: of for name, of in trees[robot.name].items() if (robot.name, name) in own},
+                f"{ROBOTS}.{robot.name}.",
+                robot,
+            ),
+        )
+        for robot in scenario.robots
+    )
+    fields = _laid_over(scenario, tree, "", scenario)
+    return _replaced(scenario, {**fields, ROBOTS: robots}, "")
+
+
+def _put(tree: dict[str, Any], path: list[str], text: str) -> None:
+    for name in path[:-1]:
+        below = tree.setdefault(name, {})
+        tree = below if isinstance(below, dict) else {}
+    tree[path[-1]] = text
+
+
+def _laid_over(
+    seen: Scenario, tree: Mapping[str, Any], prefix: str, holder: Any
+) -> dict[str, Any]:
+    """Return the fields of a scenario, or of a robot in it, with changed sections."""
+    sections, others = dict(holder.sections), dict(holder.others)
+    fields: dict[str, Any] = {"sections": sections, "others": others}
+    for name, changes in tree.items():
+        if name in seen.sections:
+            sections[name] = _with(seen.sections[name], changes, prefix + name)
+        elif isinstance(section := getattr(seen, name, None), Section) and not prefix:
+            fields[name] = _with(section, changes, name)
+        else:
+            others[name] = _with_raw(seen.others.get(name, {}), changes)
+    return fields
+
+
+def _with(section: Section, changes: Any, key: str) -> Section:
+    fields: dict[str, Any] = {}
+    kinds = _kinds(type(section))
+    for name, change in (changes if isinstance(changes, dict) else {"": changes}).items():
+        here, value = f"{key}.{name}", getattr(section, name, None)
+        if isinstance(change, dict) and isinstance(value, Section):
+            fields[name] = _with(value, change, here)
+        elif name in kinds and isinstance(change, str):
+            fields[name] = _converted(change, type(section), name, here)
+        else:
+            raise ConfigError(one_line(f"{here}: no such parameter"))
+    return _replaced(section, fields, key)
+
+
+def _converted(text: str, section: type[Section], name: str, key: str) -> Any:
+    kind = _kinds(section)[name]
+    if not text and kind is not _some(kind):
+        return None
+    try:
+        return msgspec.convert(from_text(text), _types(section)[name])
+    except msgspec.ValidationError:
+        value = show(from_text(text))
+        raise ConfigError(one_line(f"{key}: got {value}; allowed: {describe(kind)}")) from None
+
+
+@cache
+def _types(section: type[Section]) -> Mapping[str, Any]:
+    return {field.name: field.type for field in msgspec.structs.fields(section)}
+
+
+def _replaced(whole: Any, fields: Mapping[str, Any], key: str) -> Any:
+    """Return a struct with other fields, which checks itself."""
+    try:
+        return msgspec.structs.replace(whole, **fields)
+    except ValueError as error:
+        raise ConfigError(one_line(": ".join(filter(None, (key, str(error)))))) from None
+
+
+def _with_raw(table: Any, changes: Any) -> Any:
+    """Return tables of an unknown section with changes laid over them."""
+    if not isinstance(changes, dict):
+        return from_text(changes)
+    below = table if isinstance(table, dict) else {}
+    return {**below, **{name: _with_raw(below.get(name), of) for name, of in changes.items()}}

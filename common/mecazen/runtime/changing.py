@@ -1,0 +1,87 @@
+"""Which parameters of a scenario have other values from which tick on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mecazen.config import Scenario, whole_ticks
+from mecazen.errors import ConfigError
+from mecazen.parameters import changed, flat, refuse_unknown
+
+Settings = dict[str, str]
+"""Values in TOML by their keys, the last change last."""
+
+
+class Changing:
+    """The parameters of a simulation: of the scenario, of its script, and as they are set.
+
+    What is set stays for the runs that follow; the script begins anew with each.
+
+    Args:
+        scenario: The whole one, as it was started.
+        check: Refuses a scenario that does not suit the service of some name: ConfigError.
+
+    Raises:
+        ConfigError: The script changes what can't be changed, or to what is not allowed.
+
+    Attributes:
+        scenario: What counts now.
+        revision: How often that has changed.
+        settings: What differs from the start.
+        wanted: What will count when all that is asked for does.
+    """
+
+    def __init__(self, scenario: Scenario, check: Callable[[Scenario, str], None]) -> None:
+        self._started = scenario
+        self._check = check
+        self.scenario = self.wanted = scenario
+        self.revision = 0
+        self.settings: Settings = {}
+        self._kept: Settings = {}
+        self._asked: Settings = {}
+        self._script: dict[int, Settings] = {}
+        for number, change in enumerate(scenario.changes):
+            where = f"changes[{number}]"
+            tick = whole_ticks(f"{where}.at_s", change.at_s, scenario.sim.tick_s)
+            try:
+                self._try(settings := flat(change.set))
+            except ConfigError as error:
+                raise ConfigError(f"{where}: {error}") from None
+            self._script[tick] = _laid(self._script.get(tick, {}), settings)
+
+    def ask(self, settings: Settings) -> None:
+        """Let parameters have other values from the next tick on.
+
+        Raises:
+            ConfigError: One can't be changed, or is not allowed: then nothing is changed.
+        """
+        self.wanted = self._try(settings)
+        self._asked = _laid(self._asked, settings)
+
+    def _try(self, settings: Settings) -> Scenario:
+        refuse_unknown(self._started, settings)
+        scenario = changed(self.wanted, settings)
+        for name in {part for key in settings for part in key.split(".")}:
+            if name in scenario.services:
+                self._check(scenario, name)
+        return scenario
+
+    def take(self, tick: int) -> bool:
+        """Let what is due at a tick count; return whether anything differs from the tick before."""
+        if tick and not self._asked and tick not in self._script:
+            return False
+        self._kept = _laid(self._kept, self._asked)
+        before = _laid(self.settings, self._asked) if tick else self._kept
+        settings = _laid(before, self._script.get(tick, {}))
+        self._asked = {}
+        if settings == self.settings:
+            return False
+        self.settings = settings
+        self.scenario = self.wanted = changed(self._started, settings)
+        self.revision += 1
+        return True
+
+
+def _laid(below: Settings, above: Settings) -> Settings:
+    """Return settings of which those `above` count, and are the last."""
+    return {key: value for key, value in below.items() if key not in above} | above
