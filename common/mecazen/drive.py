@@ -9,12 +9,12 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from mecazen.config import Scenario
-from mecazen.schema import Positive, Section
+from mecazen.schema import Live, Positive, Section
 
 Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
 """A key expression without wildcards, as one publishes on."""
 
-Limit = Annotated[float, msgspec.Meta(gt=0.0)]
+Limit = Live[Annotated[float, msgspec.Meta(gt=0.0)]]
 """`inf` is no limit."""
 
 
@@ -51,7 +51,7 @@ class LinearLimits(_Limits):
 
     max_velocity_m_s: Limit = 2.0
     max_acceleration_m_s2: Limit = 2.5
-    max_deceleration_m_s2: Limit | None = None
+    max_deceleration_m_s2: Live[Limit | None] = None
     """Left out: as max_acceleration_m_s2."""
     max_jerk_m_s3: Limit = math.inf
 
@@ -61,7 +61,7 @@ class AngularLimits(_Limits):
 
     max_velocity_rad_s: Limit = 3.0
     max_acceleration_rad_s2: Limit = 8.0
-    max_deceleration_rad_s2: Limit | None = None
+    max_deceleration_rad_s2: Live[Limit | None] = None
     """Left out: as max_acceleration_rad_s2."""
     max_jerk_rad_s3: Limit = math.inf
 
@@ -84,7 +84,7 @@ class DriveConfig(Section):
 
     command_key: Key = "cmd_vel"
     """Key of the commanded twist, in base_frame_id; with a guard, what the guard listens to."""
-    reference_timeout_s: Positive = 0.5
+    reference_timeout_s: Live[Positive] = 0.5
     """Simulated time after which a command is stale and the robot comes to rest."""
     limits: AxisLimits = AxisLimits()
 

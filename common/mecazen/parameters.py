@@ -11,7 +11,7 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import msgspec.inspect as mi
@@ -19,6 +19,7 @@ import msgspec.inspect as mi
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, one_line, show
+from mecazen.graph import SERVICES
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import LIVE, Section
 
@@ -41,6 +42,7 @@ UNITS = {
 """Units by the ends of names."""
 
 Path = tuple[str, ...]
+SectionT = TypeVar("SectionT", bound=Section)
 
 
 class Live(NamedTuple):
@@ -108,15 +110,21 @@ def described(name: str, live: Live) -> ParameterDescriptor:
         type=types.get(type(kind), "list" if is_list else "string"),
         unit=next((UNITS[end] for end in ends if end in UNITS), ""),
         range=() if None in known else tuple(map(float, known)),  # type: ignore[arg-type]
-        allowed=describe(live.kind) + ("" if kind is live.kind else ", or left out"),
+        allowed=describe(live.kind) + (", or left out" if _is_optional(live.kind) else ""),
     )
 
 
 def _some(kind: mi.Type) -> mi.Type:
     """Return the type of a value that is there, of one that may be left out."""
+    kind = kind.type if isinstance(kind, mi.Metadata) else kind
     if isinstance(kind, mi.UnionType):
         (kind,) = (t for t in kind.types if not isinstance(t, mi.NoneType))
     return kind.type if isinstance(kind, mi.Metadata) else kind
+
+
+def _is_optional(kind: mi.Type) -> bool:
+    kind = kind.type if isinstance(kind, mi.Metadata) else kind
+    return isinstance(kind, mi.UnionType)
 
 
 def to_text(value: Any) -> str:
@@ -175,6 +183,8 @@ def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
         section, _, rest = key.partition(".")
         if section in scenario.others and section not in scenario.sections:
             problem = f"{section} is not installed where the clock runs, so nobody can check it"
+        elif section in SERVICES and section not in scenario.services:
+            problem = f"{section} takes no part in this scenario"
         elif _is_setting(scenario, section, rest):
             problem = f"can't change while it runs: `--set {key}=…` counts from the start"
         else:
@@ -237,9 +247,7 @@ def _put(tree: dict[str, Any], path: list[str], text: str) -> None:
     tree[path[-1]] = text
 
 
-def _laid_over(
-    seen: Scenario, tree: Mapping[str, Any], prefix: str, holder: Any
-) -> dict[str, Any]:
+def _laid_over(seen: Scenario, tree: Mapping[str, Any], prefix: str, holder: Any) -> dict[str, Any]:
     """Return the fields of a scenario, or of a robot in it, with changed sections."""
     sections, others = dict(holder.sections), dict(holder.others)
     fields: dict[str, Any] = {"sections": sections, "others": others}
@@ -269,7 +277,7 @@ def _with(section: Section, changes: Any, key: str) -> Section:
 
 def _converted(text: str, section: type[Section], name: str, key: str) -> Any:
     kind = _kinds(section)[name]
-    if not text and kind is not _some(kind):
+    if not text and _is_optional(kind):
         return None
     try:
         return msgspec.convert(from_text(text), _types(section)[name])
@@ -283,7 +291,7 @@ def _types(section: type[Section]) -> Mapping[str, Any]:
     return {field.name: field.type for field in msgspec.structs.fields(section)}
 
 
-def _replaced(whole: Any, fields: Mapping[str, Any], key: str) -> Any:
+def _replaced(whole: SectionT, fields: Mapping[str, Any], key: str) -> SectionT:
     """Return a struct with other fields, which checks itself."""
     try:
         return msgspec.structs.replace(whole, **fields)

@@ -29,6 +29,7 @@ NODES = "mecazen.nodes"
 Kind = type[Node] | type[World] | type[Observer]
 
 
+@lru_cache
 def installed_nodes() -> dict[str, EntryPoint]:
     """Return the nodes that are installed here, by name."""
     return {entry.name: entry for entry in entry_points(group=NODES)}

@@ -6,6 +6,7 @@ import logging
 import secrets
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 
 from mecazen import keys
@@ -85,6 +86,9 @@ class TimeOwner(Participant):
         self._clock = bus.publisher(keys.CLOCK) if scenario.robots else None
         """Simulated time for all robots together, in no one's namespace."""
         self._parameters = bus.publisher(keys.PARAMETERS)
+        for service in {key.partition(".")[0] for key in parameters(scenario)}:
+            with suppress(ConfigError):  # to import it later would take many ticks
+                classes(service, scenario)
         configuration = to_toml(scenario)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))

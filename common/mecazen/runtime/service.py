@@ -70,7 +70,7 @@ class Service(Participant):
         self.reset(scenario.seed)
 
     def take_changes(self, changed: Callable[[dict[str, str]], Scenario]) -> None:
-        """Take changes of parameters, with what makes the service's scenario of those since its start.
+        """Take changes of parameters, with what makes the service's scenario of all of them.
 
         No step is made before those are known that count in its tick.
         """
@@ -202,7 +202,6 @@ class _Stepped:
         for topic, message in outputs.items():
             self._publishers[topic].put(message, stamp)
 
-
     def release(self) -> None:
         """Make the steps that were held back for parameters that are known now."""
         held, self._held = self._held, []
@@ -210,7 +209,7 @@ class _Stepped:
             self.step(joined)
 
     def _configure(self, stamp: Stamp) -> None:
-        """Let the changes count that are due at a tick; before the first one, the run begins anew."""
+        """Let the changes count that are due at a tick; at the first of a run it begins with them."""
         while self.changes:
             begins, scenario = self.changes[0]
             is_due = begins.run == stamp.run and begins.time_ns <= stamp.time_ns

@@ -123,6 +123,11 @@ class ControllerNode(Node):
         self.limits = self.config.limits.limits
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
+    def configure(self, scenario: Scenario) -> None:
+        """Take other limits from now on."""
+        super().configure(scenario)
+        self.limits = self.config.limits.limits
+
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
         """Return the row with the configured key of the command."""

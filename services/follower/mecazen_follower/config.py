@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 from mecazen.drive import Drive
-from mecazen.schema import AngleDeg, NonNegative, Positive, Section
+from mecazen.schema import AngleDeg, Live, NonNegative, Positive, Section
 
 from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
 from mecazen_follower.goal import VIEWS, Standoff
@@ -22,17 +22,17 @@ from mecazen_follower.polar import ALL_AROUND, UNLIMITED, Approach, PolarControl
 class LinearGains(Gains):
     """Gains along x or y of base_link."""
 
-    kp: NonNegative = 1.5
-    ki: NonNegative = 0.1
-    limit: Positive = 2.0
+    kp: Live[NonNegative] = 1.5
+    ki: Live[NonNegative] = 0.1
+    limit: Live[Positive] = 2.0
 
 
 class AngularGains(Gains):
     """Gains of the yaw axis."""
 
-    kp: NonNegative = 2.0
-    ki: NonNegative = 0.1
-    limit: Positive = 2.5
+    kp: Live[NonNegative] = 2.0
+    ki: Live[NonNegative] = 0.1
+    limit: Live[Positive] = 2.5
 
 
 class PidControl(Section, tag_field="kind", tag="pid"):
@@ -45,22 +45,22 @@ class PidControl(Section, tag_field="kind", tag="pid"):
     x: LinearGains = LinearGains()
     y: LinearGains = LinearGains()
     yaw: AngularGains = AngularGains()
-    feed_forward: bool = True
+    feed_forward: Live[bool] = True
     """Add the estimated velocity of the goal to the command."""
 
 
 class PolarControl(Section, tag_field="kind", tag="polar"):
     """Decoupled control of distance, bearing and heading, with feed-forward of the person."""
 
-    linear_gain_1_s: Positive = 3.0
+    linear_gain_1_s: Live[Positive] = 3.0
     """Proportional gain of distance and bearing; the error decays with the time constant 1/gain."""
-    linear_braking_m_s2: Positive = 2.0
+    linear_braking_m_s2: Live[Positive] = 2.0
     """Deceleration that the robot can achieve."""
-    heading_gain_1_s: Positive = 3.5
-    heading_braking_rad_s2: Positive = 6.0
-    max_speed_m_s: Positive = 2.0
+    heading_gain_1_s: Live[Positive] = 3.5
+    heading_braking_rad_s2: Live[Positive] = 6.0
+    max_speed_m_s: Live[Positive] = 2.0
     """Magnitude of the planar velocity of base_link."""
-    max_yaw_rate_rad_s: Positive = 3.0
+    max_yaw_rate_rad_s: Live[Positive] = 3.0
 
 
 class FollowerConfig(Section):
@@ -69,12 +69,12 @@ class FollowerConfig(Section):
     The place is a named `view`; `bearing_deg` and `heading_deg` together override it.
     """
 
-    view: Literal["back", "side_left", "side_right", "front"] = "back"
-    bearing_deg: AngleDeg | None = None
+    view: Live[Literal["back", "side_left", "side_right", "front"]] = "back"
+    bearing_deg: Live[AngleDeg | None] = None
     """Direction from the person to the robot: 0 is ahead of the person, 90 to their left."""
-    heading_deg: AngleDeg | None = None
+    heading_deg: Live[AngleDeg | None] = None
     """The robot's heading minus the person's."""
-    standoff_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 1.0
+    standoff_m: Live[Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]] = 1.0
     """Distance from the person to the robot."""
     estimator: str = "imm"
     estimator_params: dict[str, float] = msgspec.field(default_factory=dict)

@@ -67,6 +67,14 @@ class Following:
         """Commands to which the robot has not responded yet, with their durations [s]."""
         self._robot: Pose2D | None = None
 
+    def take_over(self, other: Following) -> None:
+        """Go on with the person and the robot as another has known them, who drove differently."""
+        self.people = other.people
+        self._controller.take_over(other._controller)  # type: ignore[arg-type]  # the same kind
+        if self.planner is not None and other.planner is not None:
+            self.planner.take_over(other.planner)
+        self._side, self._pending, self._robot = other._side, other._pending, other._robot
+
     def step(self, time: float, dt: float, robot: Pose2D, frame: Frame | None) -> Step:
         """Compute the tick at `time` [s], `dt` [s] after the last, with base_link at `robot`.
 

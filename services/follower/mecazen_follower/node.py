@@ -77,6 +77,19 @@ class FollowerNode(Node):
 
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
+        self.seed = seed
+        self.following = self._make_following()
+        self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
+        self.state: m.FollowerState | None = None
+
+    def configure(self, scenario: Scenario) -> None:
+        """Drive differently from now on, or to another place."""
+        super().configure(scenario)
+        following = self._make_following()
+        following.take_over(self.following)
+        self.following = following
+
+    def _make_following(self) -> Following:
         sensor, drive = self.sensor, Drive.of(self.scenario)
         camera = "tracker" in sensor.features
         centre = math.radians(self.scenario.robot.camera.yaw_deg) if camera else 0.0
@@ -87,10 +100,8 @@ class FollowerNode(Node):
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
-        planner = self.config.make_planner(drive, body, sight_of(self.scenario, sensor), seed)
-        self.following = Following(self.config, sensor, drive, view, hold_s, planner)
-        self.robot = PoseHistory(round((HISTORY_S + sensor.latency_s) * NS_PER_S))
-        self.state: m.FollowerState | None = None
+        planner = self.config.make_planner(drive, body, sight_of(self.scenario, sensor), self.seed)
+        return Following(self.config, sensor, drive, view, hold_s, planner)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.schema import NonNegative, Positive, Section
+from mecazen.schema import Live, NonNegative, Positive, Section
 
 
 class Gains(Section):
     """Gains of one axis. The output is a velocity: kp in 1/s, ki in 1/s², kd without unit."""
 
-    kp: NonNegative
-    limit: Positive
+    kp: Live[NonNegative]
+    limit: Live[Positive]
     """Largest magnitude of the output [m/s or rad/s]."""
-    ki: NonNegative = 0.0
-    kd: NonNegative = 0.0
+    ki: Live[NonNegative] = 0.0
+    kd: Live[NonNegative] = 0.0
 
 
 class PID:
@@ -42,6 +44,10 @@ class PID:
         if abs(output) <= gains.limit or output * error < 0.0:
             self._integral = integral
         return min(max(output, -gains.limit), gains.limit)
+
+    def take_over(self, other: PID) -> None:
+        """Go on where one with other gains was."""
+        self._integral = other._integral
 
     def reset(self) -> None:
         """Set the integral to zero."""
@@ -89,6 +95,13 @@ class PoseController:
             self._y.update(error.y, measured.y - expected.y, dt, expected.y),
             self._yaw.update(error.yaw, measured.yaw - expected.yaw, dt, expected.yaw),
         )
+
+    def take_over(self, other: Self) -> None:
+        """Go on where a controller with other gains was."""
+        self._x.take_over(other._x)
+        self._y.take_over(other._y)
+        self._yaw.take_over(other._yaw)
+        self._last = other._last
 
     def resume(self, twist: Twist2D) -> None:
         """Begin anew: the integrals are not those of the twist that was commanded instead."""

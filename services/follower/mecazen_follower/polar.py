@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
@@ -133,6 +133,10 @@ class PolarController:
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
         half, centre = self._view
         return off - min(max(off - facing, centre - half), centre + half)
+
+    def take_over(self, other: Self) -> None:
+        """Go on where a controller with other gains, limits or another place was."""
+        self._last = other._last
 
     def resume(self, twist: Twist2D) -> None:
         """Go on from a twist in base_link that was commanded in place of the last one."""

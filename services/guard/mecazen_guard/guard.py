@@ -85,6 +85,11 @@ class Guard:
     ) -> None:
         self._half = np.array(footprint)
         self._corner = math.hypot(*footprint)
+        self.configure(drive, reaction_s, stop_s)
+        self.begin(Twist2D())
+
+    def configure(self, drive: Drive, reaction_s: float, stop_s: float) -> None:
+        """Go on with other limits and times; see `Guard`."""
         self._drive, self.stop_s = drive, stop_s
         self._gains = np.array((1.0, drive.sideways, drive.lever))
         self._reaction_s = reaction_s + max(
@@ -96,7 +101,6 @@ class Guard:
             for name in ("acceleration", "deceleration")
         )
         self._bounds = np.array((self._up, self._down))
-        self.begin(Twist2D())
 
     def begin(self, twist: Twist2D) -> None:
         """Begin with a robot that moves with `twist`."""

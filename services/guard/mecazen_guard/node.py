@@ -43,6 +43,14 @@ class GuardNode(Node):
             robot.footprint, Drive.of(scenario), config.reaction_s, config.person_stop_s
         )
 
+    def configure(self, scenario: Scenario) -> None:
+        """Keep other margins from now on, or count on other limits of the controller."""
+        super().configure(scenario)
+        config = scenario.guard
+        self.timeout_s = DriveConfig.of(scenario).reference_timeout_s
+        self.surroundings.config = config
+        self.guard.configure(Drive.of(scenario), config.reaction_s, config.person_stop_s)
+
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
         """Return the row with the key of the command that the controller names."""

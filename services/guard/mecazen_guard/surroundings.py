@@ -92,7 +92,7 @@ class Surroundings:
     """
 
     def __init__(self, config: GuardConfig, lidar: LidarConfig, mount: Pose2D) -> None:
-        self._config, self._lidar, self._mount = config, lidar, mount
+        self.config, self._lidar, self._mount = config, lidar, mount
         self.forget()
 
     def forget(self) -> None:
@@ -115,7 +115,7 @@ class Surroundings:
             return "the beams of a scan are not spread over the field of view"
         ranges = np.array(scan.ranges)
         invalid = float(np.mean(~(ranges >= max(scan.range_min, 1e-6))))  # NaN is invalid too
-        if invalid > self._config.invalid_share:
+        if invalid > self.config.invalid_share:
             return f"{invalid:.0%} of the beams are invalid"
         return ""
 
@@ -130,7 +130,7 @@ class Surroundings:
             self._tracks, self._points = [], Points()
             return
         things = _Things(xy, np.flatnonzero(new))
-        margins = np.full(len(things.width), self._config.margin_m)
+        margins = np.full(len(things.width), self.config.margin_m)
         velocity, sure = np.zeros((2, len(margins), 2))
         tracks = []
         small = np.flatnonzero(things.width <= SMALL_M).tolist()
@@ -141,7 +141,7 @@ class Surroundings:
             tracks.append(track)
             velocity[legs], sure[legs] = track.velocity, track.sure
             if track.is_person:
-                margins[legs] = self._config.person_margin_m
+                margins[legs] = self.config.person_margin_m
         self._tracks = tracks
         xy, of = things.thinned()
         moves = velocity[of].any(axis=1)  # those points are there twice: they stop, or go on
@@ -163,7 +163,7 @@ class Surroundings:
             if off < least:
                 best, looked, least = track.seen, track.looked, off  # type: ignore[assignment]
         seen = (*best[1 - SCANS :], (self.time, x, y))
-        return _Track(seen, self._config.person_speed_m_s, self.time if is_leg else looked)
+        return _Track(seen, self.config.person_speed_m_s, self.time if is_leg else looked)
 
     def seen_from(self, robot: Pose2D) -> Points:
         """Return the points in base_link, where it is at `robot` in odom."""

@@ -14,7 +14,7 @@ from mecazen.bus import LocalBus
 from mecazen.config import split_key
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, TABLE
-from mecazen.keys import TOPICS
+from mecazen.keys import PARAMETERS, TOPICS
 from mecazen.messages import Message
 from mecazen.node import Node
 from mecazen.programs import classes
@@ -25,11 +25,15 @@ from mecazen.wire import NS_PER_S, Stamp, encode
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError
 
-PERIODIC = {topic.key for row in GRAPH for topic in row.outputs}
+PERIODIC = {topic.key for row in GRAPH for topic in row.outputs} - {PARAMETERS.key}
 """Keys whose last sample tells how far a recording goes."""
 
 ALL_SEE = {topic.key for topic in TOPICS if topic.shared}
 """Keys that are in no robot's namespace."""
+
+
+KNOWN_TO_OTHERS = "controller", "guard"
+"""Services whose sections other nodes look into as well."""
 
 
 class Difference(NamedTuple):
@@ -123,7 +127,8 @@ def _make_service(
     name = TABLE[place].part_of if place in TABLE else place
     if name not in scenario.services:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
-    recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
+    sections = recording.scenario(run, name, *KNOWN_TO_OTHERS)
+    recorded = msgspec.structs.replace(sections, programs=programs)
     service = make_nodes(name, kinds, bus, recorded, robot)
     assert isinstance(service, Service)
     return service
@@ -140,16 +145,18 @@ def _recompute_run(
         for row in rows
         for topic in (*(i.topic for i in row.inputs), *row.outputs)
     }
+    topics[PARAMETERS.key] = PARAMETERS
     outputs = [row.on_bus(topic) for row in rows for topic in row.outputs]
     recorded: dict[str, Outputs] = {topic.key: [] for topic in outputs}
     recomputed: dict[str, Outputs] = {topic.key: [] for topic in outputs}
     for topic in outputs:
         bus.namespaced(robot).subscribe(topic, partial(_keep, recomputed[topic.key]))
 
-    def place_in_time(sample: Sample) -> tuple[int, bool, bool]:
+    def place_in_time(sample: Sample) -> tuple[int, bool, int]:
         # the recorder gets the samples of a tick from several processes, in any order;
         # a sample without a stamp may have come at any time within its tick
-        return sample.time_ns, sample.stamp is None, sample.key not in triggers
+        order = 0 if sample.key == PARAMETERS.key else 1 if sample.key in triggers else 2
+        return sample.time_ns, sample.stamp is None, order
 
     last_ns: dict[str, int] = {}
     for sample in sorted(samples, key=place_in_time):

@@ -63,18 +63,22 @@ class Recorder:
         self._described: set[str] = set()
         for key in config.keys:
             includes(key, key)  # a wrong key is an error before the file exists
+        # without what was changed nothing can be computed anew
+        recorded = (*config.keys, keys.PARAMETERS.key)
         self.writer = RecordingWriter(Path(config.file), config.encoding)
         if isinstance(bus, ZenohBus):
-            for index, key in enumerate(config.keys):
-                take = partial(self._take_bytes, config.keys[:index])
+            for index, key in enumerate(recorded):
+                take = partial(self._take_bytes, recorded[:index])
                 bus.subscribe_bytes(key, take, config.backlog_mib * BYTES_PER_MIB)
         else:
             heard = [topic for topic in topics if "*" not in topic.key]
             heard += map(keys.diagnostics, services)
             for robot in dict.fromkeys(("", *robots)):
                 for topic in heard:
+                    if topic.shared and robot:
+                        continue
                     name = join_key(topic.key, robot)
-                    if any(includes(key, name) for key in config.keys):
+                    if any(includes(key, name) for key in recorded):
                         take = partial(self._take, name)
                         bus.namespaced(robot).subscribe(topic, take, every=True)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import msgspec
-from mecazen.schema import Positive, Section
+from mecazen.schema import Live, Positive, Section
 
 PRIORITIES = ("distance", "visibility", "bearing", "heading")
 
@@ -18,9 +18,9 @@ class PlannerConfig(Section):
     samples: Annotated[int, msgspec.Meta(ge=100, le=20_000)] = 1000
     horizon_s: Annotated[float, msgspec.Meta(ge=0.5, le=5.0)] = 2.5
     """How far it looks ahead."""
-    clearance_m: Positive = 0.12
+    clearance_m: Live[Positive] = 0.12
     """To be kept between the robot and everything else."""
-    priorities: tuple[str, ...] = PRIORITIES
+    priorities: Live[tuple[str, ...]] = PRIORITIES
     """What of the place beside the person is given up last comes first."""
 
     def __post_init__(self) -> None:

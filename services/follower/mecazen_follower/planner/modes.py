@@ -51,6 +51,10 @@ class Trail:
         if not self._points or math.dist(self._points[-1], here) >= TRAIL_M:
             self._points.append(here)
 
+    def take_over(self, other: Trail) -> None:
+        """Keep what another has noted."""
+        self._points.extend(other._points)
+
     def points(self, robot: Pose2D) -> Floats:
         """Return the trail (n, 2), oldest first, from the robot's place on."""
         points: Floats = np.array(self._points).reshape(-1, 2) - robot[:2]

@@ -79,6 +79,14 @@ class Planner:
         self._sent = Twist2D()
         self._planned = -math.inf
 
+    def take_over(self, other: Planner) -> None:
+        """Go on where one with other priorities, limits or another place was."""
+        self.plan, self._commands = other.plan, other._commands
+        self._sent, self._planned = other._sent, other._planned
+        self.search, self.surroundings = other.search, other.surroundings
+        self._person = other._person
+        self._trail.take_over(other._trail)
+
     def see(self, time: float, scan: LaserScan, lidar: Pose2D) -> None:
         """Take a scan of `time` [s] with the lidar at a pose in odom.
 
