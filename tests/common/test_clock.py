@@ -31,7 +31,7 @@ def test_each_tick_is_published_with_its_stamp_and_moved_by_its_answers():
     heard = rig.take()
     for tick in range(3):
         assert [sample.key for sample in heard] == [topic.key for topic in STATES]
-        assert {sample.stamp for sample in heard} == {(tick * TICK_NS, rig.clock.stamp.run, 3)}
+        assert {sample.stamp for sample in heard} == {Stamp(tick * TICK_NS, rig.clock.stamp.run, 3)}
         assert heard[0].message == Clock(clock=Time(nanosec=tick * TICK_NS))
         # at 1 m/s from the first answer on; a sum of ticks, not a product
         assert x_of(heard) == pytest.approx(0.01 * tick, rel=1e-12)

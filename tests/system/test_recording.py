@@ -26,6 +26,7 @@ IN_FORCE = [row.within(SensorConfig().features) for row in GRAPH]
 EVERY_TICK = {topic.key for row in IN_FORCE if row for topic in row.outputs} - {
     keys.OBSERVATION.key,
     keys.PEOPLE.key,  # of a crowd
+    keys.PARAMETERS.key,  # nothing is changed
 }
 
 

@@ -38,7 +38,7 @@ PUTS = (
     "of/ones/own",
 )
 MAY_PUT: dict[str, set[str]] = {
-    "physics": {"clock", "joint_states", "ground_truth/odom"},
+    "physics": {"clock", "sim/parameters", "joint_states", "ground_truth/odom"},
     "controller": {"joint_command", "odom"},
     "target": {"target/odom", "target/skeleton", "target/observation"},
     "crowd": {"people"},
@@ -55,7 +55,12 @@ ANSWERS = (
     f"{keys.ROBOT_DESCRIPTION.key}/**",
 )
 """Of the physics."""
-QUESTIONS = ("sim/scenario", "robot_description", "robot_description/meshes/wheel.stl")
+QUESTIONS = (
+    "sim/scenario",
+    "sim/get_parameters",
+    "robot_description",
+    "robot_description/meshes/wheel.stl",
+)
 GUARD_S = 20.0
 """Only ends a test that would hang."""
 ORDERS = tuple(call.key for call in keys.CALLS if call.key not in {*QUESTIONS, "sim/state"})

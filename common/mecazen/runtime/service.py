@@ -209,7 +209,7 @@ class _Stepped:
             self.step(joined)
 
     def _configure(self, stamp: Stamp) -> None:
-        """Let the changes count that are due at a tick; at the first of a run it begins with them."""
+        """Let the changes count that are due at a tick; the first of a run begins it with them."""
         while self.changes:
             begins, scenario = self.changes[0]
             is_due = begins.run == stamp.run and begins.time_ns <= stamp.time_ns

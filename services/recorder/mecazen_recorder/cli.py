@@ -16,6 +16,7 @@ import msgspec
 import typer
 from mecazen.config import join_key
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.explain import one_line
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from rich.console import Console
@@ -192,6 +193,8 @@ def info(
         robots = f", robots {', '.join(run.robots)}" if run.robots else ""
         span = f"{run.begin_s:g} to {run.end_s:g} s"
         typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
+        for change in run.changes:
+            typer.echo(one_line(f"  changed at {change}"))
 
 
 def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:

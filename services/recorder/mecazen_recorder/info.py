@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import msgspec
 from mecazen.config import split_key
+from mecazen.keys import PARAMETERS
+from mecazen.messages import Parameter, Parameters
 from mecazen.wire import NS_PER_S
 
 from mecazen_recorder.reader import Recording
@@ -41,6 +43,8 @@ class RunInfo(msgspec.Struct, frozen=True):
     end_s: float
     has_scenario: bool
     """Whether the file holds the run's configuration."""
+    changes: tuple[str, ...]
+    """Of parameters: when, and to what; first those that had been set before the run."""
 
 
 class Info(msgspec.Struct, frozen=True):
@@ -62,6 +66,7 @@ def inspect(recording: Recording) -> Info:
     types: dict[str, str] = {}
     spans: dict[int, tuple[int, int]] = {}
     seeds: dict[int, int] = {}
+    changes: dict[int, _Changes] = {}
     for sample in recording.samples():
         stamp = sample.stamp
         run = None if stamp is None else stamp.run
@@ -72,15 +77,33 @@ def inspect(recording: Recording) -> Info:
             spans[stamp.run] = min(first, sample.time_ns), max(last, sample.time_ns)
             if not split_key(sample.key, recording.robots(stamp.run))[0]:
                 seeds.setdefault(stamp.run, stamp.seed)
+            if sample.key == PARAMETERS.key:
+                changes.setdefault(stamp.run, _Changes()).add(sample.message(Parameters))
     runs = []
     for run, (first, last) in spans.items():
         names = tuple(filter(None, recording.robots(run)))
         span_s = first / NS_PER_S, last / NS_PER_S
-        runs.append(RunInfo(run, seeds.get(run), names, *span_s, run in recording.scenarios))
+        known, told = run in recording.scenarios, changes.get(run, _Changes()).told
+        runs.append(RunInfo(run, seeds.get(run), names, *span_s, known, tuple(told)))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
     count = sum(one.count for one in infos)
     duration_s = sum(one.end_s - one.begin_s for one in runs)
     return Info(str(recording.path), recording.is_cut_off, count, duration_s, tuple(runs), infos)
+
+
+class _Changes:
+    """The changes of a run: what differs from one message to the next."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self._last: tuple[Parameter, ...] = ()
+
+    def add(self, message: Parameters) -> None:
+        new = [one for one in message.parameters if one not in self._last]
+        self._last = message.parameters
+        if new:
+            settings = ", ".join(f"{one.name}={one.value}" for one in new)
+            self.told.append(f"t = {message.header.stamp.ns / NS_PER_S:g} s: {settings}")
 
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:

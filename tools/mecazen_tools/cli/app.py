@@ -22,7 +22,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mecazen_tools import certificates, files
-from mecazen_tools.cli import sim, status, talk, up
+from mecazen_tools.cli import param, sim, status, talk, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -46,6 +46,7 @@ certificates_app = typer.Typer(
     no_args_is_help=True, help="Certificates, for TLS and access control."
 )
 app.add_typer(sim.app, name="sim")
+app.add_typer(param.app, name="param")
 app.add_typer(certificates_app, name="keys")
 app.command()(talk.graph)
 app.command()(talk.topics)

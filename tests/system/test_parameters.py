@@ -1,0 +1,185 @@
+"""Parameters that change while it runs: the same bits however they are changed, and anew."""
+
+import json
+from contextlib import closing
+
+import pytest
+from harness import SCENARIOS, tools
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.errors import ConfigError
+from mecazen.graph import COLLECTOR
+from mecazen.loading import load_scenario
+from mecazen.parameters import changed
+from mecazen_recorder.info import inspect
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recompute import recompute
+from mecazen_tools.cli.app import app
+from mecazen_tools.simulate import InProcess, collect, simulate, simulate_distributed
+from typer.testing import CliRunner
+
+SHORT = "sim.duration_s=1.0"
+FARTHER = {
+    "follower.standoff_m": "1.4",
+    "follower.control.linear_gain_1_s": "2.0",
+    "controller.limits.x.max_acceleration_m_s2": "0.8",
+}
+
+
+def script(at_s, settings=FARTHER):
+    """Return the setting by which a scenario makes such changes by itself."""
+    tables = ", ".join(f"{key} = {value}" for key, value in settings.items())
+    return f"changes=[{{at_s = {at_s!r}, set = {{{tables}}}}}]"
+
+
+def scenario(name, *settings):
+    return load_scenario(SCENARIOS / f"{name}.toml", (SHORT, *settings))
+
+
+def sha256(name, *settings):
+    return simulate(scenario(name, *settings), name)[0].trajectory_sha256
+
+
+def set_all(bus, settings):
+    """Ask for changes; return the time from which they count [s]."""
+    values = tuple(m.Parameter(key, value) for key, value in settings.items())
+    answer = bus.call(keys.SET_PARAMETERS, m.Parameters(parameters=values))
+    return answer.header.stamp.ns / 1e9
+
+
+def run_with(loaded, *changes):
+    """Make a run in this process, with what is set at some ticks; return its hash."""
+    with closing(InProcess(loaded)) as run:
+        for tick, _ in enumerate(run.ticks()):
+            for at, settings in changes:
+                if tick == at:
+                    set_all(run.bus, settings)
+        return run.trajectory.sha256()
+
+
+def test_what_is_set_while_it_runs_is_what_a_script_changes_then_in_one_process_and_many():
+    settings = {**FARTHER, "guard.margin_m": "0.1"}
+    scripted = sha256("safety", script(0.6, settings))
+    assert run_with(scenario("safety"), (59, settings)) == scripted != sha256("safety")
+    path, more = SCENARIOS / "safety.toml", (SHORT, script(0.6, settings))
+    assert simulate_distributed(path, more, "safety")[0].trajectory_sha256 == scripted
+
+
+def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tick_it_says(stack):
+    services = ("physics", "controller", "target", "follower")
+    listed = f"services={json.dumps([*services, COLLECTOR])}"
+    running = stack(SCENARIOS / "back.toml", "sim.duration_s=3.0", "sim.mode=lockstep", listed)
+    running.launch(*services)
+    begins_s = []
+
+    def progress(ticks):
+        if not begins_s:
+            begins_s.append(set_all(running.bus, FARTHER))
+
+    result, _ = collect(running.scenario, "back", progress)
+    assert 0.0 < begins_s[0] < 3.0
+    assert result.trajectory_sha256 == sha256("back", "sim.duration_s=3.0", script(begins_s[0]))
+
+
+def test_from_the_first_tick_on_a_change_is_as_if_the_scenario_said_so():
+    said = ["follower.control.kind=polar", *(f"{key}={text}" for key, text in FARTHER.items())]
+    assert sha256("back", script(0.0)) == sha256("back", *said)
+
+
+def test_a_reset_keeps_what_was_set_and_makes_the_run_of_such_a_scenario():
+    with closing(InProcess(scenario("back"))) as run:
+        for tick, _ in enumerate(run.ticks()):
+            if tick == 20:
+                set_all(run.bus, FARTHER)
+            if tick == 60:
+                run.bus._servers["sim/reset"](m.ResetRequest(), _Nobody())
+                run.step()
+                break
+        poses = _poses(run)
+    with closing(InProcess(changed(scenario("back"), FARTHER))) as run:
+        run.begin()
+        assert _poses(run) == poses
+
+
+class _Nobody:
+    def answer(self, message):
+        pass
+
+
+def _poses(run, ticks=100):
+    heard = []
+    run.bus.subscribe(keys.GROUND_TRUTH, lambda message, _: heard.append(message))
+    for _ in range(ticks):
+        run.step()
+    return heard[-90:]
+
+
+@pytest.mark.parametrize(
+    ("name", "recorded"),
+    [("safety", ["**"]), ("convoy", ["two/odom", "two/target/*", "two/cmd_vel", "clock"])],
+)
+def test_a_recording_holds_the_changes_and_nodes_are_computed_anew_with_them(
+    tmp_path, name, recorded
+):
+    file = tmp_path / "run.mcap"
+    loaded = scenario(name)
+    services = json.dumps([*loaded.services, "recorder"])
+    to = f"services={services}", f"recorder.file={file}", f"recorder.keys={json.dumps(recorded)}"
+    run_with(scenario(name, *to), (40, FARTHER), (90, {"follower.standoff_m": "0.9"}))
+    recording = Recording(file)
+    (run,) = inspect(recording).runs
+    assert run.changes == (
+        "t = 0.41 s: " + ", ".join(f"{key}={value}" for key, value in FARTHER.items()),
+        "t = 0.91 s: follower.standoff_m=0.9",
+    )
+    found = [sample.key for sample in recording.samples() if "parameters" in sample.key]
+    assert found == ["sim/parameters"] * 2
+    for node in ("follower", "controller", "guard") if name == "safety" else ("follower",):
+        assert recompute(recording, node, loaded.names[-1]).difference is None
+
+
+def test_the_command_line_shows_and_changes_parameters(stack):
+    running = stack(
+        SCENARIOS / "back.toml", "services=['physics','controller','target','follower']"
+    )
+    running.start()
+    to = tools(running.scenario.bus)
+
+    def ask(*arguments):
+        return CliRunner().invoke(app, ["param", *arguments, *to])
+
+    def param(*arguments):
+        done = ask(*arguments)
+        assert done.exception is None
+        return done.stdout
+
+    said = param("set", "follower.bearing_deg", "120", "follower.heading_deg", "-60")
+    assert said.startswith("follower.bearing_deg=120 from t = ")
+    assert param("get", "follower.heading_deg") == "follower.heading_deg=-60.0\n"
+    (shown,) = [line for line in param("list", "follower").splitlines() if "standoff_m" in line]
+    assert "1.0" in shown
+    assert "a number > 0" in shown
+    found = json.loads(param("list", "controller", "--json"))["parameters"]
+    assert {one["name"].partition(".")[0] for one in found} == {"controller"}
+    for wrong, words in (
+        (("set", "follower.standof_m", "1"), ("did you mean follower.standoff_m?",)),
+        (("set", "follower.standoff_m", "-1"), ("follower.standoff_m: got -1", "> 0")),
+        (("set", "follower.standoff_m", "0.2"), ("must be at least 0.58",)),
+        (("set", "physics.dt_s", "0.002"), ("can't change while it runs",)),
+        (("set", "follower.standoff_m"), ("without a value",)),
+        (("list", "nobody"), ("'nobody'",)),
+    ):
+        error = ask(*wrong).exception
+        assert isinstance(error, ConfigError)
+        assert all(word in str(error) for word in words)
+    # who comes late has them as well
+    with closing(ZenohBus(running.scenario.bus)) as bus:
+        heard = []
+        bus.subscribe(keys.PARAMETERS, lambda message, _: heard.append(message), every=True)
+        while not heard:
+            bus.spin_once(0.1)
+    assert [one.name for one in heard[0].parameters] == [
+        "follower.bearing_deg",
+        "follower.heading_deg",
+    ]
