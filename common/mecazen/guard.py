@@ -14,11 +14,11 @@ class GuardConfig(Section):
     """Clearance of the robot's outline from things."""
     person_margin_m: Live[NonNegative] = 0.3
     """The same from what may be somebody's legs: feet and trunk reach farther than the shanks."""
-    reaction_s: Live[NonNegative] = 0.06
+    reaction_s: NonNegative = 0.06
     """From a decision until the wheels follow it."""
-    person_stop_s: Live[NonNegative] = 0.3
+    person_stop_s: NonNegative = 0.3
     """Time in which somebody who walks away can come to rest at the soonest."""
-    person_speed_m_s: Live[Positive] = 2.0
+    person_speed_m_s: Positive = 2.0
     """Nobody is taken to walk faster."""
     silent_scans: Positive = 3.0
     """A lidar is silent after so many periods without a scan."""

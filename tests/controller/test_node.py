@@ -233,3 +233,11 @@ def test_set_odometry_moves_the_pose_and_odometry_goes_on_from_there_until_the_n
     wheels.reset(1)
     assert wheels.measure(0, STANDING) == first
     assert moved(first) == pytest.approx(Pose2D(), abs=1e-15)
+
+
+def test_other_limits_count_from_the_next_tick_on_and_the_speed_goes_on_from_there():
+    limits = AxisLimits(LinearLimits(max_acceleration_m_s2=1.0))
+    controller = Controller(limits=limits)
+    assert controller.forward(range(10), 2.0)[-1] == pytest.approx(0.1)
+    controller.node.configure(scenario(limits=AxisLimits(LinearLimits(0.15, 4.0))))
+    assert controller.forward(range(10, 13), 2.0) == pytest.approx([0.14, 0.15, 0.15])

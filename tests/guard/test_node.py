@@ -89,3 +89,17 @@ def test_a_late_command_corrects_its_tick():
 def test_it_listens_to_the_key_that_the_controller_names():
     row = GuardNode.row(teleop("controller.command_key=joystick"))
     assert row.on_bus(CMD_VEL).key == "joystick"
+
+
+def test_another_margin_counts_from_the_next_scan_on_and_what_was_seen_stays():
+    rig = Rig()
+    wall = [0.5] * rig.scenario.sensors.lidar.beams
+    for _ in range(50):
+        let_through, state = rig.step(FORWARD, rig.scan(wall))
+    assert let_through.linear.x > 0.1
+    rig.node.configure(teleop("guard.margin_m=0.3"))
+    _, still = rig.step(FORWARD)
+    assert still.state == state.state != "blind"
+    for _ in range(50):
+        let_through, state = rig.step(FORWARD, rig.scan(wall))
+    assert (let_through, state.state) == (m.Twist(), "stop")
