@@ -83,8 +83,8 @@ class Malformed:
         below = self._random.randrange
         while True:
             key = self._random.choice(list(self._good))
-            # a stamp is 16 bytes
-            sizes = (16, below(40)) if below(10) == 0 else ()
+            # a stamp is 16 or 20 bytes
+            sizes = (16, 20, below(40)) if below(10) == 0 else ()
             attachment = self._random.randbytes(self._random.choice(sizes)) if sizes else None
             label = self._random.choice(LABELS)
             made = Payload(

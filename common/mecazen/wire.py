@@ -65,9 +65,10 @@ class Stamp(NamedTuple):
         """Return the stamp of an attachment.
 
         Raises:
-            RefusedError: It is not 16 or 20 bytes long, or its time is none that `Time` can hold.
+            RefusedError: It is not as long as a stamp is, or its time is none that `Time` can hold.
         """
-        form = _REVISED if len(attachment) == _REVISED.size else _STAMP
+        is_revised = len(attachment) == _REVISED.size and any(attachment[_STAMP.size :])
+        form = _REVISED if is_revised else _STAMP
         if len(attachment) != form.size:
             raise RefusedError(f"attachment of {len(attachment)} bytes, a stamp has {_STAMP.size}")
         stamp = cls(*form.unpack(attachment))

@@ -7,6 +7,7 @@ from mecazen import keys
 from mecazen.config import seed_of
 from mecazen.errors import BusError, StepTimeoutError
 from mecazen.messages import Empty, ResetRequest
+from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
 TWO = (("physics", "controller", "target"), "one", "two")
@@ -22,7 +23,7 @@ def test_each_robot_is_told_of_in_its_namespace_with_a_seed_of_its_own():
     for name, x in (("one", 0.01), ("two", 0.005)):
         heard = rig.take(name)[-3:]
         assert {sample.stamp for sample in heard} == {
-            (TICK_NS, rig.clock.stamp.run, seed_of(3, name))
+            Stamp(TICK_NS, rig.clock.stamp.run, seed_of(3, name))
         }
         assert x_of(heard) == x
     assert [sample.stamp for sample in shared.take()][-1] == rig.clock.stamp

@@ -181,18 +181,19 @@ def test_a_refusal_names_the_type_and_the_field():
         decode(b'{"linear":{"x":"1"}}', m.Twist)
 
 
-@given(st.integers(0, 2**31 * 10**9 - 1), st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
-def test_a_stamp_round_trips(time_ns, run, seed):
-    stamp = Stamp(time_ns, run, seed)
+@given(st.integers(0, 2**31 * 10**9 - 1), *[st.integers(0, 2**32 - 1)] * 3)
+def test_a_stamp_round_trips(time_ns, run, seed, revision):
+    stamp = Stamp(time_ns, run, seed, revision)
     assert Stamp.unpack(stamp.pack()) == stamp
     assert stamp.time.ns == time_ns
 
 
-def test_a_stamp_is_16_bytes_little_endian():
+def test_a_stamp_is_16_bytes_little_endian_and_20_with_a_revision():
     assert Stamp(1, 2, 3).pack() == bytes([1, *[0] * 7, 2, 0, 0, 0, 3, 0, 0, 0])
+    assert Stamp(1, 2, 3, 4).pack() == Stamp(1, 2, 3).pack() + bytes([4, 0, 0, 0])
 
 
-@pytest.mark.parametrize("size", [0, 1, 15, 17, 100_000])
+@pytest.mark.parametrize("size", [0, 1, 15, 17, 20, 21, 100_000])
 def test_an_attachment_of_another_length_is_refused(size):
     with pytest.raises(RefusedError, match=f"{size} bytes"):
         Stamp.unpack(bytes(size))

@@ -6,7 +6,6 @@ anyone may make: when it is answered, what came before it has been let through o
 
 import json
 import secrets
-import struct
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -319,7 +318,7 @@ def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder):
     with intrude(running, "viewer") as viewer:
         for key in ("clock", "joint_states", "ground_truth/odom", "odom", "target/observation"):
             for forged in (Stamp(2**60, run, 0), Stamp(0, secrets.randbits(32), 0)):
-                viewer.put(key, b"{}", attachment=struct.pack("<qII", *forged))
+                viewer.put(key, b"{}", attachment=forged.pack())
         settle(viewer)
     before = dict(newest)
     running.wait(lambda: all(newest[key].time_ns > before[key].time_ns + 10**9 for key in newest))
