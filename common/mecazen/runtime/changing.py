@@ -6,7 +6,10 @@ from collections.abc import Callable
 
 from mecazen.config import Scenario, whole_ticks
 from mecazen.errors import ConfigError
+from mecazen.graph import SHARED
+from mecazen.node import Node
 from mecazen.parameters import changed, flat, refuse_unknown
+from mecazen.programs import classes
 
 Settings = dict[str, str]
 """Values in TOML by their keys, the last change last."""
@@ -85,3 +88,20 @@ class Changing:
 def _laid(below: Settings, above: Settings) -> Settings:
     """Return settings of which those `above` count, and are the last."""
     return {key: value for key, value in below.items() if key not in above} | above
+
+
+def refuse_unsuitable(scenario: Scenario, service: str) -> None:
+    """Refuse a scenario that a node of a service does not take.
+
+    Raises:
+        ConfigError: The node's constructor says why; where it is not installed, nobody does.
+    """
+    try:
+        kinds = classes(service, scenario)
+    except ConfigError:
+        return
+    shared = service in SHARED
+    for part in (scenario,) if shared else map(scenario.of, scenario.names):
+        for kind in kinds.values():
+            if issubclass(kind, Node):
+                kind(part)

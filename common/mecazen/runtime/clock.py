@@ -13,7 +13,7 @@ from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario, join_key
 from mecazen.errors import ConfigError, NodeError, StepTimeoutError
-from mecazen.graph import OBSERVERS, SHARED, Graph
+from mecazen.graph import OBSERVERS, Graph
 from mecazen.loading import to_toml
 from mecazen.messages import (
     Clock,
@@ -28,10 +28,10 @@ from mecazen.messages import (
     StepRequest,
     String,
 )
-from mecazen.node import Node, Tick, World
+from mecazen.node import Tick, World
 from mecazen.parameters import described, parameters, refuse_unknown, settings_of, to_message
 from mecazen.programs import classes
-from mecazen.runtime.changing import Changing
+from mecazen.runtime.changing import Changing, refuse_unsuitable
 from mecazen.runtime.link import Answer, Link
 from mecazen.runtime.own import check_outputs, guarded
 from mecazen.runtime.participant import Participant
@@ -67,7 +67,7 @@ class TimeOwner(Participant):
         self, name: str, bus: Bus, scenario: Scenario, graph: Graph, world: type[World]
     ) -> None:
         super().__init__(name, bus, scenario)
-        self.changing = Changing(scenario, _refuse_unsuitable)
+        self.changing = Changing(scenario, refuse_unsuitable)
         self.lockstep = scenario.sim.mode == "lockstep"
         self._row = row = world.row(scenario)
         self._is_own = name in scenario.programs
@@ -384,20 +384,3 @@ class TimeOwner(Participant):
         if self.step_reply is not None:
             self.step_reply.refuse(reason)
             self.step_reply = None
-
-
-def _refuse_unsuitable(scenario: Scenario, service: str) -> None:
-    """Refuse a scenario that a node of a service does not take.
-
-    Raises:
-        ConfigError: The node's constructor says why; where it is not installed, nobody does.
-    """
-    try:
-        kinds = classes(service, scenario)
-    except ConfigError:
-        return
-    shared = service in SHARED
-    for part in (scenario,) if shared else map(scenario.of, scenario.names):
-        for kind in kinds.values():
-            if issubclass(kind, Node):
-                kind(part)
