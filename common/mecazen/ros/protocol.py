@@ -1,0 +1,135 @@
+"""What goes over the wire between the ROS 2 nodes of rmw_zenoh: names, qualities, attachments.
+
+From the sources of ros2/rmw_zenoh: `liveliness_utils.cpp`, `attachment_helpers.cpp`. Keys,
+tokens and attachments are one format from Jazzy to Lyrical; Humble differs in the type hash.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from typing import NamedTuple
+
+from mecazen.wire import RefusedError
+
+ADMIN = "@ros2_lv"
+"""The first chunk of every liveliness token."""
+NO_HASH = "TypeHashNotSupported"
+"""What Humble has in the place of every type hash."""
+GID_BYTES = 16
+
+_ATTACHMENT = struct.Struct(f"<qqB{GID_BYTES}s")
+
+
+class Qos(NamedTuple):
+    """Quality of service, as far as mecazen offers any: the newest `depth` samples are kept."""
+
+    depth: int = 10
+    reliable: bool = True
+    latched: bool = False
+    """Whether who subscribes later gets the newest samples (transient local)."""
+
+    @property
+    def text(self) -> str:
+        """The six fields of a token; one that has rmw_zenoh's default is empty."""
+        reliability = "" if self.reliable else "2"
+        durability = "1" if self.latched else ""
+        return f"{reliability}:{durability}:,{self.depth}:,:,:,,"
+
+
+SENSOR_DATA = Qos(5, reliable=False)
+LATCHED = Qos(1, latched=True)
+SERVICE = Qos()
+
+
+class Attachment(NamedTuple):
+    """What goes with every sample, request and reply."""
+
+    sequence: int
+    """From 1; a reply repeats that of its request."""
+    time_ns: int
+    """When it was sent, by the wall clock."""
+    gid: bytes
+    """Of who published it, or asked."""
+
+    def pack(self) -> bytes:
+        """Return it as bytes."""
+        return _ATTACHMENT.pack(self.sequence, self.time_ns, GID_BYTES, self.gid)
+
+    @classmethod
+    def unpack(cls, attachment: bytes) -> Attachment:
+        """Return what some bytes hold; there may be more behind it, as rmw_zenoh has it.
+
+        Raises:
+            RefusedError: They hold something else.
+        """
+        if len(attachment) < _ATTACHMENT.size:
+            raise RefusedError(
+                f"attachment of {len(attachment)} bytes, rmw_zenoh's has {_ATTACHMENT.size}"
+            )
+        sequence, time_ns, length, gid = _ATTACHMENT.unpack_from(attachment)
+        if sequence < 0 or time_ns < 0 or length != GID_BYTES:
+            raise RefusedError("attachment that is not rmw_zenoh's")
+        return cls(sequence, time_ns, gid)
+
+
+class Node(NamedTuple):
+    """A ROS node on a Zenoh session."""
+
+    domain: int
+    session: str
+    """The session's identity, as Zenoh prints it."""
+    number: int
+    """Of the node in its session."""
+    namespace: str
+    """Without slashes at its ends; empty for the root."""
+    name: str
+
+    @property
+    def token(self) -> str:
+        """The liveliness token of the node itself."""
+        return self._token(self.number, "NN")
+
+    def endpoint(self, number: int, kind: str, topic: str, dds: str, hashed: str, qos: Qos) -> str:
+        """Return the liveliness token of a publisher, subscriber or service.
+
+        Args:
+            number: Of the endpoint in its session, of nodes and endpoints together.
+            kind: MP, MS or SS.
+            topic: Its whole name, without a leading slash.
+            dds: The type, in DDS's spelling.
+            hashed: The type's hash.
+            qos: Its quality of service.
+        """
+        return f"{self._token(number, kind)}/{_mangled(topic)}/{dds}/{hashed}/{qos.text}"
+
+    def _token(self, number: int, kind: str) -> str:
+        place = f"{self.domain}/{self.session}/{self.number}/{number}/{kind}"
+        return f"{ADMIN}/{place}/%/{_mangled(self.namespace)}/{self.name}"
+
+
+def _mangled(name: str) -> str:
+    return "%" + name.replace("/", "%")
+
+
+def data_key(domain: int, topic: str, dds: str, hashed: str) -> str:
+    """Return the key of a topic's samples, or of a service's requests."""
+    return f"{domain}/{topic}/{dds}/{hashed}"
+
+
+def any_key(name: str, dds: str) -> str:
+    """Return the expression of a topic's or service's keys in every domain and namespace."""
+    return f"**/{name.removeprefix('/')}/{dds}/*"
+
+
+def is_data_key(key: str) -> bool:
+    """Return whether a key is one of `data_key`: by its type, in DDS's spelling."""
+    return "::dds_::" in key
+
+
+def gid_of(token: str) -> bytes:
+    """Return the identity of an endpoint: 16 bytes that nobody else has.
+
+    rmw_zenoh hashes the token by XXH3; nobody checks it, so another hash does as well.
+    """
+    return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()

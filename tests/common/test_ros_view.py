@@ -1,0 +1,131 @@
+"""How topics and queries look in ROS."""
+
+import math
+
+import pytest
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.graph import TABLE
+from mecazen.ros import interfaces as i
+from mecazen.ros.services import FAILED, OK, SERVICES, UNSUPPORTED
+from mecazen.ros.view import Place, entries, name_of, rep_117, views
+from mecazen.wire import RefusedError
+
+SERVICE = {service.name: service for service in SERVICES}
+ODOMETRY = m.Odometry(m.Header(m.Time(3), "odom"), "base_link")
+
+
+def seen(topic, namespace="", urdf=""):
+    place = Place(namespace, urdf)
+    return {place.whole(view.name): view for view in views(topic, topic.key, place)}
+
+
+def test_odometry_is_a_topic_and_a_frame_as_well():
+    found = seen(keys.ODOM)
+    assert set(found) == {"odom", "tf"}
+    (frame,) = found["tf"].convert(ODOMETRY).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("odom", "base_link")
+    assert frame.header.stamp == m.Time(3)
+
+
+def test_what_is_exact_has_a_small_variance_and_what_is_not_keeps_its_own():
+    covariance = tuple(0.5 if index == 7 else 0.0 for index in range(36))
+    given = m.Odometry(pose=m.PoseWithCovariance(covariance=covariance))
+    shown = seen(keys.GROUND_TRUTH)["ground_truth/odom"].convert(given).pose.covariance
+    assert shown[:8] == (1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
+
+
+def test_of_several_robots_each_has_its_names_and_frames_in_one_tree():
+    found = seen(keys.ODOM, "robot1")
+    assert set(found) == {"robot1/odom", "tf"}
+    (frame,) = found["tf"].convert(ODOMETRY).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("robot1/odom", "robot1/base_link")
+    shown = found["robot1/odom"].convert(ODOMETRY)
+    assert (shown.header.frame_id, shown.child_frame_id) == ("robot1/odom", "robot1/base_link")
+
+
+def test_frames_within_a_message_have_the_prefix_and_the_world_has_none():
+    truth = m.Odometry(m.Header(frame_id="world"), "base_link")
+    state = m.FollowerState(header=m.Header(frame_id="odom"), estimate=(truth, ODOMETRY))
+    shown = seen(keys.FOLLOWER_STATE, "r")["r/follower/state"].convert(state)
+    assert shown.header.frame_id == "r/odom"
+    assert [one.header.frame_id for one in shown.estimate] == ["world", "r/odom"]
+    assert [one.child_frame_id for one in shown.estimate] == ["r/base_link", "r/base_link"]
+
+
+def test_the_person_is_a_frame_once_seen():
+    show = seen(keys.FOLLOWER_STATE)["tf"].convert
+    assert show(m.FollowerState()) is None
+    pose = m.PoseWithCovariance(m.Pose(m.Point(1.0, 2.0)))
+    state = m.FollowerState(m.Header(frame_id="odom"), estimate=(m.Odometry(pose=pose),))
+    (frame,) = show(state).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("odom", "person")
+    assert frame.transform.translation == m.Vector3(1.0, 2.0, 0.0)
+
+
+def test_a_scan_has_rep_117s_infinity_and_nan():
+    scan = m.LaserScan(range_min=0.1, range_max=12.0, ranges=(0.0, 0.5, 12.0, 13.0))
+    nothing, *others = rep_117(scan).ranges
+    assert math.isnan(nothing)
+    assert others == [0.5, 12.0, math.inf]
+
+
+def test_health_and_time_are_in_no_namespace():
+    health = keys.diagnostics("physics")
+    found = seen(health, "robot1")
+    assert set(found) == {"diagnostics"}
+    array = m.DiagnosticArray(status=(m.DiagnosticStatus(name="physics"),))
+    assert found["diagnostics"].convert(array).status[0].name == "robot1/physics"
+    assert set(seen(keys.CLOCK, "robot1")) == {"clock"}
+
+
+def test_only_open_topics_are_taken_from_ros_and_a_twist_with_or_without_a_stamp():
+    taken = {topic.key: [e.kind for e in entries(topic, topic.key)] for topic in keys.TOPICS}
+    twists = [m.Twist, i.TwistStamped]
+    assert {key: kinds for key, kinds in taken.items() if kinds} == {
+        "cmd_vel": twists,
+        "target/cmd_vel": twists,
+    }
+    stamped = entries(keys.CMD_VEL, "cmd_vel")[1]
+    assert stamped.convert(i.TwistStamped(twist=m.Twist(m.Vector3(1.0)))).linear.x == 1.0
+
+
+def test_what_a_node_gives_never_comes_back_through_ros():
+    given = {name_of(row, t) for row in TABLE.values() for t in row.outputs}
+    taken = {entry.name for topic in keys.TOPICS for entry in entries(topic, topic.key)}
+    assert not given & taken
+    assert "follower/cmd_vel" in given
+
+
+def test_a_trigger_says_whether_it_was_done():
+    reset = SERVICE["sim/reset"]
+    assert reset.ask(i.TriggerRequest()) == (keys.SIM_RESET, m.ResetRequest())
+    assert reset.tell(m.SimState(tick=7)) == i.TriggerResponse(True, "tick 7")
+    assert reset.refuse("busy", FAILED) == i.TriggerResponse(False, "busy")
+
+
+def test_the_standard_services_ask_mecazens_own():
+    step = SERVICE["step_simulation"]
+    assert step.ask(i.StepSimulationRequest(5)) == (keys.SIM_STEP, m.StepRequest(5))
+    assert step.tell(m.SimState()).result.result == OK
+    assert step.refuse("not paused", FAILED).result == i.Result(FAILED, "not paused")
+    set_state = SERVICE["set_simulation_state"].ask
+    for state, call in ((1, keys.SIM_RESUME), (2, keys.SIM_PAUSE)):
+        assert set_state(i.SetSimulationStateRequest(i.SimulationState(state)))[0] is call
+    get_state = SERVICE["get_simulation_state"]
+    assert [get_state.tell(m.SimState(paused=p)).state.state for p in (False, True)] == [1, 2]
+    assert get_state.refuse("no", UNSUPPORTED).result.result == UNSUPPORTED
+
+
+@pytest.mark.parametrize(
+    ("name", "request_"),
+    [
+        ("step_simulation", i.StepSimulationRequest(0)),
+        ("step_simulation", i.StepSimulationRequest(10**9 + 1)),
+        ("reset_simulation", i.ResetSimulationRequest(1)),
+        ("set_simulation_state", i.SetSimulationStateRequest(i.SimulationState(0))),
+    ],
+)
+def test_what_the_simulation_cant_do_is_refused(name, request_):
+    with pytest.raises(RefusedError):
+        SERVICE[name].ask(request_)
