@@ -143,7 +143,7 @@ class _TimedPublisher(Publisher[MessageT]):
     def __init__(self, publisher: Publisher[MessageT], watch: Stopwatch, part: str) -> None:
         self._publisher, self._watch, self._part = publisher, watch, part
 
-    def put(self, message: MessageT, stamp: Stamp) -> None:
+    def put(self, message: MessageT, stamp: Stamp | None) -> None:
         self._watch.turn_to(BUS)
         self._publisher.put(message, stamp)
         self._watch.turn_to(self._part)

@@ -7,6 +7,7 @@ through the entry points `mecazen.configs`.
 from __future__ import annotations
 
 import math
+import re
 import zlib
 from collections.abc import Container, Iterable
 from itertools import combinations
@@ -159,6 +160,27 @@ class BusConfig(Section):
     """A Zenoh configuration file (JSON5) that the settings above are laid over."""
     keys: Folder | None = None
     """A folder of `mecazen keys create`: all links are TLS, with certificates at both ends."""
+    ros2: bool = False
+    """Whether the services are ROS 2 nodes as well, in the protocol of rmw_zenoh."""
+    ros_domain_id: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0
+    """As ROS_DOMAIN_ID."""
+    ros_connect: tuple[str, ...] | None = None
+    """Endpoints of `rmw_zenohd`, where it runs beside the own router; left out: `connect`."""
+    ros_distro: Literal["humble", "jazzy"] = "jazzy"
+    """jazzy: that and all later ones; humble has no hashes of types, and hears no other."""
+
+    def __post_init__(self) -> None:
+        if self.ros2 and re.search(r"(^|/)[^A-Za-z_]|-", self.namespace or ""):
+            raise ValueError(
+                f"ros2: {self.namespace!r} can't be a namespace in ROS, whose names have letters, "
+                "digits and _, and begin with no digit"
+            )
+
+    @property
+    def of_ros(self) -> BusConfig:
+        """The same for a session that speaks with ROS: a client, in no namespace."""
+        endpoints = self.ros_connect or self.connect
+        return msgspec.structs.replace(self, mode="client", namespace=None, connect=endpoints)
 
     @property
     def router_endpoints(self) -> tuple[str, ...] | None:

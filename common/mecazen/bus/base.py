@@ -38,8 +38,8 @@ class StoppedError(Exception):
 class Publisher(Protocol[Message_contra]):
     """Puts messages on one key."""
 
-    def put(self, message: Message_contra, stamp: Stamp) -> None:
-        """Publish `message` as of the tick of `stamp`."""
+    def put(self, message: Message_contra, stamp: Stamp | None) -> None:
+        """Publish `message` as of the tick of `stamp`; without one as an outsider would."""
 
 
 class Reply(Protocol[Message_contra]):
@@ -206,6 +206,18 @@ class Bus(ABC):
             self._last_report[key] = now
             logger.warning("msg=refused key=%s count=%d reason=%r", key, self.refused[key], reason)
 
+    def overheard(self, topic: Topic[MessageT]) -> list[Handler[MessageT]]:
+        """Return who takes what this process publishes on a topic; more may be added."""
+        return self._subscribers_of(topic).handlers
+
+    def server(self, call: Call[RequestT, AnswerT]) -> Callable[[RequestT, Reply[AnswerT]], None]:
+        """Return what answers a call within this process.
+
+        Raises:
+            KeyError: Nothing does.
+        """
+        return self._servers[self._prefix + call.key]
+
     def _whole_key(self, topic: Topic[Any]) -> str:
         """Return a topic's key with the namespace, which those that robots share are not in."""
         return topic.key if topic.shared else self._prefix + topic.key
@@ -233,7 +245,7 @@ class Bus(ABC):
         """Query the server within this process."""
         reply: _LocalReply[AnswerT] = _LocalReply()
         end = time.monotonic() + timeout_s
-        self._servers[self._prefix + call.key](request, reply)
+        self.server(call)(request, reply)
         while not reply.given and (left_s := end - time.monotonic()) > 0.0:
             if not self.spin_once(left_s):
                 break

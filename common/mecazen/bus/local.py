@@ -126,6 +126,6 @@ class _LocalPublisher(Publisher[MessageT]):
         self._pending = pending
         self._handlers = handlers
 
-    def put(self, message: MessageT, stamp: Stamp) -> None:
+    def put(self, message: MessageT, stamp: Stamp | None) -> None:
         if self._handlers:
             self._pending.append((self._handlers, message, stamp))

@@ -15,7 +15,10 @@ import zenoh
 from mecazen.bus.endpoints import is_open
 from mecazen.config import BusConfig, join_key
 from mecazen.errors import BusError
-from mecazen.keys import TOPICS
+from mecazen.keys import TOPICS, Topic
+from mecazen.ros.protocol import any_key
+from mecazen.ros.types import dds_type
+from mecazen.ros.view import entries
 
 logger = logging.getLogger(__name__)
 
@@ -48,6 +51,7 @@ def session_config(
     *,
     most_hz: float | None = None,
     robots: Sequence[str] = ("",),
+    timestamps: bool = False,
 ) -> zenoh.Config:
     """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
 
@@ -60,6 +64,7 @@ def session_config(
         name: Whose certificate the session shows, where `config.keys` holds certificates.
         most_hz: A router takes no more samples a second of each topic from each link [1/s].
         robots: The names of several robots, each of which has its own topics.
+        timestamps: Whether samples have Zenoh's own timestamps, as latched ones of ROS must.
 
     Raises:
         BusError: A file can't be read, or strangers would get in.
@@ -80,6 +85,7 @@ def session_config(
         "scouting/delay": 0,
         "transport/shared_memory/enabled": SHARED_MEMORY,
         "transport/link/tx/queue/size/data": QUEUED_BATCHES,
+        "timestamping/enabled": timestamps or None,
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints
@@ -113,7 +119,12 @@ def _filters(most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
     too_long = [
         {
             "id": f"samples of {limit} bytes",
-            "key_exprs": [f"**/{topic.key}" for topic in TOPICS if topic.max_bytes == limit],
+            "key_exprs": [
+                expression
+                for topic in TOPICS
+                if topic.max_bytes == limit
+                for expression in _expressions(topic)
+            ],
             "size_limit": limit,
         }
         for limit in sorted({topic.max_bytes for topic in TOPICS})
@@ -122,12 +133,22 @@ def _filters(most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
     if most_hz is not None:
         # two keys of one rule would share its rate: physics publishes for all robots at once
         rules = [
-            {"key_expr": f"**/{join_key(topic.key, robot)}", "freq": most_hz}
+            {"key_expr": expression, "freq": most_hz}
             for robot in robots
             for topic in TOPICS
+            for expression in _expressions(topic, robot)
         ]
         settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rules}]
     return settings
+
+
+def _expressions(topic: Topic[Any], robot: str = "") -> list[str]:
+    """Return what holds a topic's keys, and those on which it is taken from ROS."""
+    taken = (
+        any_key(join_key(entry.name, robot), dds_type(entry.kind.ROS_TYPE))
+        for entry in entries(topic, topic.key)
+    )
+    return [f"**/{join_key(topic.key, robot)}", *taken]
 
 
 def _certificates(folder: Path, name: str) -> dict[str, Any]:
@@ -181,6 +202,7 @@ def open_session(
     *,
     most_hz: float | None = None,
     robots: Sequence[str] = ("",),
+    timestamps: bool = False,
 ) -> zenoh.Session:
     """Open a Zenoh session; see `session_config`.
 
@@ -189,7 +211,11 @@ def open_session(
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME_THREADS)  # read by the first session
     try:
-        return zenoh.open(session_config(config, mode, name, most_hz=most_hz, robots=robots))
+        return zenoh.open(
+            session_config(
+                config, mode, name, most_hz=most_hz, robots=robots, timestamps=timestamps
+            )
+        )
     except zenoh.ZError as error:
         endpoints = ", ".join(config.router_endpoints or (str(config.zenoh_config),))
         reason = reason_of(error)

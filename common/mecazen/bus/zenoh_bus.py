@@ -18,6 +18,7 @@ from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
+from mecazen.ros.protocol import is_data_key
 from mecazen.wire import ENCODINGS, Format, RefusedError, Stamp, encode
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -72,6 +73,11 @@ class ZenohBus(Bus):
         self._tokens: dict[str, list[zenoh.LivelinessToken]] = {}
         """By namespace."""
         self._session = open_session(config, mode or config.mode, name)
+
+    @property
+    def queue(self) -> Queue:
+        """Takes what `spin_once` is to call."""
+        return self._queue
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic."""
@@ -148,12 +154,15 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver every sample of a key expression as key, payload, encoding and attachment.
 
-        What comes while more than `backlog_bytes` wait is refused: it slows down nobody and
+        Not what ROS has beside each of them, in keys that an expression may hold as well. What
+        comes while more than `backlog_bytes` wait is refused: it slows down nobody and
         fills nothing.
         """
 
         def take(sample: zenoh.Sample) -> None:
-            handler(str(sample.key_expr).removeprefix(self._prefix), *_content(sample))
+            key = str(sample.key_expr).removeprefix(self._prefix)
+            if not is_data_key(key):
+                handler(key, *_content(sample))
 
         reason = f"more than {backlog_bytes:.0f} bytes wait"
         full = partial(self._refusals.add, self._prefix + key, reason)
@@ -324,8 +333,9 @@ class _ZenohPublisher(Publisher[MessageT]):
         self._handlers = handlers
         self._ready = ready
 
-    def put(self, message: MessageT, stamp: Stamp) -> None:
-        self._publisher.put(encode(message, self._format), attachment=stamp.pack())
+    def put(self, message: MessageT, stamp: Stamp | None) -> None:
+        attachment = None if stamp is None else stamp.pack()
+        self._publisher.put(encode(message, self._format), attachment=attachment)
         if self._handlers:
             self._ready.put(partial(deliver, self._handlers, message, stamp))
 

@@ -12,11 +12,12 @@ from pathlib import Path
 
 from mecazen import log
 from mecazen.bus.base import StoppedError
+from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario, join_key
 from mecazen.errors import BusError
 from mecazen.graph import SHARED
-from mecazen.programs import graph_of
+from mecazen.programs import classes, graph_of
 from mecazen.runtime.clock import TimeOwner
 from mecazen.runtime.host import make_service, part_of
 from mecazen.runtime.observer import Observer
@@ -53,11 +54,17 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     lossless = scenario.sim.mode == "lockstep"
     bus = ZenohBus(scenario.bus, lossless=lossless, name=process.services[0])
     stop_on_signals(bus.stop)
+    ros = None
     try:
         for service, robot in parts:
             member = make_service(service, bus, scenario, robot)
             member.announce = lambda url: reporter.tell(Report("serving", url))
             members.append(member)
+        if scenario.bus.ros2:
+            ros = RosSide(scenario.bus, process.services[0])
+            for member, (_, robot) in zip(members, parts, strict=True):
+                graph = graph_of(member.scenario, classes(member.name, member.scenario))
+                RosNode(ros, member.name, bus.namespaced(robot), member.scenario, graph)
         for member in members:
             declare_alive(member.bus, member.name, member.scenario)
         for member in members:
@@ -71,6 +78,8 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     finally:
         for member in members:
             member.close()
+        if ros is not None:
+            ros.close()
         bus.close()
 
 

@@ -1,0 +1,339 @@
+"""The ROS 2 side of a process: its services as ROS nodes, in rmw_zenoh's protocol.
+
+A Zenoh session of its own, since a namespace would hide it from ROS, and a client, so that it can
+be one of `rmw_zenohd` as well as of mecazen's router. It hears what the services of the process
+publish as another of them would, but only while somebody in ROS subscribes; else it costs
+nothing. What it takes from ROS it publishes on the plain key, as any outsider would.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from typing import Any
+
+import zenoh
+import zenoh.ext
+
+from mecazen import keys
+from mecazen.bus.base import Handler, Reply
+from mecazen.bus.inbox import Inbox, Queue, Refusals
+from mecazen.bus.queries import QueryInbox
+from mecazen.bus.receiving import direct
+from mecazen.bus.session import open_session
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import BusConfig, Scenario
+from mecazen.graph import Graph, Row
+from mecazen.keys import Topic
+from mecazen.limits import refuse_implausible
+from mecazen.messages import Empty, Message, SimState, String
+from mecazen.ros import cdr
+from mecazen.ros.description import fixed_frames, portable
+from mecazen.ros.fields import RosTypeError
+from mecazen.ros.protocol import LATCHED, NO_HASH, Attachment, Node, Qos, data_key, gid_of
+from mecazen.ros.services import FAILED, SERVICES, UNSUPPORTED, Service
+from mecazen.ros.types import dds_type, service_hash, type_hash
+from mecazen.ros.view import DESCRIBED, Entry, Place, entries, name_of, ros_name, views
+from mecazen.wire import RefusedError, Stamp
+
+logger = logging.getLogger(__name__)
+
+MISSES = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5)
+"""How soon those who missed a latched sample learn of it, as in rmw_zenoh [s]."""
+
+
+class RosSide:
+    """The session of a process's ROS nodes.
+
+    Args:
+        config: Where to meet, and how ROS is spoken.
+        name: Whose certificate the session shows, where there are certificates.
+
+    Raises:
+        BusError: See `open_session`.
+    """
+
+    def __init__(self, config: BusConfig, name: str) -> None:
+        self.domain = config.ros_domain_id
+        self.has_hashes = config.ros_distro != "humble"
+        self.session = open_session(config.of_ros, "client", name, timestamps=True)
+        self.id = str(self.session.info.zid())
+        self.numbers = count()
+        """Of nodes and their endpoints."""
+        self._kept: list[object] = []
+
+    def keep(self, *declared: object) -> None:
+        """Keep what Zenoh undeclares when nobody has it any more."""
+        self._kept += declared
+
+    def declare_token(self, token: str) -> None:
+        """Let ROS see a node or one of its endpoints."""
+        self.keep(self.session.liveliness().declare_token(token))
+
+    def close(self) -> None:
+        """Leave ROS; what was declared goes with the session."""
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
+class RosNode:
+    """A service as a ROS node, with all that it publishes, takes and answers.
+
+    Args:
+        side: Of the service's process.
+        name: The service's.
+        bus: Of its robot.
+        scenario: As its robot sees it.
+        graph: The nodes of the scenario.
+    """
+
+    def __init__(
+        self, side: RosSide, name: str, bus: ZenohBus, scenario: Scenario, graph: Graph
+    ) -> None:
+        namespace = scenario.bus.namespace or ""
+        self._side = side
+        self._node = Node(side.domain, side.id, next(side.numbers), namespace, ros_name(name))
+        self._bus = bus
+        side.declare_token(self._node.token)
+        here = Place(namespace)
+        for row in graph.services.get(name, ()):
+            for robot in scenario.names:
+                self._add(row, graph, bus.namespaced(robot), here.within(robot))
+            for topic in row.outputs:
+                if _is_common(row, topic):
+                    self._publish(bus.overheard(topic), topic, name_of(row, topic), here)
+            for service in SERVICES:
+                if service.call in row.calls:
+                    self._serve(service, here)
+        health = keys.diagnostics(name)
+        self._publish(bus.overheard(health), health, health.key, here)
+
+    def _add(self, row: Row, graph: Graph, bus: ZenohBus, place: Place) -> None:
+        """Declare what a row gives and takes of one robot."""
+        if keys.ROBOT_DESCRIPTION in row.calls:
+            place = place._replace(urdf=bus.call(keys.ROBOT_DESCRIPTION, Empty()).data)
+            self._describe(bus, place)
+        for topic in row.outputs:
+            if not _is_common(row, topic):
+                hearing = bus.overheard(row.on_bus(topic))
+                self._publish(hearing, topic, name_of(row, topic), place)
+        for given in row.inputs:
+            if _taker(graph, given.topic) is row:
+                topic = row.on_bus(given.topic)
+                for entry in entries(given.topic, topic.key):
+                    self._take(bus, topic, entry, place)
+
+    def _describe(self, bus: ZenohBus, place: Place) -> None:
+        """Publish the robot's shapes and fixed frames, for whoever comes whenever."""
+        folder = f"{keys.ROBOT_DESCRIPTION.key}/"
+        files = bus.fetch_files(f"{folder}*/**")
+        meshes = {key.removeprefix(folder): data for key, data in files.items()}
+        messages: tuple[Message, ...] = (
+            String(data=portable(place.urdf, meshes)),
+            fixed_frames(place.urdf, place.prefix),
+        )
+        for (name, kind), message in zip(DESCRIBED.items(), messages, strict=True):
+            key, gid = self._declare("MP", place.whole(name), *_type(kind), LATCHED)
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._side.session,
+                key,
+                cache=zenoh.ext.CacheConfig(LATCHED.depth),
+                sample_miss_detection=MISSES,
+                publisher_detection=True,
+            )
+            publisher.put(cdr.encode(message), attachment=_attachment(1, gid))
+            self._side.keep(publisher)
+
+    def _publish(
+        self, hearing: list[Handler[Any]], topic: Topic[Any], name: str, place: Place
+    ) -> None:
+        """Have ROS hear, while somebody subscribes, what this process publishes on a topic."""
+        for view in views(topic, name, place):
+            try:
+                kind = _type(view.kind)
+            except RosTypeError as error:
+                logger.warning("msg=%r", f"not to be seen in ROS: {error}")
+                continue
+            ros_key, gid = self._declare("MP", place.whole(view.name), *kind, view.qos)
+            publisher = self._side.session.declare_publisher(
+                ros_key, congestion_control=zenoh.CongestionControl.DROP
+            )
+            twin = _Twin(publisher, gid, view.convert, hearing)
+            listener = publisher.declare_matching_listener(
+                direct(_calling(self._bus.queue, twin.match))
+            )
+            self._side.keep(publisher, listener)
+
+    def _take(self, bus: ZenohBus, topic: Topic[Any], entry: Entry, place: Place) -> None:
+        """Publish on the plain key, without a stamp, what comes from ROS."""
+        publisher = bus.publisher(topic)
+        key, _ = self._declare("MS", place.whole(entry.name), *_type(entry.kind), Qos())
+        source = _source(entry.name)
+        refusals = Refusals(bus.queue, bus.refuse)
+
+        def message_of(sample: zenoh.Sample) -> Message:
+            if str(sample.key_expr) != key:
+                raise RefusedError("put on another key expression")
+            message = entry.convert(cdr.decode(sample.payload.to_bytes(), entry.kind))
+            refuse_implausible(topic.key, message)
+            return message
+
+        def take(sample: zenoh.Sample) -> bool:
+            try:
+                message = message_of(sample)
+            except RefusedError as refusal:
+                bus.refuse(source, str(refusal))
+                return False
+            publisher.put(message, None)
+            return True
+
+        def is_good(sample: zenoh.Sample) -> bool:
+            try:
+                message_of(sample)
+            except RefusedError as refusal:
+                refusals.add(source, str(refusal))
+                return False
+            return True
+
+        def receive(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > topic.max_bytes:
+                refusals.add(source, f"payload of more than {topic.max_bytes} bytes")
+            else:
+                inbox.receive(sample)
+
+        inbox = Inbox(bus.queue, take, is_good)
+        subscriber = self._side.session.declare_subscriber(
+            key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._side.keep(subscriber)
+
+    def _serve(self, service: Service, place: Place) -> None:
+        """Answer a ROS service by a query that this process answers."""
+        bus, source = self._bus, _source(service.name)
+        refusals = Refusals(bus.queue, bus.refuse)
+        hashed = service_hash(service.kind, service.request, service.response)
+        name = place.whole(service.name)
+        key, _ = self._declare("SS", name, dds_type(service.kind), hashed, Qos())
+
+        def take(query: zenoh.Query) -> None:
+            try:
+                reply = _RosReply(query, key, service)
+            except RefusedError as refusal:
+                bus.refuse(source, str(refusal))
+                query.drop()  # type: ignore[no-untyped-call]
+                return
+            payload = b"" if query.payload is None else query.payload.to_bytes()
+            try:
+                call, request = service.ask(cdr.decode(payload, service.request))
+            except RefusedError as refusal:
+                reply.give(service.refuse(str(refusal), UNSUPPORTED))
+            else:
+                bus.server(call)(request, reply)
+
+        def refuse(query: zenoh.Query, reason: str) -> None:
+            refusals.add(source, reason)
+            query.drop()  # type: ignore[no-untyped-call]
+
+        inbox = QueryInbox(bus.queue, take, refuse)
+        queryable = self._side.session.declare_queryable(key, direct(inbox.receive), complete=True)
+        self._side.keep(queryable)
+
+    def _declare(self, kind: str, name: str, dds: str, hashed: str, qos: Qos) -> tuple[str, bytes]:
+        """Let ROS see an endpoint; return its key and its identity."""
+        if not self._side.has_hashes:
+            hashed = NO_HASH
+        token = self._node.endpoint(next(self._side.numbers), kind, name, dds, hashed, qos)
+        self._side.declare_token(token)
+        return data_key(self._side.domain, name, dds, hashed), gid_of(token)
+
+
+class _Twin:
+    """Publishes in ROS what is published on a topic, while somebody there subscribes."""
+
+    def __init__(
+        self,
+        publisher: zenoh.Publisher,
+        gid: bytes,
+        convert: Callable[[Any], Message | None],
+        hearing: list[Handler[Any]],
+    ) -> None:
+        self._publisher = publisher
+        self._gid = gid
+        self._convert = convert
+        self._hearing = hearing
+        self._sent = 0
+
+    def match(self, status: zenoh.MatchingStatus) -> None:
+        """Hear what is published from when somebody subscribes until nobody does."""
+        if status.matching and self.send not in self._hearing:
+            self._hearing.append(self.send)
+        elif not status.matching and self.send in self._hearing:
+            self._hearing.remove(self.send)
+
+    def send(self, message: Message, stamp: Stamp | None) -> None:
+        """Publish a message; not what comes from outside, perhaps from ROS itself."""
+        seen = None if stamp is None else self._convert(message)
+        if seen is not None:
+            self._sent += 1
+            self._publisher.put(cdr.encode(seen), attachment=_attachment(self._sent, self._gid))
+
+
+class _RosReply(Reply[SimState]):
+    """Answers one request of a ROS service."""
+
+    def __init__(self, query: zenoh.Query, key: str, service: Service) -> None:
+        given = b"" if query.attachment is None else query.attachment.to_bytes()
+        self._sequence, _, self._gid = Attachment.unpack(given)
+        if str(query.key_expr) != key:
+            raise RefusedError("asked on another key expression")
+        self._query, self._key, self._service = query, key, service
+
+    def answer(self, message: SimState) -> None:
+        """Respond that it was done."""
+        self.give(self._service.tell(message))
+
+    def refuse(self, reason: str) -> None:
+        """Respond that it failed: to an error of Zenoh a ROS client does not react."""
+        self.give(self._service.refuse(reason, FAILED))
+
+    def give(self, response: Message) -> None:
+        """Send a response."""
+        attachment = _attachment(self._sequence, self._gid)
+        with self._query as query:
+            query.reply(self._key, cdr.encode(response), attachment=attachment)
+
+
+def _type(kind: type[Message]) -> tuple[str, str]:
+    """Return a message's type in DDS's spelling, and its hash."""
+    return dds_type(kind.ROS_TYPE), type_hash(kind)
+
+
+def _attachment(sequence: int, gid: bytes) -> bytes:
+    return Attachment(sequence, time.time_ns(), gid).pack()
+
+
+def _calling(queue: Queue, work: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Return what Zenoh's threads may call to have the service's thread do some work."""
+    return lambda given: queue.put(partial(work, given))
+
+
+def _source(name: str) -> str:
+    """Return the name under which refusals of what comes from ROS are counted."""
+    return f"ros2/{name}"
+
+
+def _is_common(row: Row, topic: Topic[Any]) -> bool:
+    """Return whether a row gives a topic for all robots together."""
+    return row.owns_time or topic.shared
+
+
+def _taker(graph: Graph, topic: Topic[Any]) -> Row | None:
+    """Return the one node that takes a topic from ROS; others hear it on the plain key."""
+    takers = (
+        row
+        for row in graph.rows
+        if topic in [given.topic for given in row.inputs] and not row.observes and not row.shared
+    )
+    return next(takers, None)
