@@ -30,28 +30,59 @@ from mecazen_tools.simulate import simulate, simulate_distributed
 
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 
+
+def ros(name: str, kind: str) -> str:
+    """A key of a ROS topic or service."""
+    return f"0/{name}/{kind}_/RIHS01_0"
+
+
+TWIST, ODOMETRY = "geometry_msgs::msg::dds_::Twist", "nav_msgs::msg::dds_::Odometry"
+ROS_RESET = ros("sim/reset", "std_srvs::srv::dds_::Trigger")
+
 PUTS = (
     *(topic.key for topic in keys.TOPICS if "*" not in topic.key),
     *(f"diagnostics/{name}" for name in certificates.NAMES),
     "ground_truth/other",
     "of/ones/own",
+    *(ros(name, TWIST) for name in ("cmd_vel", "guard/cmd_vel", "follower/cmd_vel")),
+    *(ros(name, ODOMETRY) for name in ("odom", "ground_truth/odom", "target/odom")),
 )
+# what they take from ROS, controller, guard and target hand on to all others
 MAY_PUT: dict[str, set[str]] = {
-    "physics": {"clock", "sim/parameters", "joint_states", "ground_truth/odom"},
-    "controller": {"joint_command", "odom"},
-    "target": {"target/odom", "target/skeleton", "target/observation"},
+    "physics": {
+        "clock",
+        "sim/parameters",
+        "joint_states",
+        "ground_truth/odom",
+        ros("ground_truth/odom", ODOMETRY),
+    },
+    "controller": {"joint_command", "odom", ros("odom", ODOMETRY), "cmd_vel"},
+    "target": {
+        "target/odom",
+        "target/skeleton",
+        "target/observation",
+        ros("target/odom", ODOMETRY),
+        "target/cmd_vel",
+    },
     "crowd": {"people"},
     "sensors": {"scan", "skeleton/observation", "camera/depth", "camera/camera_info"},
-    "follower": {"cmd_vel", "follower/state", "target/observation", "legs/observation"},
-    "guard": {"guard/cmd_vel", "guard/state"},
+    "follower": {
+        "cmd_vel",
+        "follower/state",
+        "target/observation",
+        "legs/observation",
+        ros("follower/cmd_vel", TWIST),
+    },
+    "guard": {"guard/cmd_vel", "guard/state", ros("guard/cmd_vel", TWIST), "cmd_vel"},
     "viewer": set(),
     "recorder": set(),
     "collector": set(),
-    "operator": {"cmd_vel", "target/cmd_vel"},
+    "operator": {"cmd_vel", "target/cmd_vel", ros("cmd_vel", TWIST)},
 }
 ANSWERS = (
     *(call.key for row in services()["physics"] for call in row.calls),
     f"{keys.ROBOT_DESCRIPTION.key}/**",
+    ROS_RESET,
 )
 """Of the physics."""
 QUESTIONS = (
@@ -62,7 +93,10 @@ QUESTIONS = (
 )
 GUARD_S = 20.0
 """Only ends a test that would hang."""
-ORDERS = tuple(call.key for call in keys.CALLS if call.key not in {*QUESTIONS, "sim/state"})
+ORDERS = (
+    *(call.key for call in keys.CALLS if call.key not in {*QUESTIONS, "sim/state"}),
+    ROS_RESET,
+)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,11 @@ from mecazen import keys
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, Row, services
+from mecazen.messages import Message
+from mecazen.ros.protocol import ADMIN, any_key
+from mecazen.ros.services import SERVICES
+from mecazen.ros.types import dds_type
+from mecazen.ros.view import DESCRIBED, Place, entries, name_of, views
 
 HEADER = """\
 // Mutual TLS, and who may publish what. For `bus.zenoh_config`, together with `bus.keys`, a folder
@@ -30,7 +35,9 @@ HEADER = """\
   transport: { link: { tx: { lease: 2000 } }, unicast: { open_timeout: 1000 } },
 """
 
-EVERYTHING = ["**"]
+ROS_TOKENS, LATCHED = f"{ADMIN}/**", "**/@adv/**"
+"""Of ROS nodes; and what tells late subscribers of latched samples. `**` does not hold them."""
+EVERYTHING = ["**", ROS_TOKENS, LATCHED]
 ANYONE, ROUTER, RECORD = "anyone", "router", "record"
 """Any certificate; the router's; the token of `mecazen record`, which the operator runs."""
 
@@ -68,48 +75,92 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
     yield ANYONE, _rule("anyone subscribes to everything", hears, EVERYTHING)
     yield ANYONE, _rule("anyone is sent everything", sent, EVERYTHING, flow="egress")
-    yield ANYONE, _rule("anyone asks what changes nothing", ["query"], _call_keys(reads))
+    asked = [*_call_keys(reads), LATCHED]
+    yield ANYONE, _rule("anyone asks what changes nothing", ["query"], asked)
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ROUTER, _rule("the router relays what it has let in", relays, EVERYTHING)
     for service, rows in services().items():
         yield from _service_rules(service, rows)
-    open_keys = [topic.key for topic in keys.TOPICS if topic.open]
-    puts = [f"**/{key}" for key in open_keys]
+    puts = [
+        key for topic in keys.TOPICS if topic.open for key in (f"**/{topic.key}", *_taken(topic))
+    ]
     yield OPERATOR, _rule("the operator drives robot and person", ["put"], puts)
-    others = _others(open_keys)
+    others = _others(puts)
     yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
-    yield OPERATOR, _alive(RECORD)
+    yield OPERATOR, _rule("record is alive", ["liveliness_token"], [_token(RECORD)])
+    yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], [ROS_TOKENS])
 
 
 def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Any]]]:
-    given = [topic.key for row in rows for topic in row.outputs]
-    puts = [f"**/{key}" for key in (*given, keys.diagnostics(service).key)]
-    yield service, _rule(f"{service} publishes", ["put"], puts)
-    if others := _others(given):
-        yield service, _rule(f"{service} does not publish", ["put"], others, deny=True)
+    puts = [
+        *(key for row in rows for topic in row.outputs for key in _given(row, topic)),
+        *_given(Row(service), keys.diagnostics(service)),
+        # what it takes from ROS it hands on to all others
+        *(f"**/{topic.key}" for row in rows for topic in _handed_on(row)),
+    ]
     calls = [call for row in rows for call in row.calls]
+    latched = []
+    if keys.ROBOT_DESCRIPTION in calls:
+        latched = [_ros(name, kind) for name, kind in DESCRIBED.items()]
+    puts = list(dict.fromkeys([*puts, *latched]))
+    yield service, _rule(f"{service} publishes", ["put"], puts)
+    if others := _others(puts):
+        yield service, _rule(f"{service} does not publish", ["put"], others, deny=True)
     if calls:
         answers = ["declare_queryable", "reply"]
         yield service, _rule(f"{service} answers", answers, _call_keys(calls))
-    yield service, _alive(service)
+    if latched:
+        kept = ["put", "declare_queryable", "reply", "liveliness_token"]
+        exprs = [f"{key}/@adv/**" for key in latched]
+        yield service, _rule(f"{service} publishes for those who come later", kept, exprs)
+    tokens = [_token(service), f"{ADMIN}/*/*/*/*/*/*/*/{service}/**"]
+    yield service, _rule(f"{service} is alive", ["liveliness_token"], tokens)
+
+
+def _given(row: Row, topic: keys.Topic[Any]) -> list[str]:
+    """Return the keys of what a node gives: the plain one, and those of what ROS sees of it."""
+    seen = views(topic, name_of(row, topic), Place(urdf="<robot/>"))
+    return [f"**/{topic.key}", *(_ros(view.name, view.kind) for view in seen)]
+
+
+def _taken(topic: keys.Topic[Any]) -> list[str]:
+    """Return the keys on which a topic is taken from ROS."""
+    return [_ros(entry.name, entry.kind) for entry in entries(topic, topic.key)]
+
+
+def _handed_on(row: Row) -> list[keys.Topic[Any]]:
+    """Return the open topics that a node may take from ROS."""
+    takes = not (row.observes or row.shared)
+    return [given.topic for given in row.inputs if given.topic.open and takes]
+
+
+def _ros(name: str, kind: type[Message]) -> str:
+    return any_key(name, dds_type(kind.ROS_TYPE))
 
 
 def _others(given: Sequence[str]) -> list[str]:
     """Return what a rule for keys holds as well: `**/odom` holds `target/odom`."""
+    given_by = ((row, topic) for row in GRAPH for topic in row.outputs)
+    known = dict.fromkeys(key for row, topic in given_by for key in _given(row, topic))
+    known |= dict.fromkeys(
+        key for topic in keys.TOPICS for key in (f"**/{topic.key}", *_taken(topic))
+    )
     return [
-        f"**/{topic.key}"
-        for topic in keys.TOPICS
-        if topic.key not in given and any(topic.key.endswith(f"/{key}") for key in given)
+        other
+        for other in known
+        if other not in given and any(other.endswith(key.removeprefix("**")) for key in given)
     ]
 
 
-def _alive(name: str) -> dict[str, Any]:
-    return _rule(f"{name} is alive", ["liveliness_token"], [f"**/{LIVELINESS}/{name}/**"])
+def _token(name: str) -> str:
+    return f"**/{LIVELINESS}/{name}/**"
 
 
 def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
-    return [f"**/{call.key}{'/**' if call.files else ''}" for call in calls]
+    plain = [f"**/{call.key}{'/**' if call.files else ''}" for call in calls]
+    services = [one for one in SERVICES if one.call in calls]
+    return [*plain, *(any_key(one.name, dds_type(one.kind)) for one in services)]
 
 
 def _rule(
