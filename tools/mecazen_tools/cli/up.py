@@ -59,6 +59,9 @@ def up(
             min=1, max=1, help="1: all services in one process.", show_default="the scenario's"
         ),
     ] = None,
+    ros2: Annotated[
+        bool, typer.Option("--ros2", help="The services are ROS 2 nodes as well, for rmw_zenoh.")
+    ] = False,
     settings: Settings = None,
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
@@ -75,6 +78,8 @@ def up(
         if not shown:
             raise ConfigError("--viewer native: the viewer is not installed")
         overrides = (*overrides, "viewer.native=true")
+    if ros2:
+        overrides = (*overrides, "bus.ros2=true")
     loaded = load_scenario(path, overrides)
     if processes == 1:
         group = [part for part in loaded.services if part not in OBSERVERS]
@@ -232,6 +237,10 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
     else:
         driven = "--set target.path=\"{kind='driven'}\""
         lines.append(f"mecazen up {path.stem} {driven}   # instead: you walk the person")
+    if scenario.bus.ros2:
+        domain = scenario.bus.ros_domain_id
+        environment = f"RMW_IMPLEMENTATION=rmw_zenoh_cpp ROS_DOMAIN_ID={domain}"
+        lines.append(f"{environment} ros2 topic list   # and rviz2, see docs/ros2.md")
     if shutil.which("mecazen") is None:
         activate = Path(sys.prefix) / "bin" / "activate"
         lines.insert(0, f". {os.path.relpath(activate)}   # once")

@@ -1,0 +1,67 @@
+"""A whole system as ROS 2 nodes: a Zenoh session that does what rmw_zenoh does drives it."""
+
+import pytest
+from harness import SCENARIOS
+from mecazen import keys
+from mecazen.bus.session import open_session
+from mecazen.config import BusConfig
+from mecazen.loading import load_scenario
+from mecazen.messages import Clock, Empty, Odometry, Twist, Vector3
+from mecazen.ros import cdr
+from mecazen.ros.interfaces import TFMessage, TriggerRequest, TriggerResponse
+from mecazen.ros.protocol import Attachment, data_key
+from mecazen.ros.types import dds_type, service_hash, type_hash
+from mecazen_tools.simulate import simulate, simulate_distributed
+
+
+def key_of(name, kind):
+    return data_key(0, name, dds_type(kind.ROS_TYPE), type_hash(kind))
+
+
+@pytest.fixture
+def ros(stack):
+    """The scenario `teleop` as ROS nodes, and a session that ROS has."""
+    running = stack(SCENARIOS / "teleop.toml", "bus.ros2=true")
+    running.start()
+    with open_session(BusConfig(connect=(running.endpoint,)), "client") as session:
+        yield running, session, running.scenario.bus.namespace
+
+
+def test_a_twist_from_ros_drives_the_robot_and_its_odometry_and_frames_come_back(ros):
+    running, session, robot = ros
+    heard = {name: [] for name in ("clock", f"{robot}/odom", "tf")}
+    for (name, samples), kind in zip(heard.items(), (Clock, Odometry, TFMessage), strict=True):
+        session.declare_subscriber(
+            key_of(name, kind),
+            lambda sample, samples=samples, kind=kind: samples.append(
+                cdr.decode(sample.payload.to_bytes(), kind)
+            ),
+        )
+    commands = session.declare_publisher(key_of(f"{robot}/cmd_vel", Twist))
+    forward = cdr.encode(Twist(linear=Vector3(0.3)))
+
+    clocks = []
+
+    def driven():  # it starts at -1 m
+        if len(heard["clock"]) != len(clocks):  # a command for each tick that is heard of
+            clocks[:] = heard["clock"]
+            commands.put(forward)
+        return any(one.pose.pose.position.x > -0.9 for one in heard[f"{robot}/odom"])
+
+    running.wait(driven)
+    children = {t.child_frame_id for one in heard["tf"] for t in one.transforms}
+    assert {f"{robot}/base_link", f"{robot}/front_left_wheel"} <= children
+
+    hashed = service_hash("std_srvs/srv/Trigger", TriggerRequest, TriggerResponse)
+    key = data_key(0, f"{robot}/sim/pause", dds_type("std_srvs/srv/Trigger"), hashed)
+    request, attached = cdr.encode(TriggerRequest()), Attachment(1, 1, bytes(16)).pack()
+    (reply,) = session.get(key, payload=request, attachment=attached, timeout=10.0)
+    assert cdr.decode(reply.ok.payload.to_bytes(), TriggerResponse).success
+    assert running.bus.call(keys.SIM_STATE, Empty()).paused
+
+
+def test_ros_changes_no_trajectory():
+    path, settings = SCENARIOS / "back.toml", ("sim.duration_s=2.0", "seed=7")
+    alone = simulate(load_scenario(path, settings), "back")[0].trajectory_sha256
+    seen = simulate_distributed(path, (*settings, "bus.ros2=true"), "back")[0]
+    assert seen.trajectory_sha256 == alone
