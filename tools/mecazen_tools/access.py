@@ -112,7 +112,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         yield service, _rule(f"{service} answers", answers, _call_keys(calls))
     if latched:
         kept = ["put", "declare_queryable", "reply", "liveliness_token"]
-        exprs = [f"{key}/@adv/**" for key in latched]
+        exprs = [*latched, *(f"{key}/@adv/**" for key in latched)]
         yield service, _rule(f"{service} publishes for those who come later", kept, exprs)
     tokens = [_token(service), f"{ADMIN}/*/*/*/*/*/*/*/{service}/**"]
     yield service, _rule(f"{service} is alive", ["liveliness_token"], tokens)
