@@ -79,6 +79,10 @@ class Inputs:
         """Return for how long the topic's newest message has been known [s]; inf: never."""
         return 0.0 if topic in self._samples else self._ages_s.get(topic, math.inf)
 
+    def gap_s(self, topic: Topic[Any]) -> float:
+        """Return how long before this step a topic's last message was used [s]; inf: never."""
+        return self._ages_s.get(topic, math.inf)
+
     def refuse(self, topic: Topic[Any], reason: str) -> None:
         """Say that a message can't be used: it is counted and reported, as if it never came."""
         self.refused.append((topic, reason))

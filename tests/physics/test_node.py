@@ -77,12 +77,15 @@ class Driven:
         inputs = {}
         for name, heard in self.heard.items():
             samples = {topics[what]: message for what, message in told.get(name, {}).items()}
-            heard.update(dict.fromkeys(samples, self.number))
-            ages_s = {topic: 0.01 * (self.number - at) for topic, at in heard.items()}
+            # as in the runtime: since the last tick before this one that had a good sample
+            ages_s = {topic: 0.01 * (self.number + 1 - at) for topic, at in heard.items()}
             inputs[name] = Inputs(samples, ages_s)
         self.number += 1
         tick = Tick(self.number, self.number * TICK_NS, 0.01)
         self.states = self.world.step(tick, inputs)
+        for name, heard in self.heard.items():
+            used = [topic for topic in topics.values() if inputs[name].get(topic) is not None]
+            heard.update(dict.fromkeys(used, self.number))
         return inputs
 
     def drive(self, ticks: int, velocity: Sequence[float] = (), effort: Sequence[float] = ()):
@@ -401,3 +404,19 @@ def test_a_person_and_a_walker_with_joints_are_touched_by_their_legs():
     refused = driven.tick(skeleton=m.Skeleton(), people=alone).refused
     assert {topic for topic, _ in refused} == {keys.TARGET_SKELETON, keys.PEOPLE}
     assert {reason for _, reason in refused} == {"needs 20 joints"}
+
+
+@pytest.mark.parametrize("how", ["upright", "with legs"])
+def test_a_person_who_jumps_shoves_no_robot_and_is_refused(how):
+    def at(x):
+        if how == "upright":
+            return {"person": person(Pose2D(x=x))}
+        body = tuple(m.Point(x=x, z=1.7 * index / len(JOINTS)) for index in range(len(JOINTS)))
+        return {"skeleton": m.Skeleton(joints=body)}
+
+    driven = Driven(**({} if how == "upright" else {"sensor": SensorConfig(kind="fused")}))
+    driven.tick(**at(3.0))
+    before = driven.pose()
+    for x in (0.1, 0.1, 0.1, 2.69):  # 10 m/s take one as far as the last in the 40 ms
+        assert len(driven.tick(**at(x)).refused) == (x < 1.0)
+    assert math.hypot(driven.pose().x - before.x, driven.pose().y - before.y) < 1e-3

@@ -1,6 +1,9 @@
 """One client against a running scenario: payloads that are no messages, and floods."""
 
+from pathlib import Path
+
 import psutil
+import pytest
 import zenoh
 from harness import SCENARIOS
 from mecazen import keys
@@ -18,6 +21,9 @@ PAYLOADS = 30_000
 BATCH = 100
 GROWTH_BYTES = 64_000_000
 """A service may keep 16 samples of 64 KiB on each of its keys; a leak has no bound."""
+
+HUGE_BYTES = 280 << 20
+"""What once killed a router's container."""
 
 
 def intruder(running) -> zenoh.Session:
@@ -81,6 +87,31 @@ def test_under_a_flood_time_goes_on_and_memory_does_not_grow(stack):
         after = memory(running)
     growth = {name: after[name] - before[name] for name in before}
     assert max(growth.values()) < GROWTH_BYTES, growth
+
+
+@pytest.mark.parametrize("part", ["payload", "attachment"])
+def test_what_is_far_too_long_is_not_even_put_together(stack, part):
+    running = stack(BACK)
+    ticks = []
+    running.bus.subscribe(keys.FOLLOWER_STATE, lambda _, stamp: ticks.append(stamp.time_ns))
+    running.start()
+    running.wait(lambda: bool(ticks))
+    before = peaks(running)
+    with intruder(running) as session:
+        sent = {"payload": b"", part: bytes(HUGE_BYTES)}
+        for key in ("cmd_vel", "of/ones/own"):
+            session.put(key, congestion_control=zenoh.CongestionControl.BLOCK, **sent)
+        begin = ticks[-1]
+        running.wait(lambda: ticks[-1] > begin + 10**9)
+    growth = {name: peak - before[name] for name, peak in peaks(running).items()}
+    assert max(growth.values()) < GROWTH_BYTES, growth
+
+
+def peaks(running) -> dict[str, int]:
+    """The most memory that each process has had [bytes]."""
+    pids = running.supervisor.pids.items()
+    status = {name: Path(f"/proc/{pid}/status").read_text() for name, pid in pids}
+    return {name: 1024 * int(text.split("VmHWM:")[1].split()[0]) for name, text in status.items()}
 
 
 def memory(running) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 import ipaddress
 import json
+import os
 import sys
 
 import pytest
@@ -60,6 +61,18 @@ def test_no_service_can_sign_and_the_authoritys_own_key_is_nowhere(folder):
 
 def test_private_keys_are_for_their_owner_alone(folder):
     assert {file.stat().st_mode & 0o777 for file in folder.glob("*.key")} == {0o600}
+
+
+def test_under_a_lax_umask_folder_and_keys_are_for_their_owner_alone_too(tmp_path):
+    before = os.umask(0)
+    try:
+        certificates.create(tmp_path / "keys")
+    finally:
+        os.umask(before)
+    modes = {file.name: file.stat().st_mode & 0o777 for file in (tmp_path / "keys").iterdir()}
+    assert (tmp_path / "keys").stat().st_mode & 0o777 == 0o700
+    assert {mode for name, mode in modes.items() if name.endswith(".key")} == {0o600}
+    assert {mode for name, mode in modes.items() if name.endswith(".crt")} == {0o644}
 
 
 def test_what_is_there_is_not_overwritten(folder):

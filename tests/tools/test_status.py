@@ -1,7 +1,10 @@
 """What `mecazen status` shows of what services say of themselves."""
 
 import pytest
-from mecazen.messages import SimState, Time
+from mecazen.bus import LocalBus
+from mecazen.messages import DiagnosticArray, DiagnosticStatus, KeyValue, SimState, Time
+from mecazen.wire import encode
+from mecazen_tools.cli import status as command
 from mecazen_tools.cli.status import Input, ServiceStatus, screen, status_of
 from rich.console import Console
 
@@ -93,3 +96,34 @@ def test_the_screen_says_when_time_is_held_and_when_nobody_simulates():
     held = SimState(mode="lockstep", paused=True, seed=1)
     expected = {held: "t = 0.0 s  ·  paused  ·  lockstep  ·  seed 1", None: "nobody simulates"}
     assert {sim: text_of(status_of(sim, (), set(), {}))[0] for sim in expected} == expected
+
+
+class Told(LocalBus):
+    """A bus whose subscriber of bytes can be told anything."""
+
+    def subscribe_bytes(self, key, handler):
+        self.tell = handler
+
+
+def says(name, **values):
+    pairs = tuple(KeyValue(key=key, value=value) for key, value in values.items())
+    return encode(DiagnosticArray(status=(DiagnosticStatus(name=name, values=pairs),)), "json")
+
+
+def test_a_report_counts_under_the_name_of_its_key_whatever_name_is_in_it():
+    bus = Told()
+    listener = command._Listener(bus)
+    bus.tell("diagnostics/viewer", says("physics", missed_deadlines="999"), "", None)
+    assert listener.reports == {"viewer": {"missed_deadlines": "999"}}
+    for number in range(2 * command.REPORTS):
+        bus.tell(f"diagnostics/{number}", says("physics"), "", None)
+    assert len(listener.reports) == command.REPORTS
+
+
+def test_what_a_stranger_says_is_text_on_the_screen():
+    hostile = "[/oops] \x1b[2J\x9b\u202e"
+    reports = {hostile: {f"hz/{hostile}": "1.0"}}
+    lines = text_of(status_of(SimState(mode=hostile), (), {hostile}, reports))
+    text = "".join(lines)
+    assert text.count("[/oops]") == 3
+    assert all(line.isprintable() for line in lines)

@@ -169,7 +169,7 @@ def test_every_line_that_is_drawn_has_a_name_and_a_colour():
         *shown.on_joint_states(m.JointState(velocity=(1.0, 2.0, 3.0, 4.0, 5.0)), 0),
         *shown.on_joint_command(m.JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 4), 0),
         *shown.on_follower_state(following(Pose2D(1.0), Pose2D()), 0),
-        *shown.on_diagnostics(physics_says("0.5"), 0),
+        *shown.on_diagnostics(physics_says("0.5"), 0, "physics"),
     ]
     plotted = {path: archetype for path, archetype in drawn if path.startswith("plots/")}
     lines = LINES | TIME_LINES
@@ -192,9 +192,9 @@ def test_tracking_and_health_are_logged_when_they_change():
         shown.on_follower_state(m.FollowerState(tracking="waiting"), 0),
         shown.on_follower_state(m.FollowerState(tracking="waiting"), 0),
         shown.on_follower_state(following(Pose2D(), Pose2D(), "coasting"), 0),
-        shown.on_diagnostics(physics_says("1.0"), 0),
-        shown.on_diagnostics(physics_says("1.1"), 0),
-        shown.on_diagnostics(physics_says("1.2", 1, "refused payloads"), 0),
+        shown.on_diagnostics(physics_says("1.0"), 0, "physics"),
+        shown.on_diagnostics(physics_says("1.1"), 0, "physics"),
+        shown.on_diagnostics(physics_says("1.2", 1, "refused payloads"), 0, "physics"),
     ):
         for path, archetype in entities:
             if path.startswith(f"{e.LOG}/"):
@@ -216,12 +216,12 @@ def test_of_several_robots_health_and_tracking_are_told_with_their_names():
     lines = []
     for shown in pictures[1:]:
         tracking = shown.on_follower_state(m.FollowerState(tracking="lost"), 0)
-        said = [*tracking, *shown.on_diagnostics(report, 0)]
+        said = [*tracking, *shown.on_diagnostics(report, 0, "follower")]
         lines += [text.text.as_arrow_array()[0].as_py() for path, text in said if path != e.HEALTH]
     assert lines == [
         f"{robot}/{line}" for robot in ("one", "two") for line in ("tracking: lost", "follower: ok")
     ]
-    shown = dict(pictures[0].on_diagnostics(physics_says("1.0"), 0))[e.HEALTH]
+    shown = dict(pictures[0].on_diagnostics(physics_says("1.0"), 0, "physics"))[e.HEALTH]
     (text,) = shown.text.as_arrow_array().to_pylist()
     names = [paragraph.split()[0] for paragraph in text.split("\n\n")]
     assert names == ["**one/follower**", "**physics**", "**two/follower**"]
@@ -229,11 +229,23 @@ def test_of_several_robots_health_and_tracking_are_told_with_their_names():
 
 def test_health_is_the_newest_of_the_newest_of_every_service_in_four_digits():
     shown = picture()
-    list(shown.on_diagnostics(physics_says("0.123456"), 0))
-    text_shown = dict(shown.on_diagnostics(physics_says("0.987654"), 0))[e.HEALTH]
+    list(shown.on_diagnostics(physics_says("0.123456"), 0, "physics"))
+    text_shown = dict(shown.on_diagnostics(physics_says("0.987654"), 0, "physics"))[e.HEALTH]
     (text,) = text_shown.text.as_arrow_array().to_pylist()
     assert "**physics** ok: rtf 0.9877" in text
     assert "0.1235" not in text
+
+
+def test_what_a_stranger_says_is_text_in_the_table_and_counts_under_the_name_of_its_key():
+    value = m.KeyValue(key="[x](http://y)", value="a | <b> \x1b[2J\n| physics | ok |")
+    status = m.DiagnosticStatus(level=1, name="physics", message="\x1b]0;", values=(value,))
+    drawn = list(picture().on_diagnostics(m.DiagnosticArray(status=(status,)), 0, "viewer"))
+    (path, line), (_, table) = drawn
+    assert path == f"{e.LOG}/viewer"
+    assert line.text.as_arrow_array().to_pylist() == ["viewer: \\u001b]0;"]
+    text = table.text.as_arrow_array()[0].as_py()
+    shown = r"\[x\]\(http://y\) a \| \<b\> \\u001b\[2J\\n\| physics \| ok \|"
+    assert text == f"**viewer** warning: {shown}"
 
 
 def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far():

@@ -116,7 +116,7 @@ def _place(host: str) -> x509.GeneralName:
 
 def _write(folder: Path, files: dict[str, bytes]) -> None:
     try:
-        folder.mkdir(parents=True)
+        folder.mkdir(mode=0o700, parents=True)
     except FileExistsError:
         raise MecazenError(
             f"{folder}: is there already, and nothing in it is overwritten; name another folder"

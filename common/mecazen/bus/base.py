@@ -15,6 +15,7 @@ from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
+from mecazen.text import printable
 from mecazen.wire import RefusedError, Stamp, decode
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -27,6 +28,11 @@ Handler = Callable[[MessageT, Stamp | None], None]
 
 DRAINED_AT_MOST = 1000
 """Much more than ever waits where nobody floods."""
+
+REFUSED_KEYS = 100
+"""Refusals are counted by so many keys, since a stranger can make up any number of them."""
+OTHER_KEYS = "others"
+"""All beyond these count together."""
 
 logger = logging.getLogger(__name__)
 
@@ -200,11 +206,15 @@ class Bus(ABC):
     def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count what came on `key` as refused, and log it at most once a second."""
         key = self._prefix + key
+        if key not in self.refused and len(self.refused) >= REFUSED_KEYS:
+            key = OTHER_KEYS
         self.refused[key] += count
         now = time.monotonic()
         if now - self._last_report.get(key, -1.0) >= 1.0:
             self._last_report[key] = now
-            logger.warning("msg=refused key=%s count=%d reason=%r", key, self.refused[key], reason)
+            logger.warning(
+                "msg=refused key=%s count=%d reason=%r", printable(key), self.refused[key], reason
+            )
 
     def overheard(self, topic: Topic[MessageT]) -> list[Handler[MessageT]]:
         """Return who takes what this process publishes on a topic; more may be added."""

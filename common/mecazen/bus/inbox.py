@@ -9,9 +9,9 @@ from __future__ import annotations
 import queue
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Sized
+from collections.abc import Callable
 from functools import partial
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 SAMPLE_BYTES = 500
 """About what a sample that waits needs besides its payload."""
@@ -23,15 +23,7 @@ WAITING_SAMPLES = 16
 Queue = queue.SimpleQueue[Callable[[], None]]
 
 
-class Sample(Protocol):
-    """A sample as it arrived."""
-
-    @property
-    def payload(self) -> Sized:
-        """Its bytes."""
-
-
-SampleT = TypeVar("SampleT", bound=Sample)
+SampleT = TypeVar("SampleT")
 
 
 class Refusals:
@@ -114,6 +106,7 @@ class Backlog(Generic[SampleT]):
     Args:
         ready: Takes the calls that deliver.
         take: Delivers a sample.
+        size: Returns the bytes of a sample.
         limit: How many bytes may wait.
         refuse: Called for a sample beyond that; runs on Zenoh's threads.
     """
@@ -122,11 +115,13 @@ class Backlog(Generic[SampleT]):
         self,
         ready: Queue,
         take: Callable[[SampleT], object],
+        size: Callable[[SampleT], int],
         limit: float,
         refuse: Callable[[], None],
     ) -> None:
         self._ready = ready
         self._take = take
+        self._size = size
         self._limit = limit
         self._refuse = refuse
         self._bytes = 0
@@ -134,7 +129,7 @@ class Backlog(Generic[SampleT]):
 
     def receive(self, sample: SampleT) -> None:
         """Keep a sample if there is room for it."""
-        size = SAMPLE_BYTES + len(sample.payload)
+        size = SAMPLE_BYTES + self._size(sample)
         with self._lock:
             has_room = self._bytes + size <= self._limit
             if has_room:

@@ -14,20 +14,31 @@ from mecazen.bus.inbox import Queue
 from mecazen.errors import BusError
 from mecazen.keys import Call
 from mecazen.messages import Message
-from mecazen.wire import ENCODINGS, Format, RefusedError, decode, encode
+from mecazen.text import printable
+from mecazen.wire import (
+    ENCODINGS,
+    MAX_ENVELOPE_BYTES,
+    MAX_SAMPLE_BYTES,
+    Format,
+    RefusedError,
+    decode,
+    encode,
+)
 
 RequestT = TypeVar("RequestT", bound=Message)
 AnswerT = TypeVar("AnswerT", bound=Message)
 
 WAITING_QUERIES = 100
 """So many wait at most of a key that is queried."""
+TOO_LONG = f"key and attachment of more than {MAX_ENVELOPE_BYTES} bytes"
 
 
 class QueryInbox:
-    """Keeps the queries of a key that wait, and refuses those beyond a number.
+    """Keeps the queries that wait, and refuses oversized ones and those beyond a number.
 
     Args:
         ready: Takes the calls that answer.
+        key: The only key expression that is answered; None for any.
         take: Answers a query, on the service's thread.
         refuse: Called with a query and a reason; runs on Zenoh's threads.
     """
@@ -35,17 +46,26 @@ class QueryInbox:
     def __init__(
         self,
         ready: Queue,
+        key: str | None,
         take: Callable[[zenoh.Query], None],
         refuse: Callable[[zenoh.Query, str], None],
     ) -> None:
         self._ready = ready
+        self._key = key
         self._take = take
         self._refuse = refuse
         self._room = threading.Semaphore(WAITING_QUERIES)
 
     def receive(self, query: zenoh.Query) -> None:
-        """Keep a query if there is room for it."""
-        if self._room.acquire(blocking=False):
+        """Keep a query if it is one to answer and there is room for it."""
+        if self._key is not None and str(query.key_expr) != self._key:
+            # who asks everybody, to look round, orders nothing
+            self._refuse(query, "asked on another key expression")
+        elif len(query.payload or b"") > MAX_SAMPLE_BYTES:
+            self._refuse(query, f"payload of more than {MAX_SAMPLE_BYTES} bytes")
+        elif envelope_bytes(query) + len(str(query.parameters)) > MAX_ENVELOPE_BYTES:
+            self._refuse(query, TOO_LONG)
+        elif self._room.acquire(blocking=False):
             self._ready.put(partial(self._deliver, query))
         else:
             self._refuse(query, f"{WAITING_QUERIES} queries wait")
@@ -53,6 +73,11 @@ class QueryInbox:
     def _deliver(self, query: zenoh.Query) -> None:
         self._room.release()
         self._take(query)
+
+
+def envelope_bytes(one: zenoh.Sample | zenoh.Query) -> int:
+    """Return the bytes of what comes beside a payload; Zenoh sends no long encoding."""
+    return len(str(one.key_expr)) + len(one.attachment or b"")
 
 
 class ZenohReply(Reply[AnswerT]):
@@ -83,7 +108,7 @@ def answer_in(replies: Iterable[zenoh.Reply], call: Call[RequestT, AnswerT]) -> 
     for reply in replies:
         if reply.err is not None:
             reason = reply.err.payload.to_bytes().decode(errors="replace")
-            raise BusError(f"{call.key}: {reason}")
+            raise BusError(f"{call.key}: {printable(reason)}")
         if reply.ok is not None:
             sample = reply.ok
             try:

@@ -19,6 +19,7 @@ from mecazen.keys import TOPICS, Topic
 from mecazen.ros.protocol import any_key
 from mecazen.ros.types import dds_type
 from mecazen.ros.view import entries
+from mecazen.wire import MAX_MESSAGE_BYTES
 
 logger = logging.getLogger(__name__)
 
@@ -86,6 +87,7 @@ def session_config(
         "transport/shared_memory/enabled": SHARED_MEMORY,
         "transport/link/tx/queue/size/data": QUEUED_BATCHES,
         "timestamping/enabled": timestamps or None,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints

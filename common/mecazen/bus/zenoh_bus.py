@@ -11,7 +11,7 @@ import zenoh
 
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample, deliver
 from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals
-from mecazen.bus.queries import QueryInbox, ZenohReply, answer_in
+from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
 from mecazen.bus.receiving import Pause, direct
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
 from mecazen.config import LIVELINESS, BusConfig
@@ -19,11 +19,14 @@ from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
 from mecazen.ros.protocol import is_data_key
-from mecazen.wire import ENCODINGS, Format, RefusedError, Stamp, encode
+from mecazen.wire import ENCODINGS, MAX_ENVELOPE_BYTES, Format, RefusedError, Stamp, encode
 
 MessageT = TypeVar("MessageT", bound=Message)
 RequestT = TypeVar("RequestT", bound=Message)
 AnswerT = TypeVar("AnswerT", bound=Message)
+
+Sent = tuple[str, bytes, str, bytes | None]
+"""Key, payload, encoding and attachment of a sample."""
 
 SIGNAL_CHECK_S = 0.2
 """A signal just before a wait does not end it: Python handles it after so long."""
@@ -136,12 +139,16 @@ class ZenohBus(Bus):
         def receive(sample: zenoh.Sample) -> None:
             if len(sample.payload) > topic.max_bytes:
                 refuse(f"payload of more than {topic.max_bytes} bytes")
+            elif envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
+                refuse(TOO_LONG)
             else:
                 keep(sample)
 
         if every:
             full = partial(refuse, f"more than {BACKLOG_BYTES} bytes wait")
-            keep = Backlog(self._queue, take, BACKLOG_BYTES, full).receive
+            keep = Backlog(
+                self._queue, take, lambda sample: len(sample.payload), BACKLOG_BYTES, full
+            ).receive
         else:
             keep = Inbox(self._queue, take, is_good).receive
         self._declare_subscriber(key, receive, zenoh.Locality.REMOTE)
@@ -158,16 +165,23 @@ class ZenohBus(Bus):
         comes while more than `backlog_bytes` wait is refused: it slows down nobody and
         fills nothing.
         """
+        refuse = partial(self._refusals.add, self._prefix + key)
+        full = partial(refuse, f"more than {backlog_bytes:.0f} bytes wait")
+        backlog: Backlog[Sent] = Backlog(
+            self._queue, lambda sent: handler(*sent), _bytes_of, backlog_bytes, full
+        )
 
-        def take(sample: zenoh.Sample) -> None:
-            key = str(sample.key_expr).removeprefix(self._prefix)
-            if not is_data_key(key):
-                handler(key, *_content(sample))
+        def receive(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr).removeprefix(self._prefix)
+            if is_data_key(name):
+                return
+            if envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
+                refuse(TOO_LONG)
+                return
+            # a sample of Zenoh would keep all that has come in the same batch
+            backlog.receive((name, *_content(sample)))
 
-        reason = f"more than {backlog_bytes:.0f} bytes wait"
-        full = partial(self._refusals.add, self._prefix + key, reason)
-        keep = Backlog(self._queue, take, backlog_bytes, full).receive
-        self._declare_subscriber(self._prefix + key, keep, zenoh.Locality.ANY)
+        self._declare_subscriber(self._prefix + key, receive, zenoh.Locality.ANY)
 
     def _declare_subscriber(
         self, key: str, keep: Callable[[zenoh.Sample], None], origin: zenoh.Locality
@@ -213,7 +227,7 @@ class ZenohBus(Bus):
                 handler(request, reply)
 
         self._servers[key] = handler
-        inbox = QueryInbox(self._queue, take, refuse)
+        inbox = QueryInbox(self._queue, key if call.changes else None, take, refuse)
         self._session.declare_queryable(key, direct(inbox.receive))
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
@@ -226,11 +240,14 @@ class ZenohBus(Bus):
                     if query.key_expr.intersects(zenoh.KeyExpr(key)):
                         query.reply(key, data, encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM)
 
+        def refuse(query: zenoh.Query, reason: str) -> None:
+            self._refusals.add(f"{self._prefix}{prefix}", reason)
+            with query:
+                query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
+
         self._files |= served
-        self._session.declare_queryable(
-            f"{self._prefix}{prefix}/**",
-            direct(lambda query: self._queue.put(partial(answer, query))),
-        )
+        inbox = QueryInbox(self._queue, None, answer, refuse)
+        self._session.declare_queryable(f"{self._prefix}{prefix}/**", direct(inbox.receive))
 
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
         """Return the served files that a key expression selects, by key."""
@@ -338,6 +355,11 @@ class _ZenohPublisher(Publisher[MessageT]):
         self._publisher.put(encode(message, self._format), attachment=attachment)
         if self._handlers:
             self._ready.put(partial(deliver, self._handlers, message, stamp))
+
+
+def _bytes_of(sent: Sent) -> int:
+    key, payload, encoding, attachment = sent
+    return len(key) + len(payload) + len(encoding) + len(attachment or b"")
 
 
 def _content(sample: zenoh.Sample) -> tuple[bytes, str, bytes | None]:

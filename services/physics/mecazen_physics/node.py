@@ -47,7 +47,14 @@ from mecazen.world import Box
 from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.contacts import Footprint
 from mecazen_physics.motors import WheelCommand
-from mecazen_physics.people import FASTEST_M_S, Floats, JointMotion, MovingPerson
+from mecazen_physics.people import (
+    FASTEST_M_S,
+    TOO_FAR,
+    Floats,
+    JointMotion,
+    MovingPerson,
+    Seen,
+)
 from mecazen_physics.urdf import build_urdf, meshes
 from mecazen_physics.world import World as SimulatedWorld
 
@@ -226,6 +233,7 @@ class _Commanded:
         """The person as last reported, unless that is too long ago."""
         self.motion = JointMotion(scenario.world.person.height_m)
         """Of a person who has joints."""
+        self.seen = Seen()
 
     def command(self, inputs: Inputs) -> WheelCommand:
         """Place the person; return what the motors are to do, at rest where nobody says it."""
@@ -251,7 +259,11 @@ class _Commanded:
         person = inputs.get(TARGET_ODOM)
         if person is None:
             return None
-        return MovingPerson.upright(person.pose.pose.to_planar(), _slowed(person.twist.twist))
+        pose = person.pose.pose.to_planar()
+        if self.seen.refuses(np.array((pose.x, pose.y)), inputs.gap_s(TARGET_ODOM)):
+            inputs.refuse(TARGET_ODOM, TOO_FAR)
+            return None
+        return MovingPerson.upright(pose, _slowed(person.twist.twist))
 
     def _skeleton(self, inputs: Inputs) -> MovingPerson | None:
         body = inputs.get(TARGET_SKELETON)
@@ -260,8 +272,11 @@ class _Commanded:
             return None
         if body is None:
             return None
-        time_s = body.header.stamp.ns / 1e9
-        return self.motion.person(_positions(body.joints), time_s, body.height)
+        joints = _positions(body.joints)
+        if self.seen.refuses(joints, inputs.gap_s(TARGET_SKELETON)):
+            inputs.refuse(TARGET_SKELETON, TOO_FAR)
+            return None
+        return self.motion.person(joints, body.header.stamp.ns / 1e9, body.height)
 
     def _slow_down_if_silent(self, silent_s: float) -> None:
         """Let the wheels slow down to rest when nobody commands them any more."""

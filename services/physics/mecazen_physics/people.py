@@ -24,7 +24,8 @@ RADII = np.array([limb.radius for limb in LEGS])
 
 
 FASTEST_M_S = 10.0
-"""At most this fast a person pushes the robot, however fast they are said to be."""
+"""At most this fast a person gets anywhere or pushes the robot, however fast they are said to be."""
+TOO_FAR = f"farther from where they were than {FASTEST_M_S:g} m/s take one"
 
 
 class Legs(NamedTuple):
@@ -91,6 +92,27 @@ class MovingPerson(NamedTuple):
             radius = float(np.max(reaches))
             speed = float(np.max(np.linalg.norm(np.concatenate(velocities), axis=1)))
         return Footprint(self.x, self.y, rim=radius, speed=speed)
+
+
+class Seen:
+    """Where somebody was last, so that nobody who jumps shoves a robot."""
+
+    def __init__(self) -> None:
+        self._points: Floats | None = None
+
+    def refuses(self, points: Floats, gap_s: float) -> bool:
+        """Return whether they can't be there `gap_s` after they were seen; else note them.
+
+        Args:
+            points: One of them, or their joints [m], as many as before.
+            gap_s: Time since the last that was not refused; infinite before the first [s].
+        """
+        if self._points is not None:
+            steps = np.linalg.norm(points - self._points, axis=-1)
+            if not np.max(steps) <= FASTEST_M_S * gap_s:
+                return True
+        self._points = points
+        return False
 
 
 class JointMotion:

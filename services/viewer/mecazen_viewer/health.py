@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import rerun as rr
 from mecazen.config import join_key
 from mecazen.messages import DiagnosticArray, DiagnosticStatus, GuardState
+from mecazen.text import printable
 
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Entity
@@ -38,7 +40,7 @@ class Health:
         if state != self._tracking.get(robot, ""):
             self._tracking[robot] = state
             level = TRACKING_LEVELS.get(state, rr.TextLogLevel.INFO)
-            line = f"{join_key('tracking', robot)}: {state}"
+            line = printable(f"{join_key('tracking', robot)}: {state}")
             yield f"{e.LOG}/follower", rr.TextLog(line, level=level)
 
     def guard(self, state: GuardState, robot: str) -> Iterator[Entity]:
@@ -47,17 +49,19 @@ class Health:
             self._guard[robot] = state.state
             level = GUARD_LEVELS.get(state.state, rr.TextLogLevel.INFO)
             line = f"{join_key('guard', robot)}: {state.state} {state.reason}".rstrip()
-            yield f"{e.LOG}/guard", rr.TextLog(line, level=level)
+            yield f"{e.LOG}/guard", rr.TextLog(printable(line), level=level)
 
-    def diagnostics(self, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
-        """Return a log line for each service whose health has changed, and the text of all."""
+    def diagnostics(self, service: str, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
+        """Return a log line if the health of a service has changed, and the text of all."""
+        name = join_key(service, robot)
         for status in report.status:
-            name = join_key(status.name, robot)
             before = self._status.get(name)
             self._status[name] = status
             if before is None or (before.level, before.message) != (status.level, status.message):
-                line = rr.TextLog(f"{name}: {status.message}", level=LEVELS[status.level])
-                yield f"{e.LOG}/{status.name}", line
+                line = rr.TextLog(
+                    printable(f"{name}: {status.message}"), level=LEVELS[status.level]
+                )
+                yield f"{e.LOG}/{service}", line
         yield e.HEALTH, rr.TextDocument(self._text(), media_type=rr.MediaType.MARKDOWN)
 
     def _text(self) -> str:
@@ -65,12 +69,17 @@ class Health:
         paragraphs = []
         for name, status in sorted(self._status.items()):
             values = ", ".join(
-                f"{pair.key} {_short(pair.value)}"
+                _as_text(f"{pair.key} {_short(pair.value)}")
                 for pair in status.values
                 if pair.key not in HIDDEN and not pair.key.startswith(HIDDEN_PREFIXES)
             )
             paragraphs.append(f"**{name}** {NAMES[status.level]}: {values}")
         return "\n\n".join(paragraphs)
+
+
+def _as_text(sent: str) -> str:
+    """Return what somebody has sent as Markdown that shows it."""
+    return re.sub(r"([\\`*_{}\[\]<>()#+!|~&$^])", r"\\\1", printable(sent))
 
 
 def _short(value: str) -> str:

@@ -216,13 +216,15 @@ class Picture:
         if self._is_due("commanded", time_ns):
             yield from plots.velocity("commanded", twist.to_planar())
 
-    def on_diagnostics(self, report: m.DiagnosticArray, time_ns: int) -> Iterator[Entity]:
+    def on_diagnostics(
+        self, report: m.DiagnosticArray, time_ns: int, service: str
+    ) -> Iterator[Entity]:
         """Show the health of a service, and plot the real-time factor from physics."""
         del time_ns
-        yield from self._health.diagnostics(report, self._name)
+        yield from self._health.diagnostics(service, report, self._name)
         for status in report.status:
             for pair in status.values:
-                if status.name == "physics" and pair.key == "rtf":
+                if service == "physics" and pair.key == "rtf":
                     yield plots.real_time(float(pair.value))
 
     def ground(self) -> Iterator[Entity]:

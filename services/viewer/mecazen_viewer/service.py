@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 import rerun as rr
@@ -62,7 +63,8 @@ class ViewerService(Observer):
             self.show(robot, keys.GUARD_STATE, Picture.on_guard_state)
         self.show("", keys.PEOPLE, Picture.on_people)
         for part, robot in scenario.parts:
-            self.show(robot, keys.diagnostics(part), Picture.on_diagnostics)
+            draw = partial(Picture.on_diagnostics, service=part)
+            self.show(robot, keys.diagnostics(part), draw)
 
     def reset(self, seed: int) -> None:
         """Begin new pictures: one for each robot, and one for what they share."""

@@ -17,6 +17,7 @@ from mecazen.config import join_key
 from mecazen.errors import BusError
 from mecazen.graph import SHARED
 from mecazen.messages import DiagnosticArray, Empty, SimState
+from mecazen.text import printable
 from mecazen.wire import RefusedError, decode
 from rich.console import Console, Group
 from rich.live import Live
@@ -30,6 +31,9 @@ ANSWER_S = 0.5
 """How long simulated time may take to say how it is; a physics that is gone says nothing."""
 PATIENCE_S = 3.0
 """How long `--json` waits for every service's report; one comes each simulated second."""
+
+REPORTS = 1000
+"""The reports of so many services are kept, since a stranger can make up any number."""
 
 ALL_DIAGNOSTICS = keys.diagnostics("*").key
 
@@ -121,9 +125,9 @@ def screen(status: Status) -> Group:
         numbers = (service.refused, service.missed, service.restarts)
         colour = {"ready": "green", "alive": "yellow", "gone": "red"}[service.state]
         table.add_row(
-            name,
+            Text(printable(name)),
             Text(service.state, colour),
-            hears,
+            Text(printable(hears)),
             f"{max(ages):.2f}" if ages else "",
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )
@@ -137,7 +141,8 @@ def _headline(sim: SimState | None) -> str:
     if sim.mode == "real_time":
         pace += f" (speed {sim.speed:g})"
     mode = sim.mode.replace("_", " ")
-    return f"t = {sim.clock.ns / 1e9:.1f} s  ·  {pace}  ·  {mode}  ·  seed {sim.seed}"
+    time_s = sim.clock.ns / 1e9
+    return printable(f"t = {time_s:.1f} s  ·  {pace}  ·  {mode}  ·  seed {sim.seed}")
 
 
 class _Listener:
@@ -206,9 +211,11 @@ class _Listener:
         except RefusedError as refusal:
             self._bus.refuse(key, str(refusal))
             return
-        for status in report.status:
-            self.reports[join_key(status.name, robot)] = {
-                pair.key: pair.value for pair in status.values
+        # whom it is of says the key, which access control guards, not the report
+        name = join_key(key.removeprefix(ALL_DIAGNOSTICS.removesuffix("*")), robot)
+        if name in self.reports or len(self.reports) < REPORTS:
+            self.reports[name] = {
+                pair.key: pair.value for status in report.status for pair in status.values
             }
 
 
@@ -234,7 +241,7 @@ def status(
             end = time.monotonic() + PATIENCE_S
             while listener.awaited and time.monotonic() < end:
                 bus.spin_once(PATIENCE_S / 10)
-            typer.echo(msgspec.json.encode(listener.status()).decode())
+            typer.echo(printable(msgspec.json.encode(listener.status()).decode()))
             return
         with Live(screen(now), console=Console(), auto_refresh=False) as live:
             while True:

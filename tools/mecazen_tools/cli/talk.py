@@ -14,6 +14,7 @@ from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import CALLS, TOPICS, topic_of
 from mecazen.programs import graph_of
+from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.table import Column, Table
 
@@ -123,9 +124,11 @@ def echo(
         nonlocal shown
         del attachment
         try:
-            typer.echo(msgspec.json.encode(_read(key, payload, encoding)).decode())
+            text = msgspec.json.encode(_read(key, payload, encoding)).decode()
+            typer.echo(printable(text))
         except (RefusedError, msgspec.MsgspecError) as error:
-            typer.echo(f"{key}: {len(payload)} bytes that are no message: {error}", err=True)
+            problem = f"{key}: {len(payload)} bytes that are no message: {error}"
+            typer.echo(printable(problem), err=True)
         shown += 1
 
     _warn_of_typo(key)
