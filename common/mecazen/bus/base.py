@@ -153,6 +153,10 @@ class Bus(ABC):
     ) -> None:
         """Answer queries on a call's key; an empty request means its defaults."""
 
+    def serves(self, call: Call[Any, Any]) -> bool:
+        """Return whether this process answers queries on a call's key."""
+        return self._prefix + call.key in self._servers
+
     @abstractmethod
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
         """Answer queries on `prefix/<path>` with a file's bytes."""

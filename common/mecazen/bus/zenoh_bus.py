@@ -168,7 +168,7 @@ class ZenohBus(Bus):
         refuse = partial(self._refusals.add, self._prefix + key)
         full = partial(refuse, f"more than {backlog_bytes:.0f} bytes wait")
         backlog: Backlog[Sent] = Backlog(
-            self._queue, lambda sent: handler(*sent), _bytes_of, backlog_bytes, full
+            self._queue, lambda sent: handler(*sent), bytes_of, backlog_bytes, full
         )
 
         def receive(sample: zenoh.Sample) -> None:
@@ -357,7 +357,8 @@ class _ZenohPublisher(Publisher[MessageT]):
             self._ready.put(partial(deliver, self._handlers, message, stamp))
 
 
-def _bytes_of(sent: Sent) -> int:
+def bytes_of(sent: Sent) -> int:
+    """Return the bytes of a sample."""
     key, payload, encoding, attachment = sent
     return len(key) + len(payload) + len(encoding) + len(attachment or b"")
 

@@ -24,7 +24,7 @@ RADII = np.array([limb.radius for limb in LEGS])
 
 
 FASTEST_M_S = 10.0
-"""At most this fast a person gets anywhere or pushes the robot, however fast they are said to be."""
+"""At most this fast a person moves or pushes the robot, however fast they are said to be."""
 TOO_FAR = f"farther from where they were than {FASTEST_M_S:g} m/s take one"
 
 

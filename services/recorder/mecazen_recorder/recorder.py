@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
+from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.session import includes
-from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
 from mecazen.config import join_key, split_key
-from mecazen.description import ask_description
+from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
 from mecazen.loading import robots_in
@@ -23,13 +26,29 @@ from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
 from mecazen_recorder.config import RecorderConfig
+from mecazen_recorder.runs import FirstSamples
 from mecazen_recorder.writer import SYNC_S, RecordingWriter
 
 BYTES_PER_MIB = 1 << 20
 ANSWER_S = 1.0
-"""Timeout of queries, during which samples queue up."""
+"""Timeout of queries, during which samples wait."""
+MAX_RUNS = 1000
+"""A file holds so many, each with its configuration."""
+MAX_OTHER_RUNS = 100
+"""Beyond so many only samples on `GUARDED` keys begin another."""
+GUARDED = [topic for topic in keys.TOPICS if not topic.open and "*" not in topic.key]
+"""What access control lets only one service put."""
 
 logger = logging.getLogger(__name__)
+
+
+class _Answer(NamedTuple):
+    """What somebody says of a run."""
+
+    scenario: str | None
+    """In TOML."""
+    descriptions: dict[str, RobotDescription]
+    """Of robots that have not been described before, by name."""
 
 
 class Recorder:
@@ -60,6 +79,12 @@ class Recorder:
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
+        self._firsts = FirstSamples(lambda key: bus.refuse(key, "of a run of nobody else"))
+        self._asking = ThreadPoolExecutor(1)
+        self._answer: Future[_Answer] | None = None
+        """What somebody will have said of the newest run; meanwhile samples wait here."""
+        self._waiting: deque[Sent] = deque()
+        self._waiting_bytes, self._most_bytes = 0, config.backlog_mib * BYTES_PER_MIB
         self._described: set[str] = set()
         for key in config.keys:
             includes(key, key)  # a wrong key is an error before the file exists
@@ -86,10 +111,17 @@ class Recorder:
         """Record until the bus is stopped."""
         while True:
             self._bus.spin_once(SYNC_S)
+            self._go_on()
             self.writer.sync_if_due()
 
     def close(self) -> None:
-        """Finish the file."""
+        """Record what waits, and finish the file."""
+        self._most_bytes = 0.0  # nobody is asked any more
+        while self._answer is not None:
+            wait([self._answer])
+            self._go_on()
+        self._asking.shutdown()
+        self._firsts.close()
         self.writer.close()
 
     def _take_bytes(
@@ -102,21 +134,62 @@ class Recorder:
     ) -> None:
         if any(includes(expression, key) for expression in others):
             return  # another subscription brings it too
+        self._go_on()
+        sample = key, payload, encoding, attachment
+        if self._answer is None:
+            self._record(sample)
+        elif self._waiting_bytes < self._most_bytes:
+            self._waiting.append(sample)
+            self._waiting_bytes += SAMPLE_BYTES + bytes_of(sample)
+        else:
+            self._bus.refuse(key, f"more than {self._most_bytes:.0f} bytes wait")
+
+    def _go_on(self) -> None:
+        """Record what has waited for an answer, once that is there."""
+        while self._answer is not None and self._answer.done():
+            self._begin(self._answer.result())
+            self._answer = None
+            while self._waiting and self._answer is None:
+                sample = self._waiting.popleft()
+                self._waiting_bytes -= SAMPLE_BYTES + bytes_of(sample)
+                self._record(sample)
+
+    def _record(self, sample: Sent) -> None:
+        key, payload, encoding, attachment = sample
         try:
             topic = self._topic_of(key)
-            if topic is None:
-                stamp = None
-                with suppress(RefusedError):  # on keys outside the table it may be anything
-                    stamp = None if attachment is None else Stamp.unpack(attachment)
+            stamp = None
+            with suppress(RefusedError) if topic is None else nullcontext():
+                # on keys outside the table it may be anything
+                stamp = None if attachment is None else Stamp.unpack(attachment)
+            if stamp is not None and stamp.run not in self._runs:
+                self._meet(stamp, sample, guarded=topic in GUARDED)
+            elif topic is None:
                 self._note(stamp)
-                topic = self._topic_of(key)  # the new run may have this robot
-            if topic is None:
                 self.writer.write_bytes(key, payload, encoding, stamp, self.now.time_ns)
             else:
-                stamp = None if attachment is None else Stamp.unpack(attachment)
                 self._take(key, decode(payload, topic.type, encoding), stamp)
         except RefusedError as refusal:
             self._bus.refuse(key, str(refusal))
+
+    def _meet(self, stamp: Stamp, sample: Sent, *, guarded: bool) -> None:
+        """Begin a run with its second sample; what comes waits until somebody has told of it."""
+        first = self._firsts.second(stamp.run, sample)
+        if first is None:
+            return
+        most = MAX_RUNS if guarded else MAX_OTHER_RUNS
+        if len(self._runs) >= most:
+            raise RefusedError(f"a file holds at most {most} runs")
+        self._runs.add(stamp.run)
+        self.now = stamp
+        self._waiting.extendleft((sample, first))
+        self._waiting_bytes += 2 * SAMPLE_BYTES + bytes_of(sample) + bytes_of(first)
+        served = any(self._bus.namespaced(r).serves(keys.ROBOT_DESCRIPTION) for r in self._robots)
+        if self._most_bytes and not served:
+            self._answer = self._asking.submit(self._ask)
+        else:
+            self._answer = Future()
+            self._answer.set_result(self._ask() if served else _Answer(None, {}))
 
     def _take(self, key: str, message: Message, stamp: Stamp | None) -> None:
         self._note(stamp)
@@ -132,24 +205,31 @@ class Recorder:
         """Note the newest tick, and write the record of a new run."""
         if stamp is None:
             return
-        if stamp.run not in self._runs:
+        if stamp.run not in self._runs:  # within a process there is nobody to doubt
             self._runs.add(stamp.run)
-            scenario = self._scenario()
-            self.writer.write_run(stamp, scenario)
-            if scenario is not None:
-                self._robots = robots_in(scenario)
             self.now = stamp
-            self._describe()
+            self._begin(self._ask())
         elif stamp.run == self.now.run:
             self.now = max(self.now, stamp)
 
-    def _describe(self) -> None:
-        """Attach the description of each robot, once, as soon as physics answers."""
-        for robot in [one for one in self._robots if one not in self._described]:
+    def _begin(self, answer: _Answer) -> None:
+        """Write the record of the newest run, and attach what robots look like, once each."""
+        self.writer.write_run(self.now, answer.scenario)
+        if answer.scenario is not None:
+            self._robots = robots_in(answer.scenario)
+        for robot, description in answer.descriptions.items():
+            self.writer.write_description(description, robot)
+            self._described.add(robot)
+
+    def _ask(self) -> _Answer:
+        """Ask what is simulated; over Zenoh on a thread of its own, since it may take long."""
+        scenario = self._scenario()
+        robots = self._robots if scenario is None else robots_in(scenario)
+        descriptions = {}
+        for robot in [one for one in robots if one not in self._described]:
             with suppress(BusError):  # nobody simulates, as in a replay of another recording
-                description = ask_description(self._bus.namespaced(robot), ANSWER_S)
-                self.writer.write_description(description, robot)
-                self._described.add(robot)
+                descriptions[robot] = ask_description(self._bus.namespaced(robot), ANSWER_S)
+        return _Answer(scenario, descriptions)
 
 
 def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:

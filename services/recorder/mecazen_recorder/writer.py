@@ -14,7 +14,7 @@ from mcap.writer import Writer
 from mecazen.config import join_key
 from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
-from mecazen.messages import Message
+from mecazen.messages import DiagnosticArray, Message
 from mecazen.ros import cdr
 from mecazen.ros.types import definition
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
@@ -27,6 +27,8 @@ SYNC_S = 0.5
 """Longest wall time for which a sample is only in memory."""
 
 MAX_CHANNELS = 2**16 - 1
+MAX_OTHER_CHANNELS = 2**13
+"""Of diagnostics, and of keys outside the table: of both a stranger can make up any number."""
 _RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpack"}
 
 
@@ -118,6 +120,7 @@ class RecordingWriter:
         self.count = 0
         self._encoding = encoding
         self._channels: dict[tuple[str, Stamp | None, type[Message] | str], int] = {}
+        self._other_channels = 0
         self._schemas: dict[type[Message], int] = {}
         self._sink: Sink | None = Sink(path)
         self._mcap = Writer(cast(IO[bytes], self._sink))
@@ -191,8 +194,13 @@ class RecordingWriter:
         known = self._channels.get((key, run, kind))
         if known is not None:
             return known
-        if len(self._channels) >= MAX_CHANNELS:
-            raise RefusedError(f"a file holds at most {MAX_CHANNELS} keys times runs")
+        other = isinstance(kind, str) or kind is DiagnosticArray
+        if len(self._channels) >= MAX_CHANNELS or (
+            other and self._other_channels >= MAX_OTHER_CHANNELS
+        ):
+            most = MAX_OTHER_CHANNELS if other else MAX_CHANNELS
+            raise RefusedError(f"a file holds at most {most} keys times runs")
+        self._other_channels += other
         metadata = {} if run is None else {"run": str(run.run), "seed": str(run.seed)}
         if isinstance(kind, str):
             encoding: str = _RAW_ENCODINGS.get(kind, "")

@@ -1,0 +1,107 @@
+"""Runs that a stranger makes up: they begin nothing, delay nothing, and fill nothing."""
+
+import random
+import threading
+from contextlib import closing
+from types import SimpleNamespace
+
+import psutil
+import pytest
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import BusConfig
+from mecazen.wire import Stamp, encode
+from mecazen_recorder import recorder as module
+from mecazen_recorder import writer
+from mecazen_recorder.config import RecorderConfig
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recorder import Recorder
+from mecazen_recorder.runs import FIRST_BYTES
+from recorder.ticks import stamp_of, tick
+
+FORGED = 70_000
+GROWTH_BYTES = 2 * FIRST_BYTES + 20_000_000
+"""What waits, and what the file's writer and the index of its chunks take."""
+
+
+@pytest.fixture
+def rig(router, tmp_path):
+    """A recorder that is told what comes, and what it asks for."""
+    asked, may_answer, path = [], threading.Event(), tmp_path / "run.mcap"
+
+    def scenario():
+        asked.append(1)
+        may_answer.wait()
+
+    with closing(ZenohBus(BusConfig(connect=(router,), namespace="forged"), "client")) as bus:
+        recorder = Recorder(bus, RecorderConfig(file=str(path)), (), scenario, ())
+
+        def tell(key, payload, stamp):
+            recorder._take_bytes((), key, payload, "", None if stamp is None else stamp.pack())
+
+        def tell_tick(number, run=7):
+            for key, message in tick(number).items():
+                tell(key, encode(message, "json"), stamp_of(number, run))
+
+        def end():
+            may_answer.set()
+            recorder.close()
+            return list(Recording(path).samples())
+
+        yield SimpleNamespace(
+            bus=bus, tell=tell, tell_tick=tell_tick, asked=asked, may_answer=may_answer, end=end
+        )
+        may_answer.set()
+
+
+def test_seventy_thousand_made_up_runs_begin_none_and_lose_no_sample(rig):
+    rig.may_answer.set()
+    numbers = random.Random(1)
+    keys = ("cmd_vel", "clock", "diagnostics/viewer", "of/ones/own", "odom")
+    before = psutil.Process().memory_info().rss
+    for number in range(FORGED):
+        rig.tell(numbers.choice(keys), b"{}", Stamp(0, numbers.randrange(8, 2**32), 0))
+        if number % 700 == 0:
+            rig.tell_tick(number // 700)
+    growth = psutil.Process().memory_info().rss - before
+    real = [sample for sample in rig.end() if sample.stamp.run == 7]
+    assert len(real) == 100 * len(tick(0))
+    assert len(rig.asked) < 3  # two made-up runs in a thousand would be the same by chance
+    assert growth < GROWTH_BYTES
+    assert rig.bus.refused.total() > FORGED * 0.999
+
+
+def test_while_nobody_answers_all_is_kept_in_order_and_nobody_waits(rig):
+    for number in range(20):
+        rig.tell_tick(number)
+    for number in range(20, 40):
+        rig.tell_tick(number, run=8)
+    assert rig.asked == [1]  # and has not been answered
+    samples = rig.end()
+    assert [s.key for s in samples] == [*tick(0)] * 40
+    assert [s.stamp for s in samples] == [
+        stamp_of(n, 7 if n < 20 else 8) for n in range(40) for _ in tick(0)
+    ]
+
+
+def test_runs_of_which_only_a_stranger_speaks_leave_room_for_real_ones(rig, monkeypatch):
+    monkeypatch.setattr(module, "MAX_OTHER_RUNS", 3)
+    monkeypatch.setattr(module, "MAX_RUNS", 5)
+    rig.may_answer.set()
+    for run in range(100, 120):
+        for _ in range(2):
+            rig.tell("diagnostics/viewer", b"{}", Stamp(0, run, 0))
+    for run in (7, 8, 9):
+        rig.tell_tick(0, run)
+    runs = {sample.stamp.run for sample in rig.end()}
+    assert len(runs) == 5
+    assert {7, 8} <= runs
+
+
+def test_made_up_keys_leave_room_for_those_of_the_table(rig, monkeypatch):
+    monkeypatch.setattr(writer, "MAX_OTHER_CHANNELS", 10)
+    for number in range(20):
+        rig.tell(f"diagnostics/{number}", b"{}", None)
+        rig.tell(f"of/ones/{number}", b"{}", None)
+    rig.tell_tick(0)
+    samples = rig.end()
+    assert len({sample.key for sample in samples}) == 10 + len(tick(0))
