@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 import tomli_w
-from harness import load_robot
+from harness import assert_one_line, load_robot, mecazen
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, StartConfig
@@ -102,7 +102,7 @@ def rewritten(
     path: Path, keep: Callable[[int, str], bool] = lambda *_: True, *, turned: bool = False
 ) -> Path:
     """Return a copy of a recording without some samples, or with those of a tick turned round."""
-    recording = Recording(path)
+    recording = Recording(path, trusted=True)
     samples = list(recording.samples())
     copy = path.with_name("copy.mcap")
     writer = RecordingWriter(copy, "json")
@@ -119,7 +119,7 @@ def rewritten(
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
 @pytest.mark.parametrize("runs", [1, 2])
 def test_the_same_code_answers_as_recorded(mine, recorded, encoding, runs):
-    compared = recompute(Recording(recorded(encoding, runs=runs)), mine)
+    compared = recompute(Recording(recorded(encoding, runs=runs), trusted=True), mine)
     assert compared.difference is None
     assert compared.counts == {"cmd_vel": TICKS * runs}
 
@@ -128,7 +128,7 @@ TWO = RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=1.5
 
 
 def test_each_of_several_robots_is_computed_anew_by_itself(mine, recorded):
-    recording = Recording(recorded(robots=TWO))
+    recording = Recording(recorded(robots=TWO), trusted=True)
     commands = {s.key: s.payload for s in recording.samples() if s.key.endswith("cmd_vel")}
     assert commands["one/cmd_vel"] != commands["two/cmd_vel"]
     for robot in ("one", "two"):
@@ -147,7 +147,7 @@ def test_each_of_several_robots_is_computed_anew_by_itself(mine, recorded):
 )
 def test_a_robot_that_is_not_named_or_not_there_is_one_line(mine, recorded, robots, robot, words):
     with pytest.raises(MecazenError, match=words):
-        recompute(Recording(recorded(robots=robots)), mine, robot)
+        recompute(Recording(recorded(robots=robots), trusted=True), mine, robot)
 
 
 def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path):
@@ -157,7 +157,7 @@ def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_pat
     tables["robots"][1]["target"] = {"path": {"kind": "recorded", "file": "gone.csv"}}
     writer.write_run(stamp_of(0), tomli_w.dumps(tables))
     writer.close()
-    recording = Recording(tmp_path / "run.mcap")
+    recording = Recording(tmp_path / "run.mcap", trusted=True)
     assert list(recording.samples()) == []
     assert recording.scenario(7, "follower").names == ("one", "two")
 
@@ -171,7 +171,7 @@ def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_pat
     ],
 )
 def test_the_first_difference_is_named_to_the_last_bit(program, recorded, answer, field):
-    difference = recompute(Recording(recorded()), program(answer)).difference
+    difference = recompute(Recording(recorded(), trusted=True), program(answer)).difference
     assert (difference.key, difference.time_ns, difference.field) == ("cmd_vel", 12 * 10**7, field)
     assert difference.recorded != difference.recomputed
     line = f"cmd_vel {field} at 0.12 s: recorded {difference.recorded}, recomputed"
@@ -180,7 +180,7 @@ def test_the_first_difference_is_named_to_the_last_bit(program, recorded, answer
 
 def test_an_answer_that_is_missing_is_a_difference(mine, recorded):
     path = recorded()
-    gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")))
+    gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")), trusted=True)
     difference = recompute(gap, mine).difference
     assert str(difference) == "cmd_vel at 0.2 s: recorded nothing, recomputed a message"
 
@@ -190,7 +190,7 @@ def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(mine, rec
     for key in ("cmd_vel", "odom", "target/observation"):
         # the link of one process was behind the others' when the recorder was stopped
         copy = rewritten(path, lambda n, k, key=key: k != key or n < TICKS - 3)
-        compared = recompute(Recording(copy), mine)
+        compared = recompute(Recording(copy, trusted=True), mine)
         assert compared.difference is None
         assert compared.counts["cmd_vel"] >= TICKS - 3
         copy.unlink()
@@ -198,7 +198,7 @@ def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(mine, rec
 
 def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(mine, recorded):
     copy = rewritten(recorded(), turned=True)
-    assert recompute(Recording(copy), mine).difference is None
+    assert recompute(Recording(copy, trusted=True), mine).difference is None
 
 
 @pytest.mark.parametrize(
@@ -208,17 +208,17 @@ def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(mine
 def test_what_cant_be_computed_anew_is_one_line(program, recorded, first, kind, words):
     path = recorded(first=first)
     with pytest.raises(MecazenError, match=words):
-        recompute(Recording(path), program(kind=kind))
+        recompute(Recording(path, trusted=True), program(kind=kind))
 
 
 def test_a_service_of_which_nothing_was_recorded_is_one_line(program, mine, recorded):
     copy = rewritten(recorded(), lambda _, key: key != "cmd_vel")
     with pytest.raises(MecazenError, match=r"holds nothing that .*Mine publishes"):
-        recompute(Recording(copy), mine)
+        recompute(Recording(copy, trusted=True), mine)
     with pytest.raises(MecazenError, match=r"holds nothing that .*Other publishes"):
-        recompute(Recording(copy), program(kind="Other"))
+        recompute(Recording(copy, trusted=True), program(kind="Other"))
     with pytest.raises(MecazenError, match="is no node with recorded inputs"):
-        recompute(Recording(copy), "recorder")
+        recompute(Recording(copy, trusted=True), "recorder")
 
 
 def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
@@ -238,9 +238,26 @@ def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
         odom.put(odometry(number), stamp_of(number))
         bus.spin()
     recorder.close()
-    recording = Recording(tmp_path / "run.mcap")
+    recording = Recording(tmp_path / "run.mcap", trusted=True)
     by_key = Counter(sample.key for sample in recording.samples())
     assert by_key == {"odom": 3, "diagnostics/follower": 3, "diagnostics/recorder": 3}
     assert recording.scenarios == {7: to_toml(scenario)}
     # its last diagnostics are themselves the ninth sample, and were written after the count
     assert recorder.diagnostics() == {"recorded": 9}
+
+
+def test_a_recording_that_names_programs_runs_none_of_them_unless_it_is_trusted(recorded, tmp_path):
+    # importing it would leave a mark
+    mark = tmp_path / "mark"
+    path = recorded()
+    follower = tmp_path / "follower0.py"
+    follower.write_text(f"open({str(mark)!r}, 'w')\n" + follower.read_text())
+    done = mecazen("replay", path, "--through", "follower")
+    assert_one_line(done, 2, f"{path}: would run its programs {follower}:Mine", "--trust")
+    untrusted = Recording(path)
+    list(untrusted.samples())
+    assert untrusted.scenario(7, "follower").programs == {}  # as `mecazen view` takes it
+    assert not mark.exists()
+    done = mecazen("replay", path, "--through", "follower", "--trust")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert mark.exists()

@@ -8,6 +8,7 @@ Libraries are imported when a command runs, so that `mecazen --help` stays fast.
 from __future__ import annotations
 
 import math
+import sys
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -116,6 +117,12 @@ def replay(
             metavar="NAME", help="With --through: of several robots, whose.", show_default=False
         ),
     ] = "",
+    trust: Annotated[
+        bool,
+        typer.Option(
+            "--trust", help="With --through: run the programs that the recording names: code."
+        ),
+    ] = False,
     connect: Connect = None,
     namespace: Namespace = None,
     tls: Tls = None,
@@ -131,7 +138,7 @@ def replay(
     from mecazen_recorder.reader import Recording
     from mecazen_recorder.replay import publish
 
-    recording = Recording(file)
+    recording = Recording(file, trusted=trust)
     if through is not None:
         if loop or keys or begin_s or end_s is not None:
             raise ConfigError(
@@ -155,9 +162,16 @@ def replay(
 
 
 def _recompute(recording: Recording, program: str, robot: str) -> None:
+    from mecazen_recorder.reader import UntrustedError
     from mecazen_recorder.recompute import recompute
 
-    compared = recompute(recording, program, robot)
+    try:
+        compared = recompute(recording, program, robot)
+    except UntrustedError as error:
+        if not (sys.stdin.isatty() and typer.confirm(f"{error}. Run them now?")):
+            raise
+        recording.trusted = True
+        compared = recompute(recording, program, robot)
     _tell_of_damage(recording)
     if compared.difference is not None:
         raise MecazenError(f"{recording.path}: {join_key(str(compared.difference), robot)}")

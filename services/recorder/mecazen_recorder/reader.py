@@ -6,6 +6,7 @@ import math
 import struct
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -16,12 +17,14 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario, split_key
 from mecazen.description import RobotDescription
+from mecazen.errors import ConfigError
 from mecazen.explain import one_line
 from mecazen.graph import SERVICES
 from mecazen.keys import TOPICS, MessageT
 from mecazen.loading import from_tables, installed_sections, robots_in
 from mecazen.messages import Message
 from mecazen.ros import cdr
+from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from zstandard import ZstdError
 
@@ -31,6 +34,13 @@ _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, Overflow
 """Errors of the library on missing or corrupt bytes."""
 
 _TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
+
+
+def _code(tables: dict[str, Any]) -> dict[str, str]:
+    """Return the programs of a scenario that are not installed nodes but files or modules."""
+    programs = tables.get("programs")
+    named = programs.items() if isinstance(programs, dict) else ()
+    return {name: str(program) for name, program in named if ":" in str(program)}
 
 
 class Sample(NamedTuple):
@@ -70,15 +80,24 @@ class Sample(NamedTuple):
         return encode(self.message(kind), "json"), JSON_ENCODING, attachment
 
 
+class UntrustedError(ConfigError):
+    """A recording names programs, which would run."""
+
+
 class Recording:
     """A recording, for reading.
+
+    Args:
+        path: Its file.
+        trusted: Whether programs that its configurations name may be imported: they are code.
 
     Raises:
         RecordingError: It can't be read, or is not a file of `mecazen record`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, trusted: bool = False) -> None:
         self.path = path
+        self.trusted = trusted
         self.scenarios: dict[int, str] = {}
         """The recorded configuration of each run in TOML; filled in by `samples`."""
         self._robots: dict[int, tuple[str, ...]] = {}
@@ -145,7 +164,8 @@ class Recording:
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run with the named sections of services.
 
-        Files to which other sections refer, such as a walk, need not exist any more.
+        Files to which other sections refer, such as a walk, need not exist any more. Where the
+        recording is not trusted, programs that are not installed and their sections are left out.
 
         Raises:
             RecordingError: It is not in the recording.
@@ -158,9 +178,13 @@ class Recording:
         except ValueError as error:
             reason = one_line(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
+        code = {} if self.trusted else _code(tables)
+        if code:
+            kept = {name: of for name, of in tables["programs"].items() if name not in code}
+            tables["programs"] = kept
         # guard and sensors are sections that every node reads, besides being services
         own = {*SERVICES, *installed_sections()} - {*Scenario.__struct_fields__}
-        optional = {*own, "bus"}
+        optional = {*code, *own, "bus"}
 
         def wanted(tables: dict[str, Any]) -> dict[str, Any]:
             return {
@@ -171,6 +195,20 @@ class Recording:
 
         robots = [wanted(robot) for robot in tables.get("robots", ())]
         return from_tables({**wanted(tables), "robots": robots}, self.path)
+
+    def refuse_code(self) -> None:
+        """Check that no program of the recording would run that is not installed.
+
+        Raises:
+            UntrustedError: One would; call it once `samples` has read the configurations.
+        """
+        found: dict[str, None] = {}
+        for text in () if self.trusted else self.scenarios.values():
+            with suppress(ValueError):  # a damaged one is told of where it is needed
+                found |= dict.fromkeys(_code(tomllib.loads(text)).values())
+        if found:
+            names = printable(", ".join(found))
+            raise UntrustedError(f"{self.path}: would run its programs {names}: --trust allows it")
 
     def _open(self) -> IO[bytes]:
         try:

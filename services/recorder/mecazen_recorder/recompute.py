@@ -71,10 +71,13 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     Diagnostics are not compared.
 
     Raises:
+        UntrustedError: The recording names programs, and is not trusted.
         MecazenError: There is nothing to compute or to compare, or the service failed.
     """
     counts: Counter[str] = Counter()
-    for run, samples in _whole_runs(recording).items():
+    runs = _whole_runs(recording)
+    recording.refuse_code()
+    for run, samples in runs.items():
         bus = LocalBus()
         service = _make_service(recording, run, program, robot, bus)
         compared = _recompute_run(_seen_by(robot, samples), service, bus, robot)
