@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from mecazen.errors import MecazenError
@@ -53,15 +54,17 @@ BENCHMARKS = {
     "steps": Benchmark(steps.run, rounds=1, on_demand=True),
     "experiments": Benchmark(experiments.run, rounds=2, on_demand=True),
     "flood": Benchmark(flood.run, on_demand=True),
-    "malformed": Benchmark(malformed.run, rounds=1, on_demand=True),
+    "malformed": Benchmark(malformed.run_all, rounds=1, on_demand=True),
     "containers": Benchmark(latency.run_containers, on_demand=True),
 }
 
 
 def select(
-    only: Sequence[str], benchmarks: dict[str, Benchmark] = BENCHMARKS
+    only: Sequence[str],
+    payloads: int | None = None,
+    benchmarks: dict[str, Benchmark] = BENCHMARKS,
 ) -> dict[str, Benchmark]:
-    """Return the benchmarks named, or all that are not on demand.
+    """Return the benchmarks named, or all that are not on demand; malformed with its `payloads`.
 
     Raises:
         MecazenError: There is no such benchmark.
@@ -71,6 +74,11 @@ def select(
             raise MecazenError(
                 f"--only {name}: no such benchmark; there are {', '.join(benchmarks)}"
             )
+    if payloads is not None:
+        if "malformed" not in only:
+            raise MecazenError("--payloads goes with --only malformed")
+        fuzz = partial(malformed.run_all, payloads, payloads)
+        benchmarks = benchmarks | {"malformed": benchmarks["malformed"]._replace(measure=fuzz)}
     return {
         name: benchmark
         for name, benchmark in benchmarks.items()

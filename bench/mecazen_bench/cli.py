@@ -32,6 +32,15 @@ def run(
             show_default=False,
         ),
     ] = None,
+    payloads: Annotated[
+        int | None,
+        typer.Option(
+            min=1000,
+            help="Of the benchmark malformed: so many for the services in this process, and as "
+            "many for each of two stacks, open and secured.",
+            show_default="1000000 and 100000",
+        ),
+    ] = None,
     json: Annotated[
         Path | None,
         typer.Option(
@@ -48,7 +57,7 @@ def run(
     """
     from mecazen_bench import benchmarks, results  # noqa: PLC0415
 
-    chosen = benchmarks.select(only or ())
+    chosen = benchmarks.select(only or (), payloads)
     with Console(stderr=True).status("") as status:
         found = benchmarks.measure(chosen, lambda what: status.update(f"measuring {what} …"))
     terminal = console(WIDTH)

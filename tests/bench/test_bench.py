@@ -87,6 +87,15 @@ def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory():
     assert rows["all"]["trajectories that differ"].value == 0
 
 
+def test_an_intruder_changes_nothing_in_an_open_and_in_a_secured_stack():
+    rows = figures([malformed.run_stacks(4_000, ticks=100)])
+    assert list(rows) == ["open stack", "secured stack"]
+    for row in rows.values():
+        assert row["payloads"].value == 4_000
+        for nothing in ("trajectories that differ", "crashes", "tools not answered"):
+            assert row[nothing].value == 0
+
+
 def test_the_recorder_loses_nothing_alone_or_as_a_process():
     rows = figures(recorder.run(duration_s=1.0))
     assert len(rows) == 4
