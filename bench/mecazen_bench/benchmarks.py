@@ -61,8 +61,8 @@ BENCHMARKS = {
 
 def select(
     only: Sequence[str],
-    payloads: int | None = None,
     benchmarks: dict[str, Benchmark] = BENCHMARKS,
+    payloads: int | None = None,
 ) -> dict[str, Benchmark]:
     """Return the benchmarks named, or all that are not on demand; malformed with its `payloads`.
 

@@ -57,7 +57,7 @@ def run(
     """
     from mecazen_bench import benchmarks, results  # noqa: PLC0415
 
-    chosen = benchmarks.select(only or (), payloads)
+    chosen = benchmarks.select(only or (), payloads=payloads)
     with Console(stderr=True).status("") as status:
         found = benchmarks.measure(chosen, lambda what: status.update(f"measuring {what} …"))
     terminal = console(WIDTH)
