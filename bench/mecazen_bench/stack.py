@@ -20,7 +20,7 @@ from mecazen_bench.figures import Better, Figure, Row, Target
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 CPU = "% of a core"
-START_S = 30.0
+START_S = 90.0
 """Far beyond what any process takes to start."""
 
 
