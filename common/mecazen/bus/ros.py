@@ -236,7 +236,7 @@ class RosNode:
             refusals.add(source, reason)
             query.drop()  # type: ignore[no-untyped-call]
 
-        inbox = QueryInbox(bus.queue, take, refuse)
+        inbox = QueryInbox(bus.queue, key, take, refuse)
         queryable = self._side.session.declare_queryable(key, direct(inbox.receive), complete=True)
         self._side.keep(queryable)
 
@@ -286,8 +286,6 @@ class _RosReply(Reply[SimState]):
     def __init__(self, query: zenoh.Query, key: str, service: Service) -> None:
         given = b"" if query.attachment is None else query.attachment.to_bytes()
         self._sequence, _, self._gid = Attachment.unpack(given)
-        if str(query.key_expr) != key:
-            raise RefusedError("asked on another key expression")
         self._query, self._key, self._service = query, key, service
 
     def answer(self, message: SimState) -> None:
