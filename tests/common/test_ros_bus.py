@@ -24,6 +24,7 @@ from mecazen.wire import Stamp
 
 STAMP = Stamp(0, 1, 0)
 GID = bytes(range(16))
+ATTACHED = Attachment(1, 1, GID).pack()
 URDF = '<robot name="r"><link name="base_link"/></robot>'
 DESCRIBED = {keys.ROBOT_DESCRIPTION: lambda _, reply: reply.answer(String(data=URDF))}
 
@@ -141,7 +142,7 @@ def test_a_twist_from_ros_is_a_command_without_a_stamp_for_everybody(ros, open_b
     publisher = there.session.declare_publisher(key_of(f"{there.name}/cmd_vel", kind))
 
     def put():
-        publisher.put(cdr.encode(message))
+        publisher.put(cdr.encode(message), attachment=ATTACHED)
         other.drain()
         return commands and elsewhere
 
@@ -157,12 +158,12 @@ def test_what_is_no_twist_is_refused_and_counted_as_from_ros(ros):
     fast = cdr.encode(Twist(Vector3(1e9)))
     good = cdr.encode(Twist())
     for wrong in (b"", b"\0\1\0\0", good[:-1], fast, bytes(1 << 17)):
-        there.session.put(key, wrong)
-    there.session.put(key.replace("cmd_vel", "*"), good)
-    there.session.put(key, good)
+        there.session.put(key, wrong, attachment=ATTACHED)
+    there.session.put(key.replace("cmd_vel", "*"), good, attachment=ATTACHED)
+    there.session.put(key, good, attachment=ATTACHED)
     wait(there.bus, lambda: commands)
     assert commands == [(Twist(), None)]
-    there.session.put(key, good[:-1])
+    there.session.put(key, good[:-1], attachment=ATTACHED)
     wait(there.bus, lambda: there.bus.refused["ros2/cmd_vel"])
 
 

@@ -13,6 +13,8 @@ from mecazen.ros.protocol import Attachment, data_key
 from mecazen.ros.types import dds_type, service_hash, type_hash
 from mecazen_tools.simulate import simulate, simulate_distributed
 
+ATTACHED = Attachment(1, 1, bytes(16)).pack()
+
 
 def key_of(name, kind):
     return data_key(0, name, dds_type(kind.ROS_TYPE), type_hash(kind))
@@ -45,7 +47,7 @@ def test_a_twist_from_ros_drives_the_robot_and_its_odometry_and_frames_come_back
     def driven():  # it starts at -1 m
         if len(heard["clock"]) != len(clocks):  # a command for each tick that is heard of
             clocks[:] = heard["clock"]
-            commands.put(forward)
+            commands.put(forward, attachment=ATTACHED)
         return any(one.pose.pose.position.x > -0.9 for one in heard[f"{robot}/odom"])
 
     running.wait(driven)
@@ -54,8 +56,8 @@ def test_a_twist_from_ros_drives_the_robot_and_its_odometry_and_frames_come_back
 
     hashed = service_hash("std_srvs/srv/Trigger", TriggerRequest, TriggerResponse)
     key = data_key(0, f"{robot}/sim/pause", dds_type("std_srvs/srv/Trigger"), hashed)
-    request, attached = cdr.encode(TriggerRequest()), Attachment(1, 1, bytes(16)).pack()
-    (reply,) = session.get(key, payload=request, attachment=attached, timeout=10.0)
+    request = cdr.encode(TriggerRequest())
+    (reply,) = session.get(key, payload=request, attachment=ATTACHED, timeout=10.0)
     assert cdr.decode(reply.ok.payload.to_bytes(), TriggerResponse).success
     assert running.bus.call(keys.SIM_STATE, Empty()).paused
 

@@ -176,6 +176,7 @@ class RosNode:
         def message_of(sample: zenoh.Sample) -> Message:
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
+            _attached(sample)  # without one it is of no ROS node, and none would take it
             message = entry.convert(cdr.decode(sample.payload.to_bytes(), entry.kind))
             refuse_implausible(topic.key, message)
             return message
@@ -284,8 +285,7 @@ class _RosReply(Reply[SimState]):
     """Answers one request of a ROS service."""
 
     def __init__(self, query: zenoh.Query, key: str, service: Service) -> None:
-        given = b"" if query.attachment is None else query.attachment.to_bytes()
-        self._sequence, _, self._gid = Attachment.unpack(given)
+        self._sequence, _, self._gid = _attached(query)
         self._query, self._key, self._service = query, key, service
 
     def answer(self, message: SimState) -> None:
@@ -306,6 +306,15 @@ class _RosReply(Reply[SimState]):
 def _type(kind: type[Message]) -> tuple[str, str]:
     """Return a message's type in DDS's spelling, and its hash."""
     return dds_type(kind.ROS_TYPE), type_hash(kind)
+
+
+def _attached(came: zenoh.Sample | zenoh.Query) -> Attachment:
+    """Return what is attached to a sample or a request.
+
+    Raises:
+        RefusedError: It is not what rmw_zenoh attaches.
+    """
+    return Attachment.unpack(b"" if came.attachment is None else came.attachment.to_bytes())
 
 
 def _attachment(sequence: int, gid: bytes) -> bytes:
