@@ -60,13 +60,17 @@ class Probe:
         # backwards: away from the person
         twist = Twist.planar(Twist2D(x=-SPEED - number * SPEED_STEP))
         begin = time.perf_counter()
-        self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
+        self.put(twist)
         while self._received != number:
             left_s = begin + timeout_s - time.perf_counter()
             if left_s <= 0.0:
                 return None
             self._bus.spin_once(left_s)
         return self._received_s - begin
+
+    def put(self, twist: Twist) -> None:
+        """Put a command, as any outsider does."""
+        self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
 
     def _on_joint_command(self, joints: JointState, _: Stamp | None) -> None:
         number = round((-joints.velocity[0] * self._radius - SPEED) / SPEED_STEP)

@@ -13,6 +13,7 @@ from mecazen_bench import (
     recorder,
     robots,
     ros2,
+    ros2_loop,
 )
 from mecazen_bench.figures import Figure, Group, named
 from mecazen_bench.stack import robot
@@ -108,6 +109,13 @@ def test_messages_for_ros_are_timed_in_each_way():
     rows = figures(ros2.run(repeats=2))
     assert len(rows) == 4 * 3
     assert all(min(row["write µs"].value, row["read µs"].value) > 0.0 for row in rows.values())
+
+
+def test_ros_2_costs_a_tick_something_and_its_commands_are_answered():
+    rows = figures(ros2_loop.run(puts=10, windows=1, window_s=0.3))
+    assert list(rows) == ["without ROS 2", "0 subscribers", "5 subscribers", "plain", "from ROS 2"]
+    assert rows["from ROS 2"]["lost"].value == rows["plain"]["lost"].value == 0
+    assert rows["5 subscribers"]["µs/tick"].value > 0.0
 
 
 def test_the_viewer_takes_some_processor_time_and_memory():
