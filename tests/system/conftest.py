@@ -1,59 +1,7 @@
 """Whole systems as processes, each test's at a port and a namespace of its own."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
-from harness import wait
-from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Process, Scenario
-from mecazen.loading import load_scenario
-from mecazen_tools.processes import Supervisor, private_router
-
-
-class Stack:
-    """The processes of a scenario, and a bus that watches them."""
-
-    def __init__(self, path: Path, settings: tuple[str, ...]) -> None:
-        secure = any(setting.startswith("bus.keys=") for setting in settings)
-        self.settings = (*settings, *private_router("tls" if secure else "tcp"))
-        self.scenario: Scenario = load_scenario(path, self.settings)
-        self.supervisor = Supervisor(path, self.settings)
-        self.supervisor.start_router()
-        self.bus = ZenohBus(self.scenario.bus, lossless=True)
-        for robot in dict.fromkeys(("", *self.scenario.names)):
-            self.bus.namespaced(robot).declare_alive("test")
-
-    @property
-    def endpoint(self) -> str:
-        """Where tools connect."""
-        return self.scenario.bus.connect[0]
-
-    def start(self) -> None:
-        """Start every process, and wait until all services, of each robot, are ready."""
-        for process in self.scenario.process_plan:
-            self.supervisor.start(process)
-        ready = {f"{part}/ready" for part in self.scenario.services}
-        here = [self.bus.namespaced(robot).presence for robot in self.scenario.names]
-        self.wait(lambda: all(ready <= presence.names for presence in here))
-
-    def launch(self, *services: str, needed: bool = True) -> None:
-        """Start services of a single robot, each in a process of its own."""
-        for service in services:
-            self.supervisor.start(Process((service,)), needed=needed)
-
-    def wait(self, condition: Callable[[], bool]) -> None:
-        """Deliver samples until a condition holds; a process that ends is an error."""
-        self.wait_unwatched(lambda: self.supervisor.poll(0.0) is None and condition())
-
-    def wait_unwatched(self, condition: Callable[[], bool]) -> None:
-        """Deliver samples until a condition holds, whichever process ends meanwhile."""
-        wait(self.bus, condition)
-
-    def close(self) -> None:
-        """End everything."""
-        self.bus.close()
-        self.supervisor.stop()
+from stack import Stack
 
 
 @pytest.fixture

@@ -1,0 +1,75 @@
+"""A run that ROS drives is recorded once, and computed anew to the bit."""
+
+import json
+
+import pytest
+from harness import SCENARIOS
+from mecazen import keys
+from mecazen.graph import OBSERVERS
+from mecazen.loading import load_scenario
+from mecazen.messages import Empty
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.recompute import recompute
+
+TELEOP = SCENARIOS / "teleop.toml"
+TWIST = "geometry_msgs/msg/Twist"
+STEP = "simulation_interfaces/srv/StepSimulation"
+SPEEDS = (-0.25, 0.125, -0.5)
+TICKS = 50
+
+
+@pytest.fixture(scope="module")
+def recorded(up, ros_side, raw_node, tmp_path_factory):
+    """A recording of a run that stands while a command comes, and goes on by ROS's services."""
+    path = tmp_path_factory.mktemp("recorded") / "run.mcap"
+    services = [one for one in load_scenario(TELEOP).services if one not in OBSERVERS]
+    running = up(
+        TELEOP,
+        f"processes={json.dumps([services])}",
+        f"services={json.dumps([*services, 'recorder'])}",
+        f"recorder.file={json.dumps(str(path))}",
+    )
+    side = ros_side(running.endpoint)
+    raw_node(running.endpoint).hear("0/**")  # so that all is published in ROS as well
+    prefix = f"/{running.scenario.bus.namespace}"
+    running.bus.call(keys.SIM_PAUSE, Empty())
+
+    def commands() -> list[float]:
+        found = [one for one in Recording(path).samples() if one.key == keys.CMD_VEL.key]
+        return [one.message(keys.CMD_VEL.type).linear.x for one in found]
+
+    def is_heard() -> bool:
+        side("publish", f"{prefix}/cmd_vel", TWIST, {})
+        return bool(commands())
+
+    # the first are lost that nobody is known to subscribe to; later ones come in their order
+    running.wait(is_heard)
+    for speed in SPEEDS:
+        side("publish", f"{prefix}/cmd_vel", TWIST, {"linear": {"x": speed}})
+        running.wait(lambda speed=speed: commands()[-1] == speed)
+        answer = side("call", f"{prefix}/step_simulation", STEP, {"steps": TICKS})
+        assert answer["result"]["result"] == 1
+    running.supervisor.stop()
+    return Recording(path)
+
+
+def test_what_ros_publishes_is_recorded_as_commands_without_a_stamp(recorded):
+    samples = [one for one in recorded.samples() if one.key == keys.CMD_VEL.key]
+    assert all(one.stamp is None for one in samples)
+    assert {one.message(keys.CMD_VEL.type).linear.x for one in samples} == {0.0, *SPEEDS}
+
+
+def test_nothing_is_recorded_twice(recorded):
+    assert not [one.key for one in recorded.samples() if "dds_" in one.key]
+
+
+@pytest.mark.parametrize("node", ["guard", "controller", "odometry", "target", "lidar"])
+def test_each_node_computes_the_same_from_what_is_recorded(recorded, node):
+    compared = recompute(recorded, node)
+    assert compared.difference is None
+    assert sum(compared.counts.values()) >= TICKS * len(SPEEDS) // 10
+
+
+def test_the_robot_has_moved(recorded):
+    joints = [one for one in recorded.samples() if one.key == keys.JOINT_COMMAND.key]
+    assert joints[-1].message(keys.JOINT_COMMAND.type).velocity[0] < -1.0
