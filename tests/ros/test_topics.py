@@ -43,8 +43,9 @@ class Seen:
         self.heard: list[Heard] = node.hear("0/**")
         self.tokens = node.tokens()
         self.entities = [grammar.token(token) for token in self.tokens]
-        # what is latched comes only to those who ask for it
+        # what is latched comes only to those who ask for it, and parameters when they change
         given = {one.data.name for one in self.of("MP") if one.qos and not one.qos.latched}
+        given = {name for name in given if not name.endswith("/sim/parameters")}
         self.missing = set(given)
         seen = 0
 
@@ -85,7 +86,7 @@ def seen(request, up, raw_node, ros_side):
     services = [
         one
         for one in load_scenario(path, MORE[request.param]).services
-        if one not in (*OBSERVERS, "guard")
+        if one not in OBSERVERS
     ]
     running = up(path, *MORE[request.param], f"processes=[{json.dumps(services)}]")
     return Seen(running, raw_node(running.endpoint), ros_side(running.endpoint, "client"))

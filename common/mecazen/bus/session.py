@@ -91,7 +91,7 @@ def session_config(
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints
-        settings |= _filters(most_hz, robots)
+        settings |= _filters(config, most_hz, robots)
     else:
         settings["connect/endpoints"] = config.router_endpoints
         # a router that starts late or comes back is found again within 0.2 s
@@ -115,7 +115,9 @@ def session_config(
     return base
 
 
-def _filters(most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
+def _filters(
+    config: BusConfig, most_hz: float | None, robots: Sequence[str]
+) -> dict[str, Any]:
     """Return a router's settings that drop oversized samples, and those beyond a rate."""
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
     too_long = [
@@ -133,21 +135,22 @@ def _filters(most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
     ]
     settings: dict[str, Any] = {"low_pass_filter": [at_entry | rule for rule in too_long]}
     if most_hz is not None:
-        # two keys of one rule would share its rate: physics publishes for all robots at once
+        # two keys of one rule would share its rate: physics publishes for all robots at once,
+        # and one process may have the cmd_vel of both follower and guard
         rules = [
             {"key_expr": expression, "freq": most_hz}
             for robot in robots
             for topic in TOPICS
-            for expression in _expressions(topic, robot)
+            for expression in _expressions(topic, robot, config.namespace or "")
         ]
         settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rules}]
     return settings
 
 
-def _expressions(topic: Topic[Any], robot: str = "") -> list[str]:
+def _expressions(topic: Topic[Any], robot: str = "", namespace: str | None = None) -> list[str]:
     """Return what holds a topic's keys, and those on which it is taken from ROS."""
     taken = (
-        any_key(join_key(entry.name, robot), dds_type(entry.kind.ROS_TYPE))
+        any_key(join_key(entry.name, robot), dds_type(entry.kind.ROS_TYPE), namespace)
         for entry in entries(topic, topic.key)
     )
     return [f"**/{join_key(topic.key, robot)}", *taken]

@@ -117,9 +117,13 @@ def data_key(domain: int, topic: str, dds: str, hashed: str) -> str:
     return f"{domain}/{topic}/{dds}/{hashed}"
 
 
-def any_key(name: str, dds: str) -> str:
-    """Return the expression of a topic's or service's keys in every domain and namespace."""
-    return f"**/{name.removeprefix('/')}/{dds}/*"
+def any_key(name: str, dds: str, namespace: str | None = None) -> str:
+    """Return the expression of a topic's or service's keys in every domain, and any namespace.
+
+    Without a namespace it holds those of longer names as well, such as `guard/cmd_vel`.
+    """
+    before = "**" if namespace is None else "/".join(filter(None, ("*", namespace)))
+    return f"{before}/{name.removeprefix('/')}/{dds}/*"
 
 
 def is_data_key(key: str) -> bool:
