@@ -198,16 +198,19 @@ def fuzz(
     seed: Annotated[int, Option(min=0, help="Of the first minute; each has the next.")] = 1,
     physics: Annotated[bool, Option("--physics", help="In DART, not in a plane.")] = False,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    store: Store = STORE,
     json: Json = None,
 ) -> None:
     """Drive a guarded robot at random among things and a person, and count what it touches.
 
     Each simulated minute is another room. It fails if the robot touches anything.
+    Finished minutes are kept: after Ctrl-C the same command continues from there.
     """
     from mecazen_experiments import commands  # noqa: PLC0415
 
     minutes = range(seed, seed + max(1, round(hours * 60.0)))
-    commands.fuzz(commands.Options(jobs, None, STORE, json), minutes, physics=physics)
+    commands.fuzz(commands.Options(jobs, scheduler, store, json), minutes, physics=physics)
 
 
 @app.command()

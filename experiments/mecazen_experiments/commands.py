@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
@@ -11,7 +12,6 @@ from typing import NamedTuple
 
 import msgspec
 import typer
-from joblib import Parallel, delayed
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_table, named_file
 from mecazen_tools import files
@@ -29,7 +29,7 @@ from mecazen_experiments import table2 as paper
 from mecazen_experiments import tune as search
 from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_path, parse_sweeps
 from mecazen_experiments.jobs import Job, Key, Series, expand
-from mecazen_experiments.local import LocalWorkers, as_workers
+from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.quality import Curves, Quality
 from mecazen_experiments.run import Record, tabulate
 from mecazen_experiments.schedule import Progress, Workers, do_all, do_new, run_all
@@ -38,6 +38,8 @@ from mecazen_experiments.table import Table
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of a shell: 128 and the signal's number."""
+TELL_S = 60.0
+"""So often a long command says what came of it so far."""
 WIDTH = 160
 """Of the tables [characters] where the output is no terminal."""
 
@@ -187,30 +189,33 @@ def safety(
 def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
     """Drive at random, a minute a seed; print and write what was touched.
 
+    What came of it so far is told each minute, and however it ends.
+
     Raises:
-        MecazenError: Anything was.
+        MecazenError: Anything was touched.
     """
-    robot = named_file("nexus", "robot")
-    bar, progress = _bar(options, "minutes")
-    done: list[fuzzing.Episode] = []
-    with bar:
-        minute = partial(fuzzing.episode, physics=physics, robot=robot)
-        with as_workers():
-            made = Parallel(n_jobs=options.jobs or -1, return_as="generator")(
-                delayed(minute)(seed) for seed in seeds
-            )
-        for one in made:
-            done.append(one)
-            progress(len(done), len(seeds))
+    settings = fuzzing.ROLLERS if physics else ()
+    jobs = fuzzing.jobs(seeds, named_file("nexus", "robot"), settings)
+    keys = [job.key for job in jobs]
+    opened = Records(options.store, fuzzing.Episode, "fuzz")
+    with _stored(options, "minutes", opened) as (store, workers, progress):
+        told = time.monotonic()
+
+        def tell(done: int, total: int) -> None:
+            nonlocal told
+            progress(done, total)
+            if time.monotonic() - told >= TELL_S:
+                told = time.monotonic()
+                typer.echo(fuzzing.tell(store.find(keys).values()))
+
+        try:
+            do_new(fuzzing.episode, jobs, store, workers, tell)
+        finally:
+            done = [*store.find(keys).values()]
+            typer.echo(fuzzing.tell(done))
     _write(options, {"minutes": done})
-    contacts = sum(one.contacts for one in done)
-    typer.echo(
-        f"{len(done)} min, {sum(one.driven_m for one in done):.0f} m driven, held "
-        f"{sum(one.held for one in done) / len(done):.0%} of the time, least gap "
-        f"{min(one.least_gap_m for one in done):.3f} m, contacts {contacts}"
-    )
-    if contacts:
-        raise MecazenError(f"touched with seeds {[one.seed for one in done if one.contacts]}")
+    if any(one.contacts for one in done):
+        raise MecazenError("the robot has touched something")
 
 
 def figures(draw: Callable[[Mapping[str, Table], Path], list[Path]], out: Path, seed: int) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,11 @@ from mecazen.world import Box, Cylinder
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_tools.simulate import InProcess
 
+from mecazen_experiments.config import Settings
+from mecazen_experiments.jobs import Job, Key, check_version, fingerprint, version
+
+ROLLERS = ("programs={}",)
+"""Settings with which the robot drives in DART, not in a plane without slip: many times slower."""
 EPISODE_S = 60.0
 ROOM_M = 7.0
 """Length of the walls."""
@@ -82,7 +88,7 @@ class Plane(World):
 class Episode(msgspec.Struct, frozen=True):
     """What came of a minute."""
 
-    seed: int
+    key: Key
     contacts: int
     """Times at which the outline began to touch something."""
     least_gap_m: float
@@ -91,17 +97,28 @@ class Episode(msgspec.Struct, frozen=True):
     """Share of the time in which the guard let through less than was commanded."""
 
 
-def episode(seed: int, *, physics: bool, robot: Path, guarded: bool = True) -> Episode:
-    """Drive at random for a minute, in a room made from a seed.
+def jobs(seeds: Iterable[int], robot: Path, settings: Settings = ()) -> list[Job]:
+    """Return minutes to drive, one for each seed: of the room, the commands and the person.
 
     Args:
-        seed: Of the room, the commands and the person.
-        physics: In DART; else in a plane without slip, which is many times faster.
+        seeds: As many as minutes.
         robot: The robot file.
-        guarded: Whether there is a guard.
+        settings: Override those of the rooms.
     """
-    random = np.random.Generator(np.random.PCG64(seed))
-    scenario = from_tables(_tables(seed, random, physics=physics, guarded=guarded), robot)
+    sha256 = fingerprint(_scenario(0, _random(0), robot, settings))
+    return [Job("minute", None, robot, settings, Key(sha256, seed, version())) for seed in seeds]
+
+
+def episode(job: Job) -> Episode:
+    """Drive at random for a minute, in a room made from a seed.
+
+    Raises:
+        MecazenError: The run failed, or this process has another version of the code.
+    """
+    check_version(job)
+    gc.collect()  # reference cycles hold the last run's world
+    random = _random(job.key.seed)
+    scenario = _scenario(job.key.seed, random, job.scenario, job.settings)
     with closing(InProcess(scenario)) as run:
         world, rider = _World(run, scenario), _Rider(random)
         run.begin()
@@ -116,13 +133,29 @@ def episode(seed: int, *, physics: bool, robot: Path, guarded: bool = True) -> E
             run.step()
         run.end()
     return Episode(
-        seed, world.contacts, world.least_gap, world.driven, world.held / scenario.sim.ticks
+        job.key, world.contacts, world.least_gap, world.driven, world.held / scenario.sim.ticks
     )
 
 
-def _tables(
-    seed: int, random: np.random.Generator, *, physics: bool, guarded: bool
-) -> dict[str, Any]:
+def tell(done: Iterable[Episode]) -> str:
+    """Return what came of some minutes, in a line."""
+    done = list(done)
+    if not done:
+        return "nothing is driven yet"
+    touched = [one.key.seed for one in done if one.contacts]
+    return (
+        f"{len(done)} min, {sum(one.driven_m for one in done):.0f} m driven, held "
+        f"{sum(one.held for one in done) / len(done):.0%} of the time, least gap "
+        f"{min(one.least_gap_m for one in done):.3f} m, "
+        f"contacts {sum(one.contacts for one in done)}"
+    ) + (f" with seeds {', '.join(map(str, touched))}" if touched else "")
+
+
+def _random(seed: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def _scenario(seed: int, random: np.random.Generator, file: Path, settings: Settings) -> Scenario:
     """Return a scenario: a room with boxes and pillars, a robot and a person in it."""
     half, thin = ROOM_M / 2.0, 0.2
     obstacles: list[dict[str, Any]] = [
@@ -148,18 +181,18 @@ def _tables(
             yaw = random.uniform(-180.0, 180.0)
             obstacles.append({"kind": "box", "size_m": size, "position_m": at, "yaw_deg": yaw})
     turned = math.degrees(random.uniform(-math.pi, math.pi))
-    return {
-        "robot": "nexus.toml",
+    tables: dict[str, Any] = {
+        "robot": file.name,
         "seed": seed,
         "services": ["physics", "controller", "target"],
-        "programs": {} if physics else {"physics": "mecazen_experiments.fuzz:Plane"},
+        "programs": {"physics": "mecazen_experiments.fuzz:Plane"},
         "sim": {"duration_s": EPISODE_S},
         "start": {"x_m": robot.x, "y_m": robot.y, "yaw_deg": turned},
         "sensor": {"also": ["lidar"]},
-        "guard": {"enabled": guarded},
         "world": {"obstacles": obstacles},
         "target": {"path": {"kind": "driven", "x_m": person.x, "y_m": person.y}},
     }
+    return from_tables(tables, file, settings)
 
 
 class _World:

@@ -5,16 +5,29 @@ from harness import ROBOTS
 from mecazen_experiments import fuzz
 
 
-@pytest.mark.parametrize("physics", [False, True], ids=["plane", "rollers"])
-def test_a_guarded_robot_touches_nothing(monkeypatch, physics):
-    monkeypatch.setattr(fuzz, "EPISODE_S", 4.0)
-    ridden = fuzz.episode(3, physics=physics, robot=ROBOTS / "nexus.toml")
-    assert ridden.contacts == 0
-    assert ridden.driven_m > 1.0
+def ridden(seed, *settings):
+    (job,) = fuzz.jobs([seed], ROBOTS / "nexus.toml", settings)
+    return fuzz.episode(job)
 
 
-def test_a_robot_without_a_guard_does(monkeypatch):
-    monkeypatch.setattr(fuzz, "EPISODE_S", 20.0)
-    ridden = fuzz.episode(1, physics=False, robot=ROBOTS / "nexus.toml", guarded=False)
-    assert ridden.contacts > 0
-    assert ridden.least_gap_m < 0.0
+@pytest.mark.parametrize("physics", [(), fuzz.ROLLERS], ids=["plane", "rollers"])
+def test_a_guarded_robot_touches_nothing(physics):
+    minute = ridden(3, "sim.duration_s=4.0", *physics)
+    assert minute.contacts == 0
+    assert minute.driven_m > 1.0
+
+
+def test_a_robot_without_a_guard_does():
+    minute = ridden(1, "sim.duration_s=20.0", "guard.enabled=false")
+    assert minute.contacts > 0
+    assert minute.least_gap_m < 0.0
+
+
+def test_what_came_of_it_names_the_seeds_that_touched():
+    key = fuzz.Key("", 7, "")
+    touched = fuzz.Episode(key, 2, -0.1, 30.0, 0.25)
+    free = fuzz.Episode(fuzz.Key("", 8, ""), 0, 0.2, 10.0, 0.75)
+    told = fuzz.tell([touched, free])
+    assert told == (
+        "2 min, 40 m driven, held 50% of the time, least gap -0.100 m, contacts 2 with seeds 7"
+    )
