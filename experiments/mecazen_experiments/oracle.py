@@ -14,7 +14,7 @@ from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Array, Estimate, Estimator, Params
 from mecazen_follower.following import Following
-from mecazen_follower.node import data_sheet, sight_of
+from mecazen_follower.node import data_sheet, sight_of, view_of
 from mecazen_follower.planner.costs import Body
 from mecazen_follower.tracking import Frame
 
@@ -58,9 +58,10 @@ class OracleFollower(Node):
         config = self.scenario.section(FollowerConfig, "follower")
         drive, robot = Drive.of(self.scenario), self.scenario.robot
         body = Body(*robot.footprint, self.scenario.world.person.radius_m)
-        sight = sight_of(self.scenario, data_sheet(self.scenario))
-        planner = config.make_planner(drive, body, sight, seed)
-        self._following = Following(config, SensorConfig(), drive, planner=planner)
+        sensor = data_sheet(self.scenario)
+        planner = config.make_planner(drive, body, sight_of(self.scenario, sensor), seed)
+        view = view_of(self.scenario, sensor, config)
+        self._following = Following(config, SensorConfig(), drive, view, planner=planner)
         self._following.people.estimator = self._truth
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:

@@ -35,11 +35,13 @@ Range = tuple[Finite, Finite]
 View = Literal["back", "front", "side_left", "side_right"]
 
 CAPTION = (
-    "contacts: sums over the runs; gaps: the smallest; others: means, below each its 95 % interval"
+    "contacts: sums over the runs, those that the robot caused and all; gaps: the smallest; "
+    "others: means, below each its 95 % interval"
 )
 SUMS = (
     ("contacts\nperson", "contacts_person"),
-    ("others\ncaused", "contacts_others"),
+    ("person\nall", "contacts_person_all"),
+    ("others", "contacts_others"),
     ("others\nall", "contacts_others_all"),
     ("walls", "contacts_world"),
 )

@@ -18,7 +18,7 @@ from mecazen_follower.goal import Standoff
 from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
 from mecazen_experiments.scores import deviations, first_motion, score
 from mecazen_experiments.table import Floats
-from mecazen_experiments.watch import PELVIS, Watched
+from mecazen_experiments.watch import PELVIS, Body, Watched
 
 TTC_S = 1.0
 """A shorter time to collision is a conflict (J. C. Hayward, Near miss determination through use of
@@ -37,11 +37,12 @@ class Safety(msgspec.Struct, frozen=True):
     """The measures of a run; None where there is nothing to measure."""
 
     contacts_person: int
-    """How often robot and person touch."""
-    contacts_others: int
-    """The same of other people, where the robot drove at them."""
-    contacts_others_all: int
+    """How often robot and person begin to touch while the robot drives at them."""
+    contacts_person_all: int
     """The same, whoever caused it."""
+    contacts_others: int
+    """Both of other people."""
+    contacts_others_all: int
     contacts_world: int
     """The same of walls and other obstacles."""
     gap_person_m: float | None
@@ -69,7 +70,6 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     to_person = gap_to_person(robot, seen.robot, *seen.person)
     to_others = [gap_to_person(robot, seen.robot, *body) for body in seen.others]
     to_world = _world(robot, seen, world)
-    of_robot = [_approach(robot, seen, body.joints, body.height) for body in seen.others]
     standoff = scenario.section(FollowerConfig, "follower").standoff
     begin = first_motion(seen.table) or 0
     begins_s = float(seen.table["t_s"][begin])
@@ -77,10 +77,11 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     looked, shown = seen.frames[frames], seen.seen[frames]
     distance, heading = _errors(seen, standoff, looked, shown)
     return Safety(
-        contacts_person=len(_onsets(to_person)),
+        contacts_person=_caused(robot, seen, seen.person, to_person),
+        contacts_person_all=len(_onsets(to_person)),
         contacts_others=sum(
-            int(np.sum(speed[_onsets(gap)] > CAUSED_M_S))
-            for gap, speed in zip(to_others, of_robot, strict=True)
+            _caused(robot, seen, body, gap)
+            for body, gap in zip(seen.others, to_others, strict=True)
         ),
         contacts_others_all=sum(len(_onsets(gap)) for gap in to_others),
         contacts_world=len(_onsets(to_world)),
@@ -107,18 +108,22 @@ def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
     return np.min(gaps, axis=0) if gaps else np.full(len(seen.t), math.inf)
 
 
-def _approach(robot: Robot, seen: Watched, joints: Floats, height: float) -> Floats:
-    """Return by how much the robot's own motion closes the gap to somebody (n) [m/s].
+def _caused(robot: Robot, seen: Watched, body: Body, gap: Floats) -> int:
+    """Return how many contacts with somebody begin while the robot drives at them.
 
-    The gap is taken again with the robot as it is a sample later, and they as they are.
+    Its own part in closing the gap is that of the gap to them as they are, with the robot as it is
+    a sample later.
     """
+    onsets = _onsets(gap)
+    if not len(onsets):
+        return 0
     later = seen.robot._replace(
         **{name: np.append(column[1:], column[-1]) for name, column in seen.robot._asdict().items()}
     )
     step = float(np.mean(np.diff(seen.t)))
-    now, then = (gap_to_person(robot, poses, joints, height) for poses in (seen.robot, later))
     with np.errstate(invalid="ignore"):
-        return (now - then) / step
+        closing = (gap - gap_to_person(robot, later, *body)) / step
+    return int(np.sum(closing[onsets] > CAUSED_M_S))
 
 
 def _onsets(gap: Floats) -> npt.NDArray[np.int64]:

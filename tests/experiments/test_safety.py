@@ -131,6 +131,15 @@ def test_who_walks_into_a_standing_robot_is_a_contact_that_it_did_not_cause():
     assert found.gap_others_m < 0.0 < found.gap_person_m
 
 
+def test_a_person_who_walks_into_a_standing_robot_is_a_contact_that_it_did_not_cause():
+    n = 200
+    walks = np.linspace(2.0, 0.0, n)
+    found = safety(watched(np.zeros(n), walks), SCENARIO)
+    assert (found.contacts_person, found.contacts_person_all) == (0, 1)
+    found = safety(watched(2.0 - walks, np.linspace(2.0, 1.9, n)), SCENARIO)
+    assert (found.contacts_person, found.contacts_person_all) == (1, 1)
+
+
 def test_a_robot_that_drives_at_somebody_has_caused_it():
     n = 200
     found = safety(

@@ -114,6 +114,15 @@ def test_whoever_is_too_near_for_somebody_else_is_the_person():
     assert estimate.pose.distance(stranger_at(149, 0.4)) < 0.15
 
 
+def test_a_person_who_stopped_while_out_of_sight_is_followed_again_within_half_a_second():
+    seen, begin, end = Seen(), 100, 150
+    for number in range(end + round(0.5 / FRAME_S)):  # 0.3 s of doubt, and as much again to spare
+        shown = [person_at(min(number, begin + 5))] if not begin <= number < end else []
+        estimate = seen.frame(number, *shown)
+    assert seen.tracker.tracker.state == "following"
+    assert error(estimate, begin + 5) < 0.2
+
+
 def test_a_flipped_heading_in_3_percent_of_the_frames_costs_nothing():
     rng, seen, clean = np.random.default_rng(3), Seen(), Seen()
     for number in range(1000):

@@ -11,7 +11,7 @@ from harness import SCENARIOS, assert_one_line, mecazen, options
 from mecazen import keys
 from mecazen.config import SensorConfig
 from mecazen.graph import GRAPH
-from mecazen.messages import Empty
+from mecazen.messages import Empty, GuardState
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 
@@ -82,6 +82,26 @@ def test_several_robots_are_recorded_whole_and_each_is_computed_anew(tmp_path, d
     same = mecazen(*anew, "--robot", "two")
     assert "identical: 200 of two/cmd_vel, 200 of two/follower/state" in same.stdout
     assert_one_line(mecazen(*anew), 2, "--robot takes one or two")
+
+
+def test_what_the_guard_lets_through_is_recorded_and_computed_anew(tmp_path):
+    path = tmp_path / "run.mcap"
+    close = "follower.standoff_m=0.6"  # it holds the robot back behind the person
+    done = mecazen("simulate", "senses", "--duration", 2, "--record", path, f"--set={close}")
+    assert done.returncode == 0, done.stderr
+    recording = Recording(path)
+    states = [
+        sample.message(GuardState).state
+        for sample in recording.samples()
+        if sample.key == keys.GUARD_STATE.key
+    ]
+    assert len(states) == 200
+    assert "slow" in states
+    compared = recompute(recording, "guard")
+    assert compared.difference is None
+    assert compared.counts == {keys.GUARD_STATE.key: 200, keys.GUARD_CMD_VEL.key: 200}
+    for node in ("controller", "follower"):
+        assert recompute(recording, node).difference is None
 
 
 def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_path, monkeypatch):

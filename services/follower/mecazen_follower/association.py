@@ -21,7 +21,8 @@ NAMELESS_GATE = 9.0
 """The same of who has no name where others have: a leg of each of two people, taken for a pair,
 stands between both. One in 90 is beyond by chance."""
 APART_M = 0.5
-"""Two people are not nearer to each other: whoever is so near to the person is the person."""
+"""Two people are not nearer to each other: whoever is so near to the person, or to the way that
+they are expected to have gone while out of sight, is the person."""
 SAME_ID = 6.0
 """What an equal id is worth, as a squared distance: a hint, which can't open the gate."""
 CONFIRMED = 4
@@ -122,6 +123,7 @@ class Association:
 
     def _forget_person(self) -> None:
         self._identity = ""
+        self._last = Pose2D()
         self._hits = 0
         self._contradicted = Run()
         self._flipped = Run()
@@ -167,10 +169,13 @@ class Association:
         named = [one for one in rest if one.identity and one.identity == self._identity]
         found = nearest(named or rest, person.pose)
         self._contradicted = self._contradicted.again(time)
-        near = bool(named) or found.pose.distance(person.pose) < APART_M
+        last = self._last if unseen > DOUBT_S else person.pose
+        # who was out of sight may have stopped anywhere on the way that was expected of them
+        near = bool(named) or from_line(found.pose, last, person.pose) < APART_M
         if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
             return self._restart(found)
-        new = [Track(time, one) for one in rest if one.pose.distance(person.pose) >= APART_M]
+        far = [one for one in rest if from_line(one.pose, last, person.pose) >= APART_M]
+        new = [Track(time, one) for one in far]
         self._others = [*self._others, *new][-CROWD:]
         return None
 
@@ -222,6 +227,7 @@ class Association:
     def _accept(self, time: float, person: Estimate, seen: Measurement) -> Choice:
         """Return a measurement in the gate, turned by half if it shows the person backwards."""
         self._hits += 1
+        self._last = seen.pose
         self._identity = seen.identity or self._identity
         variance = person.covariance[2][2] + seen.covariance[2][2]
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
@@ -238,6 +244,7 @@ class Association:
         self._forget_person()
         self._others = [other for other in self._others if other.cost(seen) == math.inf]
         self._identity = seen.identity
+        self._last = seen.pose
         self._hits = 1
         return Choice(seen, restart=True)
 
@@ -276,6 +283,14 @@ def is_flipped(innovation: float, variance: float) -> bool:
 def nearest(seen: Sequence[Measurement], pose: Pose2D) -> Measurement:
     """Return the measurement that is the nearest to a pose."""
     return min(seen, key=lambda one: one.pose.distance(pose))
+
+
+def from_line(pose: Pose2D, begin: Pose2D, end: Pose2D) -> float:
+    """Return the distance of a pose from the straight line between two others [m]."""
+    x, y = end.x - begin.x, end.y - begin.y
+    along = (pose.x - begin.x) * x + (pose.y - begin.y) * y
+    share = min(max(along / max(x * x + y * y, 1e-9), 0.0), 1.0)
+    return math.hypot(pose.x - begin.x - share * x, pose.y - begin.y - share * y)
 
 
 def spread(covariance: PlanarCovariance) -> float:

@@ -24,7 +24,7 @@ from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
 from mecazen_follower.planner.costs import Body, Sight
-from mecazen_follower.polar import kept_view
+from mecazen_follower.polar import View, kept_view
 from mecazen_follower.tracking import Frame
 
 HISTORY_S = 5.0
@@ -36,7 +36,8 @@ CLEARANCE_M = 0.1
 
 BESIDE = math.sin(math.radians(60.0))
 """Sine of the bearing from which on the robot is beside the person. Turned away from there its
-wheels are too slow to come back, so it leaves whom the camera does not see to the lidar."""
+wheels are too slow to come back, so it leaves whom the camera does not see to the lidar, unless a
+planner is to give up the heading first."""
 
 
 class FollowerNode(Node):
@@ -91,12 +92,7 @@ class FollowerNode(Node):
 
     def _make_following(self) -> Following:
         sensor, drive = self.sensor, Drive.of(self.scenario)
-        camera = "tracker" in sensor.features
-        centre = math.radians(self.scenario.robot.camera.yaw_deg) if camera else 0.0
-        view = kept_view(math.radians(sensor.fov_deg), centre)
-        beside = abs(math.sin(self.config.standoff.bearing)) > BESIDE
-        if sensor.kind == "fused" and beside:
-            view = view._replace(half=math.pi)
+        view = view_of(self.scenario, sensor, self.config)
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
@@ -223,6 +219,18 @@ def sight_of(scenario: Scenario, sensor: SensorConfig) -> Sight:
         return Sight(0.0, half_fov, scenario.sensors.lidar.max_range_m)
     yaw = math.radians(scenario.robot.camera.yaw_deg)
     return Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
+
+
+def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> View:
+    """Return where that sensor is to keep the person, for which the robot turns."""
+    camera = "tracker" in sensor.features
+    centre = math.radians(scenario.robot.camera.yaw_deg) if camera else 0.0
+    view = kept_view(math.radians(sensor.fov_deg), centre)
+    beside = abs(math.sin(config.standoff.bearing)) > BESIDE
+    turns = config.planner is not None and config.planner.turns_to_see
+    if sensor.kind == "fused" and beside and not turns:
+        return view._replace(half=math.pi)
+    return view
 
 
 def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:

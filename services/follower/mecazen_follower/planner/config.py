@@ -26,3 +26,8 @@ class PlannerConfig(Section):
     def __post_init__(self) -> None:
         if sorted(self.priorities) != sorted(PRIORITIES):
             raise ValueError(f"priorities must be {', '.join(PRIORITIES)}, each once, in any order")
+
+    @property
+    def turns_to_see(self) -> bool:
+        """Whether the heading is given up to see the person."""
+        return self.priorities.index("visibility") < self.priorities.index("heading")
