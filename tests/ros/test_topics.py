@@ -84,9 +84,7 @@ class Seen:
 def seen(request, up, raw_node, ros_side):
     path = SCENARIOS / f"{request.param}.toml"
     services = [
-        one
-        for one in load_scenario(path, MORE[request.param]).services
-        if one not in OBSERVERS
+        one for one in load_scenario(path, MORE[request.param]).services if one not in OBSERVERS
     ]
     running = up(path, *MORE[request.param], f"processes=[{json.dumps(services)}]")
     return Seen(running, raw_node(running.endpoint), ros_side(running.endpoint, "client"))

@@ -115,9 +115,7 @@ def session_config(
     return base
 
 
-def _filters(
-    config: BusConfig, most_hz: float | None, robots: Sequence[str]
-) -> dict[str, Any]:
+def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
     """Return a router's settings that drop oversized samples, and those beyond a rate."""
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
     too_long = [
