@@ -11,8 +11,9 @@ from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, Row, services
 from mecazen.messages import Message
+from mecazen.ros.parameters import PARAMETER_SERVICES, ParameterService
 from mecazen.ros.protocol import ADMIN, any_key
-from mecazen.ros.services import SERVICES
+from mecazen.ros.services import SERVICES, Service
 from mecazen.ros.types import dds_type
 from mecazen.ros.view import DESCRIBED, Place, entries, name_of, views
 
@@ -159,8 +160,9 @@ def _token(name: str) -> str:
 
 def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
     plain = [f"**/{call.key}{'/**' if call.files else ''}" for call in calls]
-    services = [one for one in SERVICES if one.call in calls]
-    return [*plain, *(any_key(one.name, dds_type(one.kind)) for one in services)]
+    services: tuple[Service | ParameterService, ...] = (*SERVICES, *PARAMETER_SERVICES)
+    asked = [one for one in services if one.call in calls]
+    return [*plain, *(any_key(one.name, dds_type(one.kind)) for one in asked)]
 
 
 def _rule(

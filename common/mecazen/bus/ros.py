@@ -9,7 +9,6 @@ nothing. What it takes from ROS it publishes on the plain key, as any outsider w
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from functools import partial
 from itertools import count
@@ -19,22 +18,31 @@ import zenoh
 import zenoh.ext
 
 from mecazen import keys
-from mecazen.bus.base import Handler, Reply
+from mecazen.bus.base import Handler
 from mecazen.bus.inbox import Inbox, Queue, Refusals
-from mecazen.bus.queries import QueryInbox
 from mecazen.bus.receiving import direct
+from mecazen.bus.ros_queries import Respond, attached, attachment_of, by_parameters, by_query, serve
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.graph import Graph, Row
+from mecazen.graph import SHARED, Graph, Row
 from mecazen.keys import Topic
 from mecazen.limits import refuse_implausible
-from mecazen.messages import Empty, Message, SimState, String
+from mecazen.messages import Empty, Message, String
 from mecazen.ros import cdr
 from mecazen.ros.description import fixed_frames, portable
 from mecazen.ros.fields import RosTypeError
-from mecazen.ros.protocol import LATCHED, NO_HASH, Attachment, Node, Qos, data_key, gid_of
-from mecazen.ros.services import FAILED, SERVICES, UNSUPPORTED, Service
+from mecazen.ros.parameters import PARAMETER_SERVICES, NodeParameters, ParameterService
+from mecazen.ros.protocol import (
+    LATCHED,
+    NO_HASH,
+    PARAMETERS,
+    Node,
+    Qos,
+    data_key,
+    gid_of,
+)
+from mecazen.ros.services import SERVICES, Service
 from mecazen.ros.types import dds_type, service_hash, type_hash
 from mecazen.ros.view import DESCRIBED, Entry, Place, entries, name_of, ros_name, views
 from mecazen.wire import RefusedError, Stamp
@@ -58,7 +66,7 @@ class RosSide:
 
     def __init__(self, config: BusConfig, name: str) -> None:
         self.domain = config.ros_domain_id
-        self.has_hashes = config.ros_distro != "humble"
+        self._has_hashes = config.ros_distro != "humble"
         self.session = open_session(config.of_ros, "client", name, timestamps=True)
         self.id = str(self.session.info.zid())
         self.numbers = count()
@@ -68,6 +76,14 @@ class RosSide:
     def keep(self, *declared: object) -> None:
         """Keep what Zenoh undeclares when nobody has it any more."""
         self._kept += declared
+
+    def shown(self, hashed: str) -> str:
+        """Return what keys and tokens have of a type's hash."""
+        return hashed if self._has_hashes else NO_HASH
+
+    def key(self, name: str, dds: str, hashed: str) -> str:
+        """Return the key of a topic or a service by its whole name and its type."""
+        return data_key(self.domain, name, dds, self.shown(hashed))
 
     def declare_token(self, token: str) -> None:
         """Let ROS see a node or one of its endpoints."""
@@ -107,6 +123,14 @@ class RosNode:
             for service in SERVICES:
                 if service.call in row.calls:
                     self._serve(service, here)
+            if keys.SET_PARAMETERS in row.calls:
+                for other in scenario.services:
+                    for robot in ("",) if other in SHARED else scenario.names:
+                        self._serve_parameters(other, robot, here.within(robot))
+        if name in scenario.services:
+            for one in PARAMETER_SERVICES:
+                whole = here.whole(f"{ros_name(name)}/{one.name}")
+                self._declare("SS", whole, *_service_type(one), PARAMETERS)
         health = keys.diagnostics(name)
         self._publish(bus.overheard(health), health, health.key, here)
 
@@ -143,7 +167,7 @@ class RosNode:
                 sample_miss_detection=MISSES,
                 publisher_detection=True,
             )
-            publisher.put(cdr.encode(message), attachment=_attachment(1, gid))
+            publisher.put(cdr.encode(message), attachment=attachment_of(1, gid))
             self._side.keep(publisher)
 
     def _publish(
@@ -176,7 +200,7 @@ class RosNode:
         def message_of(sample: zenoh.Sample) -> Message:
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
-            _attached(sample)  # without one it is of no ROS node, and none would take it
+            attached(sample)  # without one it is of no ROS node, and none would take it
             message = entry.convert(cdr.decode(sample.payload.to_bytes(), entry.kind))
             refuse_implausible(topic.key, message)
             return message
@@ -212,42 +236,27 @@ class RosNode:
 
     def _serve(self, service: Service, place: Place) -> None:
         """Answer a ROS service by a query that this process answers."""
-        bus, source = self._bus, _source(service.name)
-        refusals = Refusals(bus.queue, bus.refuse)
-        hashed = service_hash(service.kind, service.request, service.response)
-        name = place.whole(service.name)
-        key, _ = self._declare("SS", name, dds_type(service.kind), hashed, Qos())
+        key, _ = self._declare("SS", place.whole(service.name), *_service_type(service), Qos())
+        self._answer(key, service.name, by_query(service, self._bus))
 
-        def take(query: zenoh.Query) -> None:
-            try:
-                reply = _RosReply(query, key, service)
-            except RefusedError as refusal:
-                bus.refuse(source, str(refusal))
-                query.drop()  # type: ignore[no-untyped-call]
-                return
-            payload = b"" if query.payload is None else query.payload.to_bytes()
-            try:
-                call, request = service.ask(cdr.decode(payload, service.request))
-            except RefusedError as refusal:
-                reply.give(service.refuse(str(refusal), UNSUPPORTED))
-            else:
-                bus.server(call)(request, reply)
+    def _serve_parameters(self, service: str, robot: str, place: Place) -> None:
+        """Answer the services for the parameters of a node, whichever process it is in."""
+        parameters = NodeParameters(service, robot, self._bus.call)
+        for one in PARAMETER_SERVICES:
+            name = f"{ros_name(service)}/{one.name}"
+            key = self._side.key(place.whole(name), *_service_type(one))
+            self._answer(key, name, by_parameters(one, parameters))
 
-        def refuse(query: zenoh.Query, reason: str) -> None:
-            refusals.add(source, reason)
-            query.drop()  # type: ignore[no-untyped-call]
-
-        inbox = QueryInbox(bus.queue, key, take, refuse)
-        queryable = self._side.session.declare_queryable(key, direct(inbox.receive), complete=True)
-        self._side.keep(queryable)
+    def _answer(self, key: str, name: str, respond: Respond) -> None:
+        self._side.keep(serve(self._side.session, self._bus, key, _source(name), respond))
 
     def _declare(self, kind: str, name: str, dds: str, hashed: str, qos: Qos) -> tuple[str, bytes]:
         """Let ROS see an endpoint; return its key and its identity."""
-        if not self._side.has_hashes:
-            hashed = NO_HASH
-        token = self._node.endpoint(next(self._side.numbers), kind, name, dds, hashed, qos)
+        token = self._node.endpoint(
+            next(self._side.numbers), kind, name, dds, self._side.shown(hashed), qos
+        )
         self._side.declare_token(token)
-        return data_key(self._side.domain, name, dds, hashed), gid_of(token)
+        return self._side.key(name, dds, hashed), gid_of(token)
 
 
 class _Twin:
@@ -278,29 +287,7 @@ class _Twin:
         seen = None if stamp is None else self._convert(message)
         if seen is not None:
             self._sent += 1
-            self._publisher.put(cdr.encode(seen), attachment=_attachment(self._sent, self._gid))
-
-
-class _RosReply(Reply[SimState]):
-    """Answers one request of a ROS service."""
-
-    def __init__(self, query: zenoh.Query, key: str, service: Service) -> None:
-        self._sequence, _, self._gid = _attached(query)
-        self._query, self._key, self._service = query, key, service
-
-    def answer(self, message: SimState) -> None:
-        """Respond that it was done."""
-        self.give(self._service.tell(message))
-
-    def refuse(self, reason: str) -> None:
-        """Respond that it failed: to an error of Zenoh a ROS client does not react."""
-        self.give(self._service.refuse(reason, FAILED))
-
-    def give(self, response: Message) -> None:
-        """Send a response."""
-        attachment = _attachment(self._sequence, self._gid)
-        with self._query as query:
-            query.reply(self._key, cdr.encode(response), attachment=attachment)
+            self._publisher.put(cdr.encode(seen), attachment=attachment_of(self._sent, self._gid))
 
 
 def _type(kind: type[Message]) -> tuple[str, str]:
@@ -308,17 +295,10 @@ def _type(kind: type[Message]) -> tuple[str, str]:
     return dds_type(kind.ROS_TYPE), type_hash(kind)
 
 
-def _attached(came: zenoh.Sample | zenoh.Query) -> Attachment:
-    """Return what is attached to a sample or a request.
-
-    Raises:
-        RefusedError: It is not what rmw_zenoh attaches.
-    """
-    return Attachment.unpack(b"" if came.attachment is None else came.attachment.to_bytes())
-
-
-def _attachment(sequence: int, gid: bytes) -> bytes:
-    return Attachment(sequence, time.time_ns(), gid).pack()
+def _service_type(service: Service | ParameterService) -> tuple[str, str]:
+    """Return the same of a service's type."""
+    hashed = service_hash(service.kind, service.request, service.response)
+    return dds_type(service.kind), hashed
 
 
 def _calling(queue: Queue, work: Callable[[Any], None]) -> Callable[[Any], None]:

@@ -39,7 +39,7 @@ class Qos(NamedTuple):
 
 SENSOR_DATA = Qos(5, reliable=False)
 LATCHED = Qos(1, latched=True)
-SERVICE = Qos()
+PARAMETERS = Qos(1000)
 
 
 class Attachment(NamedTuple):

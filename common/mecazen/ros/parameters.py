@@ -1,0 +1,232 @@
+"""The parameters of ROS nodes: what can be changed of each service, over mecazen's own queries.
+
+A node has the parameters of its service's section under names without the section's, and
+`use_sim_time`. Whoever owns time answers for all nodes, since it owns the changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.errors import BusError, RefusedError
+from mecazen.keys import Call
+from mecazen.messages import Message
+from mecazen.parameters import ROBOTS, from_text, to_message, to_text
+from mecazen.ros import rcl_interfaces as rcl
+
+USE_SIM_TIME = "use_sim_time"
+SIM_TIME = m.ParameterDescriptor(USE_SIM_TIME, "true", "bool", allowed="true")
+NOT_SET = m.ParameterDescriptor()
+NUMBERS = {"bool": 1, "integer": 2, "float": 3, "string": 4, "list": 9}
+"""Of types, in ROS; of a list that is left out, that of texts."""
+ITEMS = {bool: 1, int: 2, float: 3, str: 4}
+ARRAYS = {1: 6, 2: 7, 3: 8, 4: 9}
+"""Types of arrays by those of their items."""
+FIELDS = rcl.ParameterValue.__struct_fields__
+"""Of a value, by the type's number."""
+
+RequestT = TypeVar("RequestT", bound=Message)
+AnswerT = TypeVar("AnswerT", bound=Message)
+
+
+class NodeParameters:
+    """The parameters of one ROS node.
+
+    Args:
+        service: The node's.
+        robot: Its robot, where there are several; what is not of one robot is of all.
+        ask: Queries the owner of time; a refusal is a BusError.
+    """
+
+    def __init__(self, service: str, robot: str, ask: Callable[[Call[Any, Any], Any], Any]) -> None:
+        self._prefixes = [f"{service}."]
+        if robot:
+            self._prefixes.append(f"{ROBOTS}.{robot}.{service}.")
+        self._ask = ask
+
+    def names(self, request: rcl.ListParametersRequest) -> rcl.ListParametersResponse:
+        """Return names: below prefixes, to a depth."""
+        names = tuple(name for name in self._known() if _is_listed(name, request))
+        prefixes = dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name)
+        return rcl.ListParametersResponse(rcl.ListParametersResult(names, tuple(prefixes)))
+
+    def get(self, request: rcl.NamesRequest) -> rcl.GetParametersResponse:
+        """Return values; of what is no parameter, or left out, it is not set."""
+        return rcl.GetParametersResponse(tuple(map(_value, self._of(request))))
+
+    def types(self, request: rcl.NamesRequest) -> rcl.GetParameterTypesResponse:
+        """Return the types of values; see `get`."""
+        return rcl.GetParameterTypesResponse(bytes(_value(of).type for of in self._of(request)))
+
+    def describe(self, request: rcl.NamesRequest) -> rcl.DescribeParametersResponse:
+        """Return units and what is allowed."""
+        described = zip(request.names, self._of(request), strict=True)
+        return rcl.DescribeParametersResponse(tuple(_descriptor(*one) for one in described))
+
+    def set(self, request: rcl.SetParametersRequest) -> rcl.SetParametersResponse:
+        """Set each by itself."""
+        return rcl.SetParametersResponse(tuple(self._set([one]) for one in request.parameters))
+
+    def set_atomically(
+        self, request: rcl.SetParametersRequest
+    ) -> rcl.SetParametersAtomicallyResponse:
+        """Set all or none."""
+        return rcl.SetParametersAtomicallyResponse(self._set(request.parameters))
+
+    def _known(self) -> dict[str, m.ParameterDescriptor]:
+        """Return the parameters by their names in the node."""
+        parameters = self._ask(keys.GET_PARAMETERS, m.ParameterNames()).parameters
+        known = {USE_SIM_TIME: SIM_TIME}
+        for prefix in self._prefixes:
+            known |= {
+                one.name.removeprefix(prefix): one
+                for one in parameters
+                if one.name.startswith(prefix)
+            }
+        return known
+
+    def _of(self, request: rcl.NamesRequest) -> Sequence[m.ParameterDescriptor]:
+        known = self._known()
+        return [known.get(name, NOT_SET) for name in request.names]
+
+    def _set(self, parameters: Sequence[rcl.Parameter]) -> rcl.SetParametersResult:
+        known, call = self._known(), keys.SET_PARAMETERS
+        try:
+            settings = {self._key(one.name, known): _text(one) for one in parameters}
+            self._ask(call, m.Parameters(parameters=to_message(settings)))
+        except (RefusedError, BusError) as error:
+            return rcl.SetParametersResult(False, str(error).removeprefix(f"{call.key}: "))
+        return rcl.SetParametersResult(True)
+
+    def _key(self, name: str, known: Mapping[str, m.ParameterDescriptor]) -> str:
+        if name == USE_SIM_TIME:
+            raise RefusedError(f"{name} is read-only: all nodes follow simulated time")
+        return known[name].name if name in known else self._prefixes[0] + name
+
+
+def _is_listed(name: str, request: rcl.ListParametersRequest) -> bool:
+    """Return whether a list has a name, as in rclcpp."""
+    below = [
+        name.removeprefix(f"{prefix}.")
+        for prefix in request.prefixes
+        if name.startswith(f"{prefix}.")
+    ]
+    return name in request.prefixes or any(
+        not request.depth or rest.count(".") < request.depth
+        for rest in (below if request.prefixes else [name])
+    )
+
+
+def _value(parameter: m.ParameterDescriptor) -> rcl.ParameterValue:
+    """Return a parameter's value; in TOML, as a text, where ROS has no type for it."""
+    if not parameter.value:
+        return rcl.ParameterValue()
+    value = from_text(parameter.value)
+    if parameter.type == "float":
+        value = float(value)
+    if isinstance(value, list) and {type(one) for one in value} == {int, float}:
+        value = [*map(float, value)]
+    number = _number(value)
+    if not number:
+        number, value = NUMBERS["string"], parameter.value
+    filled: dict[str, Any] = {FIELDS[number]: tuple(value) if isinstance(value, list) else value}
+    return rcl.ParameterValue(number, **filled)
+
+
+def _number(value: Any) -> int:
+    """Return the number of a value's type; 0 where ROS has none."""
+    if not isinstance(value, list):
+        is_large = isinstance(value, int) and not -(2**63) <= value < 2**63
+        return 0 if is_large else ITEMS.get(type(value), 0)
+    of_items = {_number(one) for one in value} or {ITEMS[str]}
+    (number,) = of_items if len(of_items) == 1 else (0,)
+    return ARRAYS.get(number, 0)
+
+
+def _text(parameter: rcl.Parameter) -> str:
+    """Return a value in TOML; empty where it is not set, which leaves the setting out."""
+    number = parameter.value.type
+    if not number:
+        return ""
+    if number >= len(FIELDS):
+        raise RefusedError(f"{parameter.name}: there is no type {number}")
+    value = getattr(parameter.value, FIELDS[number])
+    return to_text([*value] if isinstance(value, tuple | bytes) else value)
+
+
+def _descriptor(name: str, parameter: m.ParameterDescriptor) -> rcl.ParameterDescriptor:
+    limits: dict[str, Any] = {}
+    if parameter.range and parameter.type == "float":
+        limits["floating_point_range"] = (rcl.FloatingPointRange(*parameter.range),)
+    elif parameter.range and max(map(abs, parameter.range)) < 2.0**63:
+        limits["integer_range"] = (rcl.IntegerRange(*map(int, parameter.range)),)
+    return rcl.ParameterDescriptor(
+        name=name,
+        type=_value(parameter).type or NUMBERS.get(parameter.type, 0),
+        description=f"in {parameter.unit}" if parameter.unit else "",
+        additional_constraints=parameter.allowed,
+        read_only=parameter is SIM_TIME,
+        **limits,
+    )
+
+
+class ParameterService(NamedTuple):
+    """A ROS service that every node has."""
+
+    name: str
+    """Within the node."""
+    kind: str
+    request: type[Message]
+    response: type[Message]
+    call: Call[Any, Any]
+    """The query that who asks it must be allowed to make."""
+    answer: Callable[[NodeParameters, Any], Message]
+
+
+_GET, _SET, _NAMES = keys.GET_PARAMETERS, keys.SET_PARAMETERS, rcl.NamesRequest
+PARAMETER_SERVICES = tuple(
+    ParameterService(
+        name, f"rcl_interfaces/srv/{name.title().replace('_', '')}", request, response, call, answer
+    )
+    for name, request, response, call, answer in (
+        (
+            "list_parameters",
+            rcl.ListParametersRequest,
+            rcl.ListParametersResponse,
+            _GET,
+            NodeParameters.names,
+        ),
+        ("get_parameters", _NAMES, rcl.GetParametersResponse, _GET, NodeParameters.get),
+        (
+            "get_parameter_types",
+            _NAMES,
+            rcl.GetParameterTypesResponse,
+            _GET,
+            NodeParameters.types,
+        ),
+        (
+            "describe_parameters",
+            _NAMES,
+            rcl.DescribeParametersResponse,
+            _GET,
+            NodeParameters.describe,
+        ),
+        (
+            "set_parameters",
+            rcl.SetParametersRequest,
+            rcl.SetParametersResponse,
+            _SET,
+            NodeParameters.set,
+        ),
+        (
+            "set_parameters_atomically",
+            rcl.SetParametersRequest,
+            rcl.SetParametersAtomicallyResponse,
+            _SET,
+            NodeParameters.set_atomically,
+        ),
+    )
+)
