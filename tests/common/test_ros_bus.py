@@ -8,6 +8,7 @@ import pytest
 import zenoh
 from harness import wait
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.session import open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -15,9 +16,12 @@ from mecazen.config import BusConfig
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import Odometry, SimState, String, Twist, Vector3
+from mecazen.parameters import settings_of
 from mecazen.programs import graph_of
 from mecazen.ros import cdr
 from mecazen.ros import interfaces as i
+from mecazen.ros import rcl_interfaces as rcl
+from mecazen.ros.parameters import PARAMETER_SERVICES
 from mecazen.ros.protocol import Attachment, data_key
 from mecazen.ros.types import dds_type, service_hash, type_hash
 from mecazen.wire import Stamp
@@ -92,7 +96,7 @@ def test_a_topic_is_heard_in_ros_while_somebody_subscribes(ros):
 
 def test_ros_sees_a_node_its_topics_and_services(ros):
     there = ros("physics", served=DESCRIBED)
-    found = tokens(there.session, there.name, lambda found: len(found) == 15)
+    found = tokens(there.session, there.name, lambda found: len(found) == 21)
     assert ("NN", "physics") in found
     assert ("MP", "physics", "%clock", "rosgraph_msgs::msg::dds_::Clock_") in found
     assert ("MP", "physics", "%tf_static", "tf2_msgs::msg::dds_::TFMessage_") in found
@@ -103,8 +107,9 @@ def test_ros_sees_a_node_its_topics_and_services(ros):
 def test_what_all_robots_share_is_published_once_and_the_rest_for_each(ros):
     robots = '[[robots]]\nname = "a"\n[[robots]]\nname = "b"\nstart = { x_m = 3.0 }\n'
     there = ros("physics", robots, DESCRIBED)
-    # the node, 7 services, time, health, and for each robot description, tf_static, tf and 2 topics
-    found = tokens(there.session, there.name, lambda found: len(found) == 20)
+    # the node, 7 + 6 services, time, health, and for each robot description, tf_static, tf and 2
+    # topics
+    found = tokens(there.session, there.name, lambda found: len(found) == 26)
     topics = [one[2] for one in found if one[3:] == ("sensor_msgs::msg::dds_::JointState_",)]
     assert topics == [f"%{there.name}%{robot}%joint_states" for robot in "ab"]
     assert len([one for one in found if one[2:3] == ("%clock",)]) == 1
@@ -117,7 +122,7 @@ def test_ros_is_met_at_a_router_of_its_own_that_links_no_peers(ros, free_port):
     settings.insert_json5("routing/router/peers_failover_brokering", "false")
     with zenoh.open(settings):
         there = ros("controller", meet=endpoint, ros_connect=[endpoint])
-        found = tokens(there.session, there.name, lambda found: len(found) == 7)
+        found = tokens(there.session, there.name, lambda found: len(found) == 13)
     assert ("NN", "controller") in found
 
 
@@ -172,7 +177,7 @@ def test_only_the_guard_takes_commands_where_there_is_one(ros):
     there = ros(
         "controller", 'services = ["physics", "controller", "target", "sensors", "guard"]\n' + text
     )
-    found = tokens(there.session, there.name, lambda found: len(found) == 5)
+    found = tokens(there.session, there.name, lambda found: len(found) == 11)
     assert not [one for one in found if one[0] == "MS"]
 
 
@@ -206,6 +211,43 @@ def test_a_service_answers_with_the_requests_number_and_a_refusal_is_an_answer(r
     assert replies == [i.TriggerResponse(True, "tick 3"), i.TriggerResponse(False, "no")]
     ask(43, b"short")
     wait(there.bus, lambda: there.bus.refused["ros2/sim/reset"])
+
+
+def test_the_owner_of_time_answers_for_the_parameters_of_all_nodes(ros):
+    standoff = m.ParameterDescriptor("follower.standoff_m", "1.5", "float")
+    asked = []
+
+    def set_(request, reply):
+        asked.append(settings_of(request))
+        reply.refuse("too far")
+
+    served = {
+        keys.GET_PARAMETERS: lambda _, reply: reply.answer(m.ParameterDescriptors((standoff,))),
+        keys.SET_PARAMETERS: set_,
+    }
+    there = ros("physics", served=served | DESCRIBED)
+    services = {one.name: one for one in PARAMETER_SERVICES}
+
+    def ask(node, name, request):
+        service, got = services[name], []
+        hashed = service_hash(service.kind, service.request, service.response)
+        key = data_key(0, f"{there.name}/{node}/{name}", dds_type(service.kind), hashed)
+        attached = Attachment(1, 1, GID).pack()
+        there.session.get(key, got.append, payload=request, attachment=attached)
+        wait(there.bus, lambda: got)
+        return cdr.decode(got[0].ok.payload.to_bytes(), service.response)
+
+    names = cdr.encode(rcl.NamesRequest(("standoff_m",)))
+    (value,) = ask("follower", "get_parameters", names).values
+    assert value.double_value == 1.5
+    assert ask("target", "get_parameters", names).values == (rcl.ParameterValue(),)
+    assert ask("target", "get_parameters", names[:-1]).values == ()
+    new = rcl.Parameter("standoff_m", rcl.ParameterValue(3, double_value=2.0))
+    for name in ("set_parameters", "set_parameters_atomically"):
+        response = ask("follower", name, cdr.encode(rcl.SetParametersRequest((new,))))
+        result = rcl.SetParametersResult(False, "too far")
+        assert getattr(response, "results", None) == (result,) or response.result == result
+    assert asked == [{"follower.standoff_m": "2.0"}] * 2
 
 
 def test_who_subscribes_late_still_gets_the_description(ros):

@@ -1,17 +1,23 @@
 """A whole system as ROS 2 nodes: a Zenoh session that does what rmw_zenoh does drives it."""
 
+import math
+
 import pytest
-from harness import SCENARIOS
+from harness import SCENARIOS, tools
 from mecazen import keys
 from mecazen.bus.session import open_session
 from mecazen.config import BusConfig
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock, Empty, Odometry, Twist, Vector3
 from mecazen.ros import cdr
+from mecazen.ros import rcl_interfaces as rcl
 from mecazen.ros.interfaces import TFMessage, TriggerRequest, TriggerResponse
+from mecazen.ros.parameters import PARAMETER_SERVICES
 from mecazen.ros.protocol import Attachment, data_key
 from mecazen.ros.types import dds_type, service_hash, type_hash
+from mecazen_tools.cli.app import app
 from mecazen_tools.simulate import simulate, simulate_distributed
+from typer.testing import CliRunner
 
 ATTACHED = Attachment(1, 1, bytes(16)).pack()
 
@@ -60,6 +66,44 @@ def test_a_twist_from_ros_drives_the_robot_and_its_odometry_and_frames_come_back
     (reply,) = session.get(key, payload=request, attachment=ATTACHED, timeout=10.0)
     assert cdr.decode(reply.ok.payload.to_bytes(), TriggerResponse).success
     assert running.bus.call(keys.SIM_STATE, Empty()).paused
+
+
+def test_a_parameter_set_from_ros_is_the_simulations_and_the_robot_keeps_it(stack):
+    running = stack(SCENARIOS / "back.toml", "bus.ros2=true")
+    running.start()
+    robot = running.scenario.bus.namespace
+    service = next(one for one in PARAMETER_SERVICES if one.name == "set_parameters")
+    hashed = service_hash(service.kind, service.request, service.response)
+    key = data_key(0, f"{robot}/follower/set_parameters", dds_type(service.kind), hashed)
+    farther = rcl.ParameterValue(3, double_value=1.5)
+    names = ("standoff_m", "standof")
+    request = rcl.SetParametersRequest(tuple(rcl.Parameter(name, farther) for name in names))
+    attached = Attachment(1, 1, bytes(16)).pack()
+    with open_session(BusConfig(connect=(running.endpoint,)), "client") as session:
+        (reply,) = session.get(key, payload=cdr.encode(request), attachment=attached, timeout=10.0)
+    results = cdr.decode(reply.ok.payload.to_bytes(), service.response).results
+    assert [one.successful for one in results] == [True, False]
+    assert results[1].reason.startswith("follower.standof: no such parameter; did you mean")
+
+    to = tools(running.scenario.bus)
+    shown = CliRunner().invoke(app, ["param", "get", "follower.standoff_m", *to])
+    assert shown.stdout == "follower.standoff_m=1.5\n"
+    places, kept = {}, []
+
+    def keep(topic):
+        def note(message, _):
+            places[topic] = message.pose.pose.position
+            if len(places) == 2:
+                robot, person = places.values()
+                far = math.hypot(robot.x - person.x, robot.y - person.y)
+                # the person walks: the robot is a few centimetres off what it is told to keep
+                kept[:] = [*kept, far] if abs(far - 1.5) < 0.1 else []
+
+        running.bus.subscribe(topic, note)
+
+    keep(keys.GROUND_TRUTH)
+    keep(keys.TARGET_ODOM)
+    running.wait(lambda: len(kept) > 100)
 
 
 def test_ros_changes_no_trajectory():

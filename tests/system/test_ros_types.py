@@ -4,6 +4,7 @@ Definitions of ROS's own types come from rosbags; those of `mecazen_msgs` from t
 user builds.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any
@@ -20,6 +21,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen import messages as m
 from mecazen.ros import cdr
+from mecazen.ros import rcl_interfaces as rcl
+from mecazen.ros.parameters import PARAMETER_SERVICES
 from mecazen.ros.types import definition, service_hash, type_hash
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -126,3 +129,41 @@ SERVICES = [one for one in vars(all_srvs).values() if isinstance(one, dict) and 
 def test_ros2_pyterfaces_has_the_same_hashes_of_services(service):
     request, response = struct_of(service[REQUEST]), struct_of(service["response_message"])
     assert service_hash(service["__typename"], request, response) == core.hash_rihs01(service)
+
+
+KNOWN = {service["__typename"]: core.hash_rihs01(service) for service in SERVICES}
+
+
+@pytest.mark.parametrize("service", PARAMETER_SERVICES, ids=lambda service: service.name)
+def test_the_services_for_parameters_have_the_hashes_of_ros2_pyterfaces(service):
+    assert service_hash(service.kind, service.request, service.response) == KNOWN[service.kind]
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        rcl.Parameter(
+            "follower.standoff_m",
+            rcl.ParameterValue(
+                3, True, -2, math.inf, "x", b"\x01", (True, False), (1, -2), (0.5,), ("a", "bcd")
+            ),
+        ),
+        rcl.ParameterDescriptor(
+            "x", 3, "in m", "> 0", True, False, (rcl.FloatingPointRange(0.0, 2.0, 0.5),)
+        ),
+        rcl.ParameterDescriptor(integer_range=(rcl.IntegerRange(-1, 2, 1),)),
+        rcl.ListParametersResult(("a", "b.c"), ("b",)),
+        rcl.SetParametersResult(False, "no"),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_rosbags_reads_parameters_alike(message):
+    kind = type(message)
+    payload = cdr.encode(message)
+    read = STORE.deserialize_cdr(payload, kind.ROS_TYPE)
+    assert bytes(STORE.serialize_cdr(read, kind.ROS_TYPE)) == payload
+    assert cdr.decode(payload, kind, finite=False) == message
+    assert type_hash(kind) == STORE.hash_rihs01(kind.ROS_TYPE)
+    for field in kind.__struct_fields__:
+        if isinstance(value := getattr(message, field), bool | int | float | str):
+            assert getattr(read, field) == value

@@ -38,6 +38,10 @@ def ros(name: str, kind: str) -> str:
 
 TWIST, ODOMETRY = "geometry_msgs::msg::dds_::Twist", "nav_msgs::msg::dds_::Odometry"
 ROS_RESET = ros("sim/reset", "std_srvs::srv::dds_::Trigger")
+ROS_GET, ROS_SET = (
+    ros(f"follower/{name}_parameters", f"rcl_interfaces::srv::dds_::{name.title()}Parameters")
+    for name in ("get", "set")
+)
 
 PUTS = (
     *(topic.key for topic in keys.TOPICS if "*" not in topic.key),
@@ -83,11 +87,14 @@ ANSWERS = (
     *(call.key for row in services()["physics"] for call in row.calls),
     f"{keys.ROBOT_DESCRIPTION.key}/**",
     ROS_RESET,
+    ROS_GET,
+    ROS_SET,
 )
 """Of the physics."""
 QUESTIONS = (
     "sim/scenario",
     "sim/get_parameters",
+    ROS_GET,
     "robot_description",
     "robot_description/meshes/wheel.stl",
 )
@@ -96,6 +103,7 @@ GUARD_S = 20.0
 ORDERS = (
     *(call.key for call in keys.CALLS if call.key not in {*QUESTIONS, "sim/state"}),
     ROS_RESET,
+    ROS_SET,
 )
 
 
