@@ -7,7 +7,7 @@ import struct
 import pytest
 from harness import SCENARIOS, Newest, wait
 from mecazen import keys
-from mecazen.messages import Empty
+from mecazen.messages import Empty, ParameterNames
 from ros import grammar
 from ros.node import attachment
 
@@ -204,6 +204,37 @@ def test_the_state_of_the_simulation_is_told(node, server, prefix):
     said = ask(node, server, node.key_of("SS", f"{prefix}/get_simulation_state"))
     assert said["state"] == {"state": 1}
     assert said["result"]["result"] == 1
+
+
+def test_a_nodes_parameters_are_listed_described_set_and_got(running, node, server, prefix):
+    def call(name: str, **fields: object) -> dict[str, object]:
+        return ask(node, server, node.key_of("SS", f"{prefix}/controller/{name}"), **fields)
+
+    speed, timeout = "limits.yaw.max_velocity_rad_s", "reference_timeout_s"
+    listed = call("list_parameters", prefixes=["limits.yaw"], depth=1)["result"]
+    assert speed in listed["names"]
+    assert timeout not in listed["names"]
+    assert listed["prefixes"] == ["limits.yaw"]
+    asked = [timeout, "use_sim_time", "mass_kg"]
+    described = call("describe_parameters", names=asked)["descriptors"]
+    assert [one["read_only"] for one in described] == [False, True, False]
+    assert described[0]["description"] == "in s"
+    limits = {"from_value": 0.0, "to_value": 1e9, "step": 0.0}
+    assert described[0]["floating_point_range"] == [limits]
+    assert call("get_parameter_types", names=asked)["types"] == [3, 1, 0]
+
+    def number(name: str, value: float) -> dict[str, object]:
+        return {"name": name, "value": {"type": 3, "double_value": value}}
+
+    mixed = call("set_parameters", parameters=[number(speed, 2.5), number(timeout, -1.0)])
+    assert [one["successful"] for one in mixed["results"]] == [True, False]
+    assert mixed["results"][1]["reason"].startswith("controller.reference_timeout_s: got -1.0")
+    both = [number(speed, 1.0), number("use_sim_time", 1.0)]
+    assert not call("set_parameters_atomically", parameters=both)["result"]["successful"]
+    values = call("get_parameters", names=[speed, timeout])["values"]
+    assert [one["double_value"] for one in values] == [2.5, 0.5]
+    names = ParameterNames((f"controller.{speed}",))
+    assert running.bus.call(keys.GET_PARAMETERS, names).parameters[0].value == "2.5"
 
 
 RANDOM = random.Random(17)

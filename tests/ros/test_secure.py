@@ -84,7 +84,7 @@ def test_nobody_else_drives_or_stops_the_simulation(running, node_of, prefix, co
     for _ in range(20):
         intruder.put(key, TWIST)
     intruder.put("0/**", TWIST)
-    for service in ("sim/pause", "sim/reset", "reset_simulation"):
+    for service in ("sim/pause", "sim/reset", "reset_simulation", "controller/set_parameters"):
         assert intruder.call(intruder.key_of("SS", f"{prefix}/{service}"), EMPTY, timeout=0.3) == []
     # what anyone may ask comes after all that on the same link
     assert intruder.call(intruder.key_of("SS", f"{prefix}/get_simulation_state"), EMPTY)
