@@ -7,7 +7,7 @@ import struct
 import pytest
 from harness import SCENARIOS, Newest, wait
 from mecazen import keys
-from mecazen.messages import Empty, ParameterNames
+from mecazen.messages import Empty, ParameterNames, ResetRequest
 from ros import grammar
 from ros.node import attachment
 
@@ -77,6 +77,8 @@ def test_a_twist_from_ros_drives_the_robot(running, side, prefix, odom, kind, fi
 
 
 def test_the_guard_stops_what_ros_drives_towards_the_person(running, side, prefix, odom):
+    # back to where it faces the person: what was driven before has turned it
+    running.bus.call(keys.SIM_RESET, ResetRequest())
     guarded = Newest(running.bus, keys.GUARD_CMD_VEL)
 
     def is_held() -> bool:
