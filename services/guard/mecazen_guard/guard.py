@@ -101,6 +101,7 @@ class Guard:
             for name in ("acceleration", "deceleration")
         )
         self._bounds = np.array((self._up, self._down))
+        self._fastest = np.array([axis.velocity for axis in drive.axes])
 
     def begin(self, twist: Twist2D) -> None:
         """Begin with a robot that moves with `twist`."""
@@ -231,10 +232,11 @@ class Guard:
     def poses(self, twists: Floats, bounds: tuple[Floats, ...], step: float) -> Floats:
         """Return predicted poses in base_link, (3, C, M): x, y, yaw, a `step` [s] apart.
 
-        The robot follows each of C twists within the bounds of `speeds`.
+        The robot follows each of C twists within the bounds of `speeds` and the limits of its axes.
         """
         low, high, braked = bounds
-        speeds = np.minimum(np.maximum(twists[:, None], low), high)
+        aims = np.minimum(np.maximum(twists, -self._fastest), self._fastest)
+        speeds = np.minimum(np.maximum(aims[:, None], low), high)
         speeds -= np.minimum(np.maximum(speeds, -braked), braked)
         rims = np.abs(speeds) @ self._gains
         if rims.max() > self._drive.rim_speed:
