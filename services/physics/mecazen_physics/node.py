@@ -115,11 +115,11 @@ class PhysicsWorld(World):
             ConfigError: They are; the robot could only crawl away.
         """
         radius = self.scenario.world.person.radius_m
-        for name, robot in self.robots.items():
+        for name, part in self.parts.items():
             if (odometry := inputs[name].get(TARGET_ODOM)) is None:
                 continue
             x, y, _ = odometry.pose.pose.to_planar()
-            if robot.robot.footprint().gap(Footprint(x, y, rim=radius)) < 0.0:
+            if _footprint(part).gap(Footprint(x, y, rim=radius)) < 0.0:
                 where = _of_robot("start", name)
                 raise ConfigError(
                     f"{where}: the robot stands inside the person, who is at [{x:g}, {y:g}]; "
@@ -177,7 +177,7 @@ def _refuse_inside(scenario: Scenario, name: str) -> None:
     Raises:
         ConfigError: It does; the message says where that is.
     """
-    robot = Footprint.of_robot(scenario.robot.footprint, scenario.start.pose, 0.0, 0.0)
+    robot = _footprint(scenario)
     for solid in scenario.world.solids:
         above = isinstance(solid, Box) and solid.bottom_m >= scenario.robot.height
         if not above and robot.gap(Footprint.of_obstacle(solid)) < 0.0:
@@ -186,6 +186,11 @@ def _refuse_inside(scenario: Scenario, name: str) -> None:
             raise ConfigError(
                 f"{_of_robot('start', name)}: the robot stands inside the {kind} at [{at}]; move it"
             )
+
+
+def _footprint(scenario: Scenario) -> Footprint:
+    """Return a robot at its start, seen from above."""
+    return Footprint.of_robot(scenario.robot.footprint, scenario.start.pose, 0.0, 0.0)
 
 
 def _of_robot(key: str, name: str) -> str:
