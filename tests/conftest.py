@@ -8,7 +8,7 @@ import pytest
 from harness import ROBOTS
 from hypothesis import HealthCheck, settings
 from mecazen.bus.session import open_session
-from mecazen.config import BusConfig
+from mecazen.bus_config import BusConfig
 from mecazen.errors import BusError
 from mecazen.loading import load_scenario
 

@@ -16,8 +16,9 @@ import psutil
 from mecazen import keys
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Process, Scenario, join_key
+from mecazen.config import Process, Scenario
 from mecazen.messages import Clock, Empty, JointState, Message, Odometry, Twist
+from mecazen.robots import join_key
 from mecazen.ros import cdr
 from mecazen.ros.interfaces import TFMessage
 from mecazen.ros.protocol import Attachment, data_key

@@ -7,15 +7,13 @@ through the entry points `mecazen.configs`.
 from __future__ import annotations
 
 import math
-import re
-import zlib
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from itertools import combinations
-from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast
 
 import msgspec
 
+from mecazen.bus_config import BusConfig
 from mecazen.changes import Change
 from mecazen.errors import ConfigError
 from mecazen.faults import SensorFaults, check_intervals
@@ -24,16 +22,13 @@ from mecazen.graph import OBSERVERS, SERVICES, SHARED
 from mecazen.guard import GuardConfig
 from mecazen.keys import CALLS, TOPICS
 from mecazen.robot import Robot
-from mecazen.schema import AngleDeg, Finite, Folder, NonNegative, Positive, Probability, Section
+from mecazen.robots import join_key, seed_of
+from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Probability, Section
 from mecazen.sensors import SensorsConfig
+from mecazen.ticks import ticks_per_sample
 from mecazen.world import WorldConfig
 
 SectionT = TypeVar("SectionT", bound=Section)
-
-ROUTER = "tcp/127.0.0.1:7447"
-"""The router's endpoint unless the scenario names another."""
-SECURE_ROUTER = "tls/127.0.0.1:7447"
-"""The same where there are certificates."""
 
 
 LIVELINESS = "mecazen"
@@ -134,65 +129,6 @@ class SensorConfig(Section):
             ConfigError: The rate does not divide the tick rate.
         """
         return ticks_per_sample("sensor.rate_hz", self.rate_hz, tick_s)
-
-
-class BusConfig(Section):
-    """Zenoh: loopback and no multicast unless something else is said here."""
-
-    connect: tuple[str, ...] | None = None
-    """Endpoints of the router; ["tcp/127.0.0.1:7447"] where neither this nor a file says."""
-    listen: tuple[str, ...] | None = None
-    """Endpoints of each peer; ["tcp/127.0.0.1:0"], a free port, where nothing else is said."""
-    insecure: bool = False
-    """Whether endpoints beyond loopback may do without TLS: anyone there then drives the robot."""
-    mode: Literal["peer", "client"] = "peer"
-    """peer: services speak with each other directly; client: all through the router, which alone
-    listens. A client finds its way back after any cut: for several hosts."""
-    multicast_scouting: bool = False
-    """Whether sessions look for each other by multicast."""
-    namespace: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*$")] | None = (
-        None
-    )
-    """Prefix of all keys, put there by Zenoh; one for each robot."""
-    format: Literal["json", "msgpack"] = "json"
-    """How samples are written; both are always read."""
-    zenoh_config: Path | None = None
-    """A Zenoh configuration file (JSON5) that the settings above are laid over."""
-    keys: Folder | None = None
-    """A folder of `mecazen keys create`: all links are TLS, with certificates at both ends."""
-    ros2: bool = False
-    """Whether the services are ROS 2 nodes as well, in the protocol of rmw_zenoh."""
-    ros_domain_id: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0
-    """As ROS_DOMAIN_ID."""
-    ros_connect: tuple[str, ...] | None = None
-    """Endpoints of `rmw_zenohd`, where it runs beside the own router; left out: `connect`."""
-    ros_distro: Literal["humble", "jazzy"] = "jazzy"
-    """jazzy: that and all later ones; humble has no hashes of types, and hears no other."""
-
-    def __post_init__(self) -> None:
-        if self.ros2 and re.search(r"(^|/)[^A-Za-z_]|-", self.namespace or ""):
-            raise ValueError(
-                f"ros2: {self.namespace!r} can't be a namespace in ROS, whose names have letters, "
-                "digits and _, and begin with no digit"
-            )
-
-    @property
-    def of_ros(self) -> BusConfig:
-        """The same for a session that speaks with ROS: a client, in no namespace."""
-        endpoints = self.ros_connect or self.connect
-        return msgspec.structs.replace(self, mode="client", namespace=None, connect=endpoints)
-
-    @property
-    def router_endpoints(self) -> tuple[str, ...] | None:
-        """Endpoints of the router; None where only the Zenoh configuration file knows."""
-        if self.connect or self.zenoh_config:
-            return self.connect
-        return (SECURE_ROUTER if self.keys else ROUTER,)
-
-    def within(self, name: str) -> BusConfig:
-        """Return the bus of one of several robots: its name ends the namespace."""
-        namespace = "/".join(filter(None, (self.namespace, name)))
-        return msgspec.structs.replace(self, namespace=namespace or None)
 
 
 class RobotConfig(Section):
@@ -417,48 +353,3 @@ def wanted_view(scenario: Scenario) -> tuple[float, float]:
     if standoff is None:
         return 1.0, 0.0
     return standoff.distance, math.remainder(standoff.heading, math.tau)
-
-
-def join_key(part: str, robot: str) -> str:
-    """Return what a part of the robot `robot` is called beside those of others."""
-    return f"{robot}/{part}" if robot else part
-
-
-def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
-    """Return whose a key is, of the robots of these names, and what it is within its namespace."""
-    robot, _, rest = key.partition("/")
-    return (robot, rest) if robot in robots else ("", key)
-
-
-def seed_of(seed: int, name: str) -> int:
-    """Return the seed of the robot `name` in a run of `seed`: another for each robot."""
-    return zlib.crc32(f"{seed}/{name}".encode()) if name else seed
-
-
-def ticks_per_sample(key: str, rate_hz: float, tick_s: float) -> int:
-    """Return the ticks from one sample to the next at a rate.
-
-    Raises:
-        ConfigError: It does not divide the tick rate; the message names `key`.
-    """
-    ratio = 1.0 / (tick_s * rate_hz)
-    ticks = round(ratio)
-    if ticks < 1 or not math.isclose(ticks, ratio, rel_tol=1e-6):
-        slower, faster = (1.0 / (tick_s * max(1, math.floor(ratio) + n)) for n in (1, 0))
-        raise ConfigError(
-            f"{key} = {rate_hz:g} must divide the tick rate of {1.0 / tick_s:g} Hz, as "
-            f"{slower:.6g} and {faster:.6g} do"
-        )
-    return ticks
-
-
-def whole_ticks(key: str, seconds: float, tick_s: float) -> int:
-    """Return `seconds` in ticks.
-
-    Raises:
-        ConfigError: It is not a whole number of ticks; the message names `key`.
-    """
-    ticks = round(seconds / tick_s)
-    if abs(ticks * tick_s - seconds) > 1e-9 * max(1.0, seconds) or (seconds > 0 and ticks == 0):
-        raise ConfigError(f"{key}: {seconds:.9g} s is not a whole number of ticks of {tick_s} s")
-    return ticks

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, TypeVar, cast
 import msgspec
 import tomli_w
 
-from mecazen.config import FLEET, RESERVED, BusConfig, Scenario, features, with_guard
+from mecazen.bus_config import BusConfig
+from mecazen.config import FLEET, RESERVED, Scenario, features, with_guard
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
@@ -44,9 +45,7 @@ def scenario_path(name: str) -> Path:
 
 
 def named_file(name: str, kind: str) -> Path:
-    """Return a TOML file given by its path or by its name in `configs/<kind>s`.
-
-    That is a folder here or above, or else the one that comes with the package.
+    """Return a TOML file by its path, or its name in `configs/<kind>s` here, above or installed.
 
     Raises:
         ConfigError: There is no such file.

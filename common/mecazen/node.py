@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from mecazen.config import Scenario
-from mecazen.graph import Row, due, every, latest
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message, Time
+from mecazen.row import Row, due, every, latest
 from mecazen.schema import Section
 
 __all__ = ["Inputs", "Node", "Outputs", "Row", "Tick", "World", "due", "every", "latest"]

@@ -17,9 +17,10 @@ from typing import Any
 from mecazen import graph
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, told
-from mecazen.graph import Graph, Row
+from mecazen.graph import Graph
 from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
+from mecazen.row import Row
 from mecazen.runtime.observer import Observer
 from mecazen.schema import Section
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from mecazen.config import SensorConfig
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.graph import Row, due, every
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SCAN, TARGET_ODOM
 from mecazen.messages import Twist
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.row import Row, due, every
 from mecazen.wire import NS_PER_S
 from mecazen_follower.association import Measurement
 from mecazen_follower.config import FollowerConfig

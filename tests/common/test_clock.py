@@ -10,10 +10,10 @@ from mecazen import keys
 from mecazen.bus import StoppedError
 from mecazen.errors import BusError, NodeError, StepTimeoutError
 from mecazen.geometry import Pose2D
-from mecazen.graph import Row, every
 from mecazen.loading import from_tables, to_toml
 from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
 from mecazen.node import World
+from mecazen.row import Row, every
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000

@@ -4,9 +4,9 @@ import pytest
 from carts import Rig, x_of
 from harness import Listener
 from mecazen import keys
-from mecazen.config import seed_of
 from mecazen.errors import BusError, StepTimeoutError
 from mecazen.messages import Empty, ResetRequest
+from mecazen.robots import seed_of
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000

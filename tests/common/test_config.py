@@ -9,12 +9,14 @@ import pytest
 import tomli_w
 from harness import SCENARIOS, error_of
 from mecazen import loading
-from mecazen.config import BusConfig, Scenario, whole_ticks
+from mecazen.bus_config import BusConfig
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, scenario_path
 from mecazen.robot import Payload
 from mecazen.schema import Folder, Section
+from mecazen.ticks import whole_ticks
 
 
 class Slow(Section, tag="slow", tag_field="kind"):

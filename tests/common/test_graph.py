@@ -8,10 +8,11 @@ import pytest
 from mecazen import keys
 from mecazen.config import Scenario, SensorConfig, SimConfig, with_guard
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph, Row, every, latest
+from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph
 from mecazen.keys import CMD_VEL, ODOM
 from mecazen.loading import installed_sections
 from mecazen.programs import graph_of
+from mecazen.row import Row, every, latest
 
 GRAPH_OF_ALL = Graph(GRAPH)
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.graph import Input, due, every, latest
 from mecazen.keys import Topic
 from mecazen.messages import String
+from mecazen.row import Input, due, every, latest
 from mecazen.runtime.join import Join, make_join
 from mecazen.wire import Stamp
 

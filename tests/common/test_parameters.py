@@ -11,9 +11,9 @@ from mecazen import messages as m
 from mecazen.changes import Change
 from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.errors import BusError, ConfigError
-from mecazen.graph import Row, every
 from mecazen.node import Node
 from mecazen.parameters import changed, described, parameters, refuse_unknown, to_text
+from mecazen.row import Row, every
 from mecazen.runtime.changing import Changing
 from mecazen.schema import AngleDeg, Live, Positive, Section
 

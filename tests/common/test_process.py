@@ -17,7 +17,7 @@ from mecazen.messages import Empty
 from mecazen.wire import Stamp
 
 TOYS = """
-from mecazen.graph import Row, every, latest
+from mecazen.row import Row, every, latest
 from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, TARGET_CMD_VEL
 from mecazen.messages import JointState, Odometry, Twist
 from mecazen.node import Node, World

@@ -10,15 +10,16 @@ from harness import SCENARIOS, error_of
 from mecazen import keys, programs
 from mecazen.config import RobotConfig, Scenario, SimConfig
 from mecazen.errors import ConfigError
-from mecazen.graph import TABLE, due, every, latest
+from mecazen.graph import TABLE
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import String
 from mecazen.node import Node, Row
 from mecazen.programs import classes, find, graph_of, installed_nodes
+from mecazen.row import due, every, latest
 
 NODE = """
-from mecazen.graph import Row, every, latest
+from mecazen.row import Row, every, latest
 from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, ODOM, TARGET_CMD_VEL
 from mecazen.node import Node, World
 from mecazen.schema import Positive, Section

@@ -7,10 +7,11 @@ import pytest
 import tomli_w
 from harness import ROBOTS, error_of
 from mecazen import loading
-from mecazen.config import BusConfig, seed_of, split_key
+from mecazen.bus_config import BusConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
 from mecazen.loading import effective, load_scenario, robots_in, to_toml
+from mecazen.robots import seed_of, split_key
 from mecazen.runtime.host import part_of
 from mecazen.schema import Section
 

@@ -10,8 +10,8 @@ from mecazen import messages as m
 from mecazen.config import SimConfig
 from mecazen.errors import BusError, NodeError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.graph import Row, due, every, latest
 from mecazen.node import Node
+from mecazen.row import Row, due, every, latest
 from mecazen.wire import RefusedError, Stamp
 
 INPUTS = (every(keys.ODOM), due(keys.OBSERVATION), latest(keys.TARGET_CMD_VEL))

@@ -14,7 +14,7 @@ from distributed import LocalCluster
 STANDING = """
 import os, signal
 from pathlib import Path
-from mecazen.graph import Row, every
+from mecazen.row import Row, every
 from mecazen.keys import CMD_VEL, ODOM
 from mecazen.messages import Twist
 from mecazen.node import Node

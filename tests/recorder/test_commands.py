@@ -8,9 +8,9 @@ import msgspec
 import pytest
 from harness import Command, Newest, assert_one_line, mecazen
 from mecazen import keys
-from mecazen.config import join_key
 from mecazen.description import RobotDescription, ask_description, serve_description
 from mecazen.messages import Odometry, String, Twist
+from mecazen.robots import join_key
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import BusConfig
+from mecazen.bus_config import BusConfig
 from mecazen.wire import Stamp, encode
 from mecazen_recorder import recorder as module
 from mecazen_recorder import writer

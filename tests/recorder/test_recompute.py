@@ -28,7 +28,7 @@ FRAME_TICKS = 4
 
 PROGRAM = """
 from mecazen.geometry import Twist2D
-from mecazen.graph import Row, due, every
+from mecazen.row import Row, due, every
 from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
 from mecazen.messages import Twist
 from mecazen.node import Node, World

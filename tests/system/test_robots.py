@@ -6,9 +6,9 @@ import math
 import pytest
 from harness import SCENARIOS, Newest, mecazen, tools
 from mecazen import keys
-from mecazen.config import join_key
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, ResetRequest
+from mecazen.robots import join_key
 from mecazen_tools.cli.status import _Listener
 from mecazen_tools.simulate import simulate, simulate_distributed
 

@@ -19,7 +19,7 @@ import logging, signal, sys
 from pathlib import Path
 
 from mecazen.errors import BusError
-from mecazen.graph import Row
+from mecazen.row import Row
 from mecazen.node import Node
 
 

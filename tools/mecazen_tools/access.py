@@ -9,13 +9,14 @@ from typing import Any
 from mecazen import keys
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
-from mecazen.graph import GRAPH, Row, services
+from mecazen.graph import GRAPH, services
 from mecazen.messages import Message
 from mecazen.ros.parameters import PARAMETER_SERVICES, ParameterService
 from mecazen.ros.protocol import ADMIN, any_key
 from mecazen.ros.services import SERVICES, Service
 from mecazen.ros.types import dds_type
 from mecazen.ros.view import DESCRIBED, Place, entries, name_of, views
+from mecazen.row import Row
 
 HEADER = """\
 // Mutual TLS, and who may publish what. For `bus.zenoh_config`, together with `bus.keys`, a folder

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 from xml.sax.saxutils import escape
 
-from mecazen.graph import Graph, Row
+from mecazen.graph import Graph
 from mecazen.keys import DIAGNOSTICS, Topic
+from mecazen.row import Row
 
 Cells = tuple[str, str, str, str, str]
 

@@ -14,12 +14,13 @@ from pathlib import Path
 import msgspec
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario, join_key, wanted_view
+from mecazen.config import Scenario, wanted_view
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
 from mecazen.programs import graph_of
+from mecazen.robots import join_key
 from mecazen.runtime.clock import TimeOwner
 from mecazen.runtime.host import make_service
 from mecazen.runtime.readiness import announce_readiness, declare_alive

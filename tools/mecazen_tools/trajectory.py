@@ -13,10 +13,10 @@ from typing import Any, cast
 import msgspec
 from mecazen import keys
 from mecazen.bus import Bus
-from mecazen.config import join_key
 from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
+from mecazen.robots import join_key
 from mecazen.wire import Stamp
 
 POSE = ("x_m", "y_m", "yaw_rad")

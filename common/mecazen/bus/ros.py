@@ -24,8 +24,9 @@ from mecazen.bus.receiving import direct
 from mecazen.bus.ros_queries import Respond, attached, attachment_of, by_parameters, by_query, serve
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import BusConfig, Scenario
-from mecazen.graph import SHARED, Graph, Row
+from mecazen.bus_config import BusConfig
+from mecazen.config import Scenario
+from mecazen.graph import SHARED, Graph
 from mecazen.keys import Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Empty, Message, String
@@ -45,6 +46,7 @@ from mecazen.ros.protocol import (
 from mecazen.ros.services import SERVICES, Service
 from mecazen.ros.types import dds_type, service_hash, type_hash
 from mecazen.ros.view import DESCRIBED, Entry, Place, entries, name_of, ros_name, views
+from mecazen.row import Row
 from mecazen.wire import RefusedError, Stamp
 
 logger = logging.getLogger(__name__)

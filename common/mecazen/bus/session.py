@@ -13,9 +13,10 @@ from typing import Any, Literal
 import zenoh
 
 from mecazen.bus.endpoints import is_open
-from mecazen.config import BusConfig, join_key
+from mecazen.bus_config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Topic
+from mecazen.robots import join_key
 from mecazen.ros.protocol import any_key
 from mecazen.ros.types import dds_type
 from mecazen.ros.view import entries

@@ -10,12 +10,12 @@ import msgspec
 
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.graph import Row
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.ros import interfaces as i
 from mecazen.ros.description import MovingFrames
 from mecazen.ros.protocol import SENSOR_DATA, Qos
+from mecazen.row import Row
 
 WORLD = "world"
 """The frame of the truth, which all robots share."""

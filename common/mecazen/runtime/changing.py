@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mecazen.config import Scenario, whole_ticks
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import SHARED
 from mecazen.node import Node
 from mecazen.parameters import changed, flat, refuse_unknown
 from mecazen.programs import classes
+from mecazen.ticks import whole_ticks
 
 Settings = dict[str, str]
 """Values in TOML by their keys, the last change last."""

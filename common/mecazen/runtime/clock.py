@@ -11,7 +11,7 @@ from functools import partial
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
-from mecazen.config import Scenario, join_key
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError, NodeError, StepTimeoutError
 from mecazen.graph import OBSERVERS, Graph
 from mecazen.loading import to_toml
@@ -31,6 +31,7 @@ from mecazen.messages import (
 from mecazen.node import Tick, World
 from mecazen.parameters import described, parameters, refuse_unknown, settings_of, to_message
 from mecazen.programs import classes
+from mecazen.robots import join_key
 from mecazen.runtime.changing import Changing, refuse_unsuitable
 from mecazen.runtime.link import Answer, Link
 from mecazen.runtime.own import check_outputs, guarded

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from mecazen.graph import Input
 from mecazen.keys import Topic
 from mecazen.messages import Message
+from mecazen.row import Input
 from mecazen.wire import Stamp
 
 AHEAD_AT_MOST = 10_000

@@ -6,11 +6,12 @@ from functools import partial
 from typing import Any
 
 from mecazen.bus import Reply
-from mecazen.config import join_key, seed_of
-from mecazen.graph import Graph, Row
+from mecazen.graph import Graph
 from mecazen.keys import CLOCK, Call, Topic
 from mecazen.messages import Clock, Message
 from mecazen.node import Inputs, Outputs, World
+from mecazen.robots import join_key, seed_of
+from mecazen.row import Row
 from mecazen.runtime.participant import Participant
 from mecazen.wire import NS_PER_S, RefusedError, Stamp
 

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
 from mecazen.errors import MecazenError, NodeError, told
-from mecazen.graph import Row
 from mecazen.keys import Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.node import Computing
+from mecazen.row import Row
 from mecazen.wire import RefusedError
 
 ComputingT = TypeVar("ComputingT", bound=Computing)

@@ -9,9 +9,10 @@ from typing import Any, TypeVar
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.bus.base import Handler
-from mecazen.config import Scenario, join_key
+from mecazen.config import Scenario
 from mecazen.keys import Topic
 from mecazen.messages import DiagnosticArray, DiagnosticStatus, Header, KeyValue, Message
+from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S, Stamp
 
 MessageT = TypeVar("MessageT", bound=Message)

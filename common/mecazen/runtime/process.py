@@ -14,10 +14,12 @@ from mecazen import log
 from mecazen.bus.base import StoppedError
 from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import BusConfig, Process, Scenario, join_key
+from mecazen.bus_config import BusConfig
+from mecazen.config import Process, Scenario
 from mecazen.errors import BusError
 from mecazen.graph import SHARED
 from mecazen.programs import classes, graph_of
+from mecazen.robots import join_key
 from mecazen.runtime.clock import TimeOwner
 from mecazen.runtime.host import make_service, part_of
 from mecazen.runtime.observer import Observer

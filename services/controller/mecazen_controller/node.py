@@ -12,7 +12,7 @@ from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
-from mecazen.graph import TABLE, Row, every
+from mecazen.graph import TABLE
 from mecazen.keys import (
     CMD_VEL,
     GROUND_TRUTH,
@@ -24,6 +24,7 @@ from mecazen.keys import (
 )
 from mecazen.limiter import LimiterState, limit_twist
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.row import Row, every
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_controller.config import ControllerConfig

@@ -7,15 +7,17 @@ from dataclasses import replace as replace_row
 from itertools import repeat
 
 from mecazen import messages as m
-from mecazen.config import Scenario, SensorConfig, ticks_per_sample
+from mecazen.config import Scenario, SensorConfig
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.graph import TABLE, Row
+from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
+from mecazen.row import Row
+from mecazen.ticks import ticks_per_sample
 from mecazen.wire import NS_PER_S
 from msgspec.structs import replace
 

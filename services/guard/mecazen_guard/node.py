@@ -9,10 +9,11 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.drive import Drive, DriveConfig
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.graph import TABLE, Row
+from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
+from mecazen.row import Row
 
 from mecazen_guard.guard import Guard, Verdict
 from mecazen_guard.surroundings import Surroundings

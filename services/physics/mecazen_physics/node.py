@@ -8,7 +8,7 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from mecazen.config import Scenario, join_key
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
@@ -41,6 +41,7 @@ from mecazen.messages import (
 )
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.robots import join_key
 from mecazen.skeleton import JOINTS
 from mecazen.world import Box
 

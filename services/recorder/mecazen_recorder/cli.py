@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
-from mecazen.config import join_key
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import one_line
+from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from rich.console import Console

@@ -6,9 +6,9 @@ import statistics
 from itertools import pairwise
 
 import msgspec
-from mecazen.config import split_key
 from mecazen.keys import PARAMETERS
 from mecazen.messages import Parameter, Parameters
+from mecazen.robots import split_key
 from mecazen.wire import NS_PER_S
 
 from mecazen_recorder.reader import Recording

@@ -15,7 +15,7 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
-from mecazen.config import Scenario, split_key
+from mecazen.config import Scenario
 from mecazen.description import RobotDescription
 from mecazen.errors import ConfigError
 from mecazen.explain import one_line
@@ -23,6 +23,7 @@ from mecazen.graph import SERVICES
 from mecazen.keys import TOPICS, MessageT
 from mecazen.loading import from_tables, installed_sections, robots_in
 from mecazen.messages import Message
+from mecazen.robots import split_key
 from mecazen.ros import cdr
 from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import msgspec
 from mecazen.bus import LocalBus
-from mecazen.config import split_key
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, TABLE
 from mecazen.keys import PARAMETERS, TOPICS
 from mecazen.messages import Message
 from mecazen.node import Node
 from mecazen.programs import classes
+from mecazen.robots import split_key
 from mecazen.runtime.host import make_nodes
 from mecazen.runtime.service import Service
 from mecazen.wire import NS_PER_S, Stamp, encode

@@ -16,12 +16,12 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
-from mecazen.config import join_key, split_key
 from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, topic_of
 from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
+from mecazen.robots import join_key, split_key
 from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 

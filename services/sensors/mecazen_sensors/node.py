@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from mecazen import messages as m
-from mecazen.config import Scenario, whole_ticks
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.graph import TABLE
@@ -19,6 +19,7 @@ from mecazen.keys import (
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.skeleton import JOINTS
+from mecazen.ticks import whole_ticks
 
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar

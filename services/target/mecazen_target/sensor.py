@@ -7,9 +7,10 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.config import SensorConfig, whole_ticks
+from mecazen.config import SensorConfig
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, wrap
+from mecazen.ticks import whole_ticks
 
 from mecazen_target.faults import Faults, in_ticks
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 
 import rerun as rr
-from mecazen.config import join_key
 from mecazen.messages import DiagnosticArray, DiagnosticStatus, GuardState
+from mecazen.robots import join_key
 from mecazen.text import printable
 
 from mecazen_viewer import entities as e

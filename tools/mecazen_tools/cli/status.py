@@ -13,10 +13,10 @@ import msgspec
 import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import join_key
 from mecazen.errors import BusError
 from mecazen.graph import SHARED
 from mecazen.messages import DiagnosticArray, Empty, SimState
+from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import RefusedError, decode
 from rich.console import Console, Group

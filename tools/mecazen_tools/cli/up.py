@@ -16,12 +16,15 @@ from typing import Annotated, Literal
 import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import ROUTER, SECURE_ROUTER, Process, Scenario, join_key
+from mecazen.bus_config import ROUTER, SECURE_ROUTER
+from mecazen.config import Process, Scenario
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, OBSERVERS, Row, services
+from mecazen.graph import GRAPH, OBSERVERS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
 from mecazen.programs import classes, installed_nodes
+from mecazen.robots import join_key
+from mecazen.row import Row
 from mecazen.wire import NS_PER_S, Stamp
 from rich.console import Console
 from rich.live import Live
