@@ -50,11 +50,10 @@ def named_file(name: str, kind: str) -> Path:
     Raises:
         ConfigError: There is no such file.
     """
-    path = Path(name)
-    if path.is_file():
+    if (path := Path(name)).is_file():
         return path
-    here = Path.cwd()
-    folders = [above / "configs" / f"{kind}s" for above in (here, *here.parents, OWN)]
+    above = (Path.cwd(), *Path.cwd().parents, OWN)
+    folders = (folder / "configs" / f"{kind}s" for folder in above)
     folder = next(filter(Path.is_dir, folders))
     if (folder / f"{name}.toml").is_file():
         return folder / f"{name}.toml"
