@@ -142,7 +142,6 @@ WRONG = [
         ("--jobs", "--scheduler"),
     ),
     (("figures", "--out", "short.toml"), ("--out short.toml",)),
-    (("table2",), ("table2",)),
 ]
 
 
