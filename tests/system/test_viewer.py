@@ -115,7 +115,8 @@ def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]
 
 def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, attach):
     shown = Shown(stack, "side", "sim.speed=3")
-    shown.until(5.0)
+    # counted from when the viewer is there, and enough to reach beyond the legends of small plots
+    shown.until(shown.time_s + 12.0)
     shown.slow_down()
     attach.open(shown.uri)
     whole = until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
