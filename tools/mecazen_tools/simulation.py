@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from importlib.metadata import entry_points
 from os import PathLike, fspath
 from pathlib import Path
 from types import TracebackType
@@ -207,16 +206,6 @@ class Simulation:
         """Return the published measures of following so far, of the first robot or a named one."""
         name = self.scenario.names[0] if robot is None else robot
         return self.trajectory.scores(*wanted_view(self.scenario.of(name)), name)
-
-    def view(self) -> object:
-        """Show it in a notebook from now on, as the viewer does; call it before the first step.
-
-        Raises:
-            ConfigError: The viewer is not installed here, or not for notebooks.
-        """
-        for entry in entry_points(group="mecazen.notebook"):
-            return entry.load()(self._run.bus, self.scenario)
-        raise ConfigError("view needs the viewer: pip install 'mecazen-viewer[notebook]'")
 
     def close(self) -> None:
         """End the services' work; a recording is whole then."""
