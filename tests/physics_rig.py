@@ -22,7 +22,8 @@ STEPS = 10  # of 1 ms in a control period
 
 
 def world_of(robots: Sequence[tuple[Robot, Pose2D]], **settings: Any) -> World:
-    """A world with settings of `[physics]` and of `[world]`."""
+    """A world with settings of `[physics]` and of `[world]`; a step is 1 ms if not said."""
+    settings.setdefault("dt_s", 0.001)
     outside = {name: settings.pop(name) for name in WorldConfig.__struct_fields__ & settings.keys()}
     return World(robots, PhysicsConfig(**settings), WorldConfig(**outside))
 

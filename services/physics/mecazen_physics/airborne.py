@@ -82,14 +82,15 @@ class AirborneRollers:
     def advance(self, steps: int, rates: list[float]) -> None:
         """Simulate `steps` steps, in the first of which the wheels reach `rates`."""
         self._rates = rates
-        np.dot(self._axes, rates, out=self._all[3])
-        self.state[:] = np.dot(_transition(self._kept, self._dt, steps), self._all, out=self._next)
+        self._axes.dot(rates, self._all[3])
+        self.state[:] = _transition(self._kept, self._dt, steps).dot(self._all, self._next)
 
     def torques(self, steps: int) -> list[tuple[float, float, float]]:
         """Return the mean torques on the wheels in `steps` steps, in their frames [N·m]."""
         _, _, after = _sums(self._kept, steps)
         mean = after / steps
-        loads = (self._loads @ self._spins).tolist()
+        # @ takes three times as long as dot, 1 % of a tick
+        loads = self._loads.dot(self._spins).tolist()
         rates = self._rates
         torques = []
         for i in range(0, 3 * _WHEELS, 3):

@@ -21,6 +21,11 @@ from mecazen_physics.rollers import Roller
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
+DEPTH_M = 1e-5
+"""So deep do wheels stand in DART's ground [m], which is as much above z = 0.
+
+Hulls are up to 3 µm out of round: no contact of a wheel that stands is missed."""
+
 _AXLE_JOINT = "front_axle_joint"
 _AXLE_STOP_RAD = 0.1
 _NO_MASS = 1e-9
@@ -83,7 +88,7 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
     """
     skeleton = dart.dynamics.Skeleton("surroundings")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
-    plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0)
+    plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], DEPTH_M)
     # Where there are patches the rollers have the coefficient of what is below them.
     _collide(ground, plane, max(_ground_frictions(robot, world)))
     for obstacle in reachable(robot, world):

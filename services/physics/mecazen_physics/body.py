@@ -18,7 +18,7 @@ from mecazen_physics.contacts import ContactCandidates
 from mecazen_physics.dart_world import DartWorld, RobotBodies
 from mecazen_physics.model import full_tree
 from mecazen_physics.ridges import RidgeContacts
-from mecazen_physics.state import ROOT_DOFS, Motion
+from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
 
 Drive = Literal["speed", "servo", "torque"]
 """What the wheels' motors hold: a speed, whatever it takes; a speed within their torque; a torque.
@@ -33,6 +33,11 @@ _ACTUATORS = {
 }
 
 
+LIFT_M_S = 0.02
+"""A wheel that rises faster leaves the ground."""
+DEEPEST_M = 1e-3
+"""A wheel that is deeper was not set onto the ground by its own weight."""
+
 ALIGNED_RAD = math.radians(2.0)
 """So far DART's axes may be from those of the rollers: friction is 1/cos 2° = 1.0006 of its own."""
 
@@ -44,20 +49,26 @@ class RobotBody(ABC):
         world: Where the robot is at first.
         skeleton: The robot's.
         joints: Of its wheels and of those of its rollers that are bodies.
+        robot: What it is a body of.
         dt: The length of a step [s].
 
     Raises:
         UnsupportedError: if dartpy does not simulate the rollers' shape.
     """
 
-    def __init__(self, world: DartWorld, skeleton: Any, joints: Sequence[Any], dt: float) -> None:
+    def __init__(
+        self, world: DartWorld, skeleton: Any, joints: Sequence[Any], robot: Robot, dt: float
+    ) -> None:
         self.world, self.skeleton = world, skeleton
+        self._half_wheelbase, self._half_track = robot.half_wheelbase, robot.half_track
         self.wheels = joints[: len(WHEELS)]
         """The joints that motors drive."""
         self._dt = dt
         children = [joint.getChildBodyNode() for joint in joints]
         self._hubs, rollers = children[: len(WHEELS)], children[len(WHEELS) :]
         self._bodies = RobotBodies(skeleton, self._hubs, rollers)
+        self._torques = [0.0] * len(WHEELS)
+        """Of the motors in the last step, where they hold speeds [N·m]."""
         self.drive: Drive = "torque"
         """What the wheels' motors hold now."""
         world.add(self._bodies)
@@ -97,6 +108,47 @@ class RobotBody(ABC):
         root = self.skeleton.getRootJoint()
         root.setPositions(motion.position[:ROOT_DOFS])
         root.setVelocities(motion.velocity[:ROOT_DOFS])
+
+    def after_step(self, limit: float, *, stands: bool) -> bool:
+        """Look at a step, and put the robot onto the ground.
+
+        Args:
+            limit: Of a motor's torque [N·m].
+            stands: Whether it may stand on the plane.
+
+        Returns:
+            Whether no motor that holds a speed exceeded its torque.
+        """
+        if limit < math.inf:
+            self._torques = [float(hub.getBodyForce()[1]) for hub in self._hubs]
+            if max(self._torques) > limit or min(self._torques) < -limit:
+                return False
+        if stands:
+            self._stand()
+        return True
+
+    def _stand(self) -> None:
+        """Put the robot onto the plane again that its wheels stand on.
+
+        Wheels are round, so on a plane the four of them leave nothing open: height, two tilts, and
+        the front axle's angle. DART keeps them up by velocities alone. A wheel whose roller leaves
+        the ground within a step falls freely for as long, g·dt² deep, is pushed out by the next
+        roller, and loses grip and energy each time. So positions are projected onto the plane
+        (E. Eich, "Convergence results for a coordinate projection method", 1993), velocities are
+        not touched. Where a wheel rises faster than `LIFT_M_S`, or is deeper than `DEEPEST_M`,
+        nothing is done.
+        """
+        position = self.skeleton.getPositions()
+        rx, ry, rz, _, _, z, axle = position[:BASE_DOFS].tolist()
+        qx, qy, qz, qw = quaternion(rx, ry, rz)
+        ahead = 2.0 * self._half_wheelbase * (qx * qz - qw * qy)
+        aside = 2.0 * self._half_track * (qy * qz + qw * qx)
+        rear, front = abs(aside), abs(aside + self._half_track * axle)
+        if max(z + ahead + front, z - ahead + rear) > LIFT_M_S * self._dt:
+            return
+        if min(z + ahead - front, z - ahead - rear) > -DEEPEST_M:
+            position[0] = position[1] = position[5] = position[6] = 0.0
+            self.skeleton.setPositions(position)
 
     @abstractmethod
     def take_back(self) -> None:
@@ -145,21 +197,11 @@ class RobotBody(ABC):
     def torques(self) -> list[float]:
         """Return what the wheels' motors gave in the last step [N·m]."""
         if self.drive == "speed":
-            return [float(hub.getBodyForce()[1]) for hub in self._hubs]
+            return self._torques
         if self.drive == "servo":
             # DART's servo is a velocity constraint; its torque is that constraint's impulse.
             return [wheel.getConstraintImpulse(0) / self._dt for wheel in self.wheels]
         return [wheel.getCommand(0) for wheel in self.wheels]
-
-    def exceeds(self, torque: float) -> bool:
-        """Return whether a motor that holds a speed gave more than `torque` [N·m].
-
-        It is asked after every step: a list of all torques takes a third longer.
-        """
-        for hub in self._hubs:  # noqa: SIM110 - a generator takes as long as the list
-            if abs(hub.getBodyForce()[1]) > torque:
-                return True
-        return False
 
 
 class AllRollersBody(RobotBody):
@@ -174,7 +216,7 @@ class AllRollersBody(RobotBody):
         dart_world: DartWorld,
     ) -> None:
         skeleton, joints = bodies.build_robot(full_tree(robot), robot, start, world)
-        super().__init__(dart_world, skeleton, joints, physics.dt_s)
+        super().__init__(dart_world, skeleton, joints, robot, physics.dt_s)
         self._candidates = ContactCandidates(robot, self._bodies.rollers)
         self.joint_names = tuple(joint.getName() for joint in joints)
         """In the order of `Motion`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import msgspec
 from mecazen.geometry import Pose2D
@@ -27,13 +28,23 @@ from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.state import RobotState, check_converged
 
-Overload = Callable[[], bool]
-"""Tells after a step whether a motor has exceeded its torque in it."""
+Check = Callable[[], bool]
+"""To be called after a step; tells whether all motors were within their torque in it."""
 
 NEARBY_M = 1.0
 """Obstacles nearby are looked for anew after this way: of a map there may be hundreds."""
 HYSTERESIS = 1.5
 """A robot is isolated again at so many times the distance at which it ceases to be."""
+
+
+class Prepared(NamedTuple):
+    """What a robot needs for its next steps."""
+
+    steps: int
+    """How many can be simulated before the next one is prepared."""
+    pushes: list[Push]
+    """To be called before each."""
+    check: Check
 
 
 class DartRobot:
@@ -128,26 +139,28 @@ class DartRobot:
 
     def update_contact_candidates(self) -> None:
         """Find what may touch the robot soon, and take the body that suits it."""
-        footprint = self.footprint()
-        # With hysteresis the robot does not switch back and forth at the border.
-        margin = 1.0 if self.isolated else HYSTERESIS
-        self.close_people = {
-            number: person
-            for number, person in self._people.items()
-            if footprint.may_touch(person.footprint(self._person_radius), margin)
-        }
-        if self.close_people:
-            self._add_rims()
         lean = self._state.tilt if self._upright else HYSTERESIS * self._state.tilt
         self._upright = lean < MAX_TILT_RAD
-        near_ridge = any(footprint.may_touch(ridge, margin) for ridge in self._ridges)
-        self.isolated = (
-            self._upright
-            and self._shared_world is None
-            and not self.close_people
-            and not near_ridge
-            and not any(footprint.may_touch(solid, margin) for solid in self._nearby(footprint))
-        )
+        near_ridge, alone = False, self._shared_world is None
+        if self._people or self._solids or self._ridges:
+            footprint = self.footprint()
+            # With hysteresis the robot does not switch back and forth at the border.
+            margin = 1.0 if self.isolated else HYSTERESIS
+            self.close_people = {
+                number: person
+                for number, person in self._people.items()
+                if footprint.may_touch(person.footprint(self._person_radius), margin)
+            }
+            if self.close_people:
+                self._add_rims()
+            near_ridge = any(footprint.may_touch(ridge, margin) for ridge in self._ridges)
+            solids = self._nearby(footprint)
+            alone = alone and not (
+                self.close_people
+                or near_ridge
+                or any(footprint.may_touch(solid, margin) for solid in solids)
+            )
+        self.isolated = self._upright and alone
         before = self.body.world
         body = self._all if near_ridge or not self._upright else self._upright_body
         home = self._alone if self.isolated else self._shared_world or self._among_others
@@ -191,19 +204,15 @@ class DartRobot:
         patches = [patch for patch in self._world.patches if patch.covers(at.x, at.y)]
         return bodies.ground_friction(self._robot, patches[-1] if patches else self._world)
 
-    def prepare(self, command: WheelCommand, steps: int) -> tuple[int, list[Push]]:
-        """Give the motors a command.
-
-        Returns:
-            How many of `steps` steps can be simulated before the next call, and what is to be
-            called before each of them.
-        """
+    def prepare(self, command: WheelCommand, steps: int) -> Prepared:
+        """Give the motors a command for at most `steps` steps."""
         steps = min(steps, self._horizon)
         touches = not self.isolated and self.body.world.touches_more_than_the_ground()
         strict = touches or not self._upright
         speeds, push = self._motors.apply(command, self.body, self._state, steps, strict=strict)
-        upright = self._upright and self._ridges_in is None
-        return self.body.prepare(speeds, steps, upright=upright), self._pushes(push)
+        stands = self._upright and self._ridges_in is None
+        steps = self.body.prepare(speeds, steps, upright=stands)
+        return Prepared(steps, self._pushes(push), self._check(stands=stands))
 
     def _pushes(self, push: Push | None) -> list[Push]:
         pushes = [] if push is None else [push]
@@ -211,24 +220,18 @@ class DartRobot:
             pushes.append(partial(self._all.ridges.lay, self._ridges_in))
         return pushes
 
-    def take_back(self, command: WheelCommand, steps: int) -> list[Push]:
-        """Go back by `steps` steps to the last call of `prepare`, to simulate them strictly.
+    def _check(self, *, stands: bool) -> Check:
+        limit = self._max_torque if self.body.drive == "speed" else math.inf
+        return partial(self.body.after_step, limit, stands=stands)
 
-        Returns:
-            What is to be called before each of them.
-        """
+    def take_back(self, command: WheelCommand, steps: int) -> Prepared:
+        """Go back by `steps` steps to the last call of `prepare`, to simulate them strictly."""
         self.body.take_back()
         for number, person in self._people.items():
             self.body.world.place_person(number, person)
         push = self._motors.apply(command, self.body, self._state, steps, strict=True)[1]
-        return self._pushes(push)
-
-    @property
-    def overload(self) -> Overload | None:
-        """What is to be asked after each step; None where no motor can exceed its torque."""
-        if self.body.drive != "speed":
-            return None
-        return partial(self.body.exceeds, self._max_torque)
+        stands = self._upright and self._ridges_in is None
+        return Prepared(steps, self._pushes(push), self._check(stands=stands))
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated.

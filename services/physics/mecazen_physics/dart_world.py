@@ -225,7 +225,8 @@ class DartWorld:
         group.collide(self.simulation.getConstraintSolver().getCollisionOption(), result)
         root.setPositions(placed)
         depths = [contact.penetrationDepth for contact in result.getContacts()]
-        wrong = [depth for depth in depths if abs(depth - _PROBE_DEPTH) > 0.1 * _PROBE_DEPTH]
+        expected = _PROBE_DEPTH + bodies.DEPTH_M
+        wrong = [depth for depth in depths if abs(depth - expected) > 0.1 * expected]
         if wrong or len(depths) != len(WHEELS):
             raise UnsupportedError(
                 f"dartpy's {type(detector).__name__} does not simulate the rollers' shape: four "

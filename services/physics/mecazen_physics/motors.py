@@ -74,10 +74,7 @@ class Motors:
             return ranges, partial(self._push, body.wheels, command.values)
         limit = self._max_speed
         target = [min(max(speed, -limit), limit) for speed in command.values]
-        ranges = [
-            (now, goal) if now < goal else (goal, now)
-            for now, goal in zip(speeds, target, strict=True)
-        ]
+        ranges = [(min(pair), max(pair)) for pair in zip(speeds, target, strict=True)]
         if self._pids:
             body.use("torque")
             return ranges, partial(self._control, body.wheels, target)
@@ -94,13 +91,12 @@ class Motors:
         """Return in how many steps the wheels reach `target` [rad/s] within the headroom."""
         if state.time == 0.0:
             return math.inf  # the first torque is not known yet
-        torque = max(map(abs, state.joint_effort[: len(WHEELS)]))
-        left = TORQUE_HEADROOM * self._max_torque - torque
+        efforts, speeds = state.joint_effort[: len(WHEELS)], state.joint_velocity
+        left = TORQUE_HEADROOM * self._max_torque - max(max(efforts), -min(efforts))
         if left <= 0.0:
             return math.inf
-        speeds = state.joint_velocity
-        change = max(abs(goal - speed) for goal, speed in zip(target, speeds, strict=False))
-        return self._torque_per_change * change / left
+        changes = [goal - speed for goal, speed in zip(target, speeds, strict=False)]
+        return self._torque_per_change * max(max(changes), -min(changes)) / left
 
     def _control(self, wheels: Sequence[Any], target: Sequence[float]) -> None:
         """Set the torques that bring the wheels to the speeds `target` [rad/s]."""

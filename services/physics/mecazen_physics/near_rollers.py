@@ -26,12 +26,14 @@ from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.model import near_tree
-from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion
+from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion, unrotate
 
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
 PULL_RAD_S2 = 200.0
 """Acceleration of a wheel by weight and grip beside its motor: 1 g at R = 50 mm."""
+SMALL_NM = 1e-6
+"""Changes of an airborne roller's torque on its wheel that are neglected."""
 SLACK_RAD = 0.02
 """How far beyond its range a wheel may be expected before it is brought back: one that rests
 on the border is not brought back and forth."""
@@ -58,7 +60,7 @@ class NearRollersBody(RobotBody):
         dart_world: DartWorld,
     ) -> None:
         skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, world)
-        super().__init__(dart_world, skeleton, joints, physics.dt_s)
+        super().__init__(dart_world, skeleton, joints, robot, physics.dt_s)
         count = robot.rollers.count
         self._pitch = math.tau / count
         # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
@@ -69,13 +71,16 @@ class NearRollersBody(RobotBody):
                 f"physics.dt_s = {physics.dt_s} or wheels.max_speed_rad_s = "
                 f"{robot.wheels.max_speed_rad_s} smaller: a wheel must not pass a roller in a step"
             )
-        self._base = self.skeleton.getBodyNode(0)
         self.airborne = AirborneRollers(robot, physics.dt_s)
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
         """Indices that do as `np.roll` does, which takes ten times as long."""
-        self._order = np.arange(_WHEELS * count).reshape(_WHEELS, count)
+        self._columns = np.arange(_WHEELS * count)
         """The column of `AirborneRollers.state` of each roller."""
+        self._order = self._columns.reshape(_WHEELS, count)
+        """A view of them, by wheel."""
         self._pitches = [0] * _WHEELS
+        self._pushed = [(0.0, 0.0, 0.0)] * _WHEELS
+        """The airborne rollers' torques on the wheels, as DART knows them [N·m]."""
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
 
@@ -84,14 +89,14 @@ class NearRollersBody(RobotBody):
         del upright
         pull = PULL_RAD_S2 * self._dt * steps
         ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
-        widest = SPEED_MARGIN * self._dt * max(high - low for low, high in ahead)
+        ahead_s = SPEED_MARGIN * self._dt
+        widest = ahead_s * max([high - low for low, high in ahead])
         if steps * widest > self._travel:
             steps = max(1, int(self._travel / widest))
         moved = False
-        half_way = 0.5 * SPEED_MARGIN * self._dt * steps
-        angles = self._position[BASE_DOFS:_FIRST_ROLLER]
-        for wheel, ((low, high), angle) in enumerate(zip(ahead, angles, strict=True)):
-            middle = angle + half_way * (low + high)
+        half_way = 0.5 * ahead_s * steps
+        for wheel, (low, high) in enumerate(ahead):
+            middle = self._position[BASE_DOFS + wheel] + half_way * (low + high)
             if not -SLACK_RAD <= middle <= self._pitch + SLACK_RAD:
                 pitches = math.floor(middle / self._pitch)
                 self._turn_back(wheel, pitches)
@@ -100,8 +105,11 @@ class NearRollersBody(RobotBody):
                 moved = True
         if moved:
             self._write_bodies()
-        for hub, torque in zip(self._hubs, self.airborne.torques(steps), strict=True):
-            hub.setExtTorque(torque, True)
+        for wheel, torque in enumerate(self.airborne.torques(steps)):
+            # DART keeps them; most of the time they are hardly another
+            if math.dist(torque, self._pushed[wheel]) > SMALL_NM:
+                self._pushed[wheel] = torque
+                self._hubs[wheel].setExtTorque(torque, True)
         return steps
 
     def settle(self, steps: int) -> None:
@@ -124,7 +132,7 @@ class NearRollersBody(RobotBody):
 
     def read(self) -> Motion:
         """See `RobotBody`."""
-        angles, spins = self.airborne.state[:2, self._order.ravel()].tolist()
+        angles, spins = self.airborne.state[:2].take(self._columns, axis=1).tolist()
         position = self._position[:_FIRST_ROLLER] + angles
         for wheel, pitches in enumerate(self._pitches):
             position[BASE_DOFS + wheel] += pitches * self._pitch
@@ -138,8 +146,8 @@ class NearRollersBody(RobotBody):
         self._pitches = [0] * _WHEELS
         for wheel, angle in enumerate(motion.position[BASE_DOFS:_FIRST_ROLLER]):
             self._turn_back(wheel, math.floor(angle / self._pitch))
-        self.airborne.state[0, self._order.ravel()] = motion.position[_FIRST_ROLLER:]
-        self.airborne.state[1, self._order.ravel()] = motion.velocity[_FIRST_ROLLER:]
+        self.airborne.state[0, self._columns] = motion.position[_FIRST_ROLLER:]
+        self.airborne.state[1, self._columns] = motion.velocity[_FIRST_ROLLER:]
         self._write_bodies()
         self.airborne.set_rates(self._rates())
 
@@ -159,7 +167,7 @@ class NearRollersBody(RobotBody):
 
     def _rates(self) -> list[float]:
         """Return the wheels' rates as `AirborneRollers` takes them [rad/s]."""
-        x, y, z, _, _, _ = self._base.getSpatialVelocity().tolist()
+        x, y, z = unrotate(quaternion(*self._position[:3]), *self._velocity[:3])
         rolls = (x, x + self._velocity[BASE_DOFS - 1])
         angles = self._position[BASE_DOFS:_FIRST_ROLLER]
         speeds = self._velocity[BASE_DOFS:_FIRST_ROLLER]

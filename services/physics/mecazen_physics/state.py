@@ -37,7 +37,7 @@ class Motion(NamedTuple):
         """Return the same motion, given in axes at `heading` [rad]."""
         angle = self.heading - heading
         position, velocity = self.position.copy(), self.velocity.copy()
-        position[:3] = _rotation_vector(_turned(_quaternion(*position[:3]), angle))
+        position[:3] = _rotation_vector(_turned(quaternion(*position[:3]), angle))
         for vector in (position, velocity):
             vector[3:5] = rotate(vector[3], vector[4], angle)
         velocity[:2] = rotate(velocity[0], velocity[1], angle)
@@ -74,7 +74,7 @@ class RobotState(NamedTuple):
         """
         position, velocity, heading = motion
         # in the axes of the motion, in which its velocities are given
-        orientation = _quaternion(*position[:3])
+        orientation = quaternion(*position[:3])
         x, y = rotate(position[3], position[4], heading)
         speeds = velocity[BASE_DOFS:]
         rollers = [-bearing_friction * speed for speed in speeds[len(WHEELS) :]]
@@ -82,8 +82,8 @@ class RobotState(NamedTuple):
             time=time,
             position=(x, y, position[5]),
             orientation=_turned(orientation, heading),
-            linear=_unrotate(orientation, *velocity[3:6]),
-            angular=_unrotate(orientation, *velocity[:3]),
+            linear=unrotate(orientation, *velocity[3:6]),
+            angular=unrotate(orientation, *velocity[:3]),
             joint_position=position[BASE_DOFS:],
             joint_velocity=speeds,
             joint_effort=torques + rollers,
@@ -129,7 +129,7 @@ def check_converged(state: RobotState, before: RobotState, depth: float, speed: 
     )
 
 
-def _quaternion(x: float, y: float, z: float) -> Quaternion:
+def quaternion(x: float, y: float, z: float) -> Quaternion:
     """Return the quaternion (x, y, z, w) of a rotation vector [rad]."""
     angle = math.hypot(x, y, z)
     scale = math.sin(angle / 2) / angle if angle > 0.0 else 0.5
@@ -151,7 +151,7 @@ def _turned(q: Quaternion, angle: float) -> Quaternion:
     return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
-def _unrotate(q: Quaternion, x: float, y: float, z: float) -> Vector:
+def unrotate(q: Quaternion, x: float, y: float, z: float) -> Vector:
     """Return the vector (x, y, z) in the axes of the frame that is rotated by `q`."""
     qx, qy, qz, w = q
     # v + 2·p×(p×v + w·v) for the inverse rotation: its quaternion is (p, w), p = -(qx, qy, qz).

@@ -12,7 +12,7 @@ from mecazen.world import WorldConfig
 
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import CLEARANCE_M, HORIZON_S, horizon_steps
-from mecazen_physics.dart_robot import HYSTERESIS, DartRobot, Overload
+from mecazen_physics.dart_robot import HYSTERESIS, Check, DartRobot
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import Push, WheelCommand
@@ -69,6 +69,8 @@ class World:
         """Robots whose centres are farther apart are not close to each other [m]."""
         self._coupled: set[int] = set()
         """The numbers of the robots that are simulated together."""
+        self._groups = [[number] for number in range(len(robots))]
+        """The numbers of the robots of each group; the coupled ones are the last."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Simulate `steps` steps of `dt_s`, with a command for each robot.
@@ -76,15 +78,11 @@ class World:
         Raises:
             DivergedError: if a state is no longer one of a robot on the ground.
         """
-        orders = list(zip(self.robots, commands, strict=True))
         left = steps
         while left > 0:
             chunk = min(left, max(self._horizon, self._update_groups()))
-            groups = [[order] for number, order in enumerate(orders) if number not in self._coupled]
-            if self._coupled:
-                groups.append([orders[number] for number in sorted(self._coupled)])
-            for group in groups:
-                _advance_group(group, chunk)
+            for group in self._groups:
+                _advance_group([(self.robots[n], commands[n]) for n in group], chunk)
             left -= chunk
 
     def place_person(self, number: int, person: MovingPerson) -> None:
@@ -103,6 +101,8 @@ class World:
         Returns:
             For how many steps no other two can come close to each other.
         """
+        if self._shared is None:
+            return _UNLIMITED
         centres = [robot.state().position[:2] for robot in self.robots]
         coupled = set()
         clear = math.inf
@@ -118,7 +118,10 @@ class World:
                 clear = min(clear, gap)
         for number in sorted(coupled ^ self._coupled):
             self.robots[number].share(self._shared if number in coupled else None)
-        self._coupled = coupled
+        if coupled != self._coupled:
+            self._coupled = coupled
+            apart = [[number] for number in range(len(centres)) if number not in coupled]
+            self._groups = apart + ([sorted(coupled)] if coupled else [])
         return int(min(clear / self._approach, _UNLIMITED))
 
 
@@ -128,30 +131,32 @@ def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int)
     Raises:
         DivergedError: if a state is no longer one of a robot on the ground.
     """
-    robots = [robot for robot, _ in orders]
     left = steps
     while left > 0:
-        for robot in robots:
+        people: dict[int, MovingPerson] = {}
+        for robot, _ in orders:
             robot.update_contact_candidates()
-        world = robots[0].body.world
-        world.set_present(
-            {number: person for robot in robots for number, person in robot.close_people.items()}
-        )
-        prepared = [robot.prepare(command, left) for robot, command in orders]
-        chunk = min(steps for steps, _ in prepared)
-        pushes = [push for _, wanted in prepared for push in wanted]
-        overloads = [asked for robot in robots if (asked := robot.overload) is not None]
-        if not _simulate(world, pushes, overloads, chunk):
-            again = [push for robot, command in orders for push in robot.take_back(command, chunk)]
+            people |= robot.close_people
+        world = orders[0][0].body.world
+        world.set_present(people)
+        chunk, pushes, checks = left, [], []
+        for robot, command in orders:
+            prepared = robot.prepare(command, left)
+            chunk = min(chunk, prepared.steps)
+            pushes += prepared.pushes
+            checks.append(prepared.check)
+        if not _simulate(world, pushes, checks, chunk):
+            again = [robot.take_back(command, chunk) for robot, command in orders]
             world.use_exact_friction(exact=not world.aligned)
-            _simulate(world, again, (), chunk)
-        for robot in robots:
+            pushes = [push for prepared in again for push in prepared.pushes]
+            _simulate(world, pushes, [prepared.check for prepared in again], chunk)
+        for robot, _ in orders:
             robot.settle(chunk)
         left -= chunk
 
 
 def _simulate(
-    world: DartWorld, pushes: Sequence[Push], overloads: Sequence[Overload], steps: int
+    world: DartWorld, pushes: Sequence[Push], checks: Sequence[Check], steps: int
 ) -> bool:
     """Simulate `steps` steps, and choose the solver of friction for the next ones.
 
@@ -164,8 +169,8 @@ def _simulate(
         for push in pushes:
             push()
         step(False)
-        for exceeded in overloads:
-            if exceeded():
+        for check in checks:
+            if not check():
                 return False
     if world.aligned:
         return True
