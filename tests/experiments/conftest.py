@@ -14,7 +14,6 @@ GUARD_S = 300
 SCENARIO = f"""
 robot = "{ROOT}/configs/robots/nexus.toml"
 sim.duration_s = 2.0
-physics.dt_s = 0.002
 start.x_m = -1.0
 """
 EXPERIMENT = """

@@ -44,7 +44,6 @@ def test_nobody_else_is_taken_for_the_person(case):
     settings = (
         *settings,
         f"sim.duration_s={duration_s}",
-        "physics.dt_s=0.002",
         PERSON,
         f"crowd.walkers=[{{ path = {{ kind = 'straight', {walker} }} }}]",
     )

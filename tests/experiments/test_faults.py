@@ -12,7 +12,7 @@ from mecazen_tools.simulate import simulate
 
 SCENARIO = Path(__file__).parents[2] / "configs" / "scenarios" / "back.toml"
 WALK = "target.path={ kind = 'circle', radius_m = 3.0, speed_m_s = 0.5, start_after_s = 0.5 }"
-SHORT = ("sim.duration_s=12", "physics.dt_s=0.002", WALK)
+SHORT = ("sim.duration_s=12", WALK)
 CLEAN = "clean"
 FAULTS = {
     CLEAN: "{}",

@@ -17,7 +17,6 @@ from mecazen_follower.planner.rollout import Able, follow, roll
 from mecazen_tools.simulate import InProcess, simulate
 
 SIDE = (
-    "physics.dt_s=0.002",
     "start={ y_m = 1.2, yaw_deg = -90.0 }",
     "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }",
     "follower.view='side_left'",
@@ -30,7 +29,7 @@ WALLS = (
 
 def test_in_open_space_the_trajectory_is_the_followers_to_the_bit():
     def run(*settings):
-        lidar = ("sim.duration_s=3.0", 'sensor.also=["lidar"]', "physics.dt_s=0.002")
+        lidar = ("sim.duration_s=3.0", 'sensor.also=["lidar"]')
         scenario = load_scenario(SCENARIOS / "back.toml", (*lidar, *settings))
         return simulate(scenario, "back")[0].trajectory_sha256
 

@@ -17,7 +17,6 @@ def test_a_person_behind_a_wall_for_three_seconds_is_followed_on_when_they_come_
     settings = (
         f"seed={seed}",
         "sim.duration_s=11.0",
-        "physics.dt_s=0.002",
         "start={ y_m = 1.2, yaw_deg = -90.0 }",
         f"world.obstacles=[{WALL}]",
         "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }",

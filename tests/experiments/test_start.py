@@ -39,7 +39,6 @@ def least_error(speed: float, reaction_s: float, dt: float = 1e-4) -> float:
 def test_catching_up_costs_a_tenth_more_than_the_fastest_robot_within_the_limits(speed):
     settings = (
         f"sim.duration_s={DURATION_S}",
-        "physics.dt_s=0.002",
         f"target.path={{ kind='straight', speed_m_s={speed}, length_m=30.0 }}",
         "target.gait={ sway_m = 0.0, speed_ripple = 0.0 }",
         # what is judged is the plan, not what the noise adds to it

@@ -144,7 +144,7 @@ def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_p
 def test_a_crowd_among_several_robots_is_computed_anew_and_so_are_those_who_see_it(tmp_path):
     path = tmp_path / "run.mcap"
     walkers = 'crowd.walkers=[{ path = { kind = "goal", x_m = 2.0, goal_m = [-2.0, 0.5] } }]'
-    settings = "--set=sensor.kind=fused", f"--set={walkers}", "--set=physics.dt_s=0.002"
+    settings = "--set=sensor.kind=fused", f"--set={walkers}"
     result = simulate("convoy", 1, "--record", path, "--distributed", *settings)
     same = simulate("convoy", 1, *settings)
     assert result["trajectory_sha256"] == same["trajectory_sha256"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from operator import sub
 from typing import Any, NamedTuple
 
 from mecazen.robot import WHEELS, Robot
@@ -92,11 +93,11 @@ class Motors:
         if state.time == 0.0:
             return math.inf  # the first torque is not known yet
         efforts, speeds = state.joint_effort[: len(WHEELS)], state.joint_velocity
-        left = TORQUE_HEADROOM * self._max_torque - max(max(efforts), -min(efforts))
+        left = TORQUE_HEADROOM * self._max_torque - max(map(abs, efforts))
         if left <= 0.0:
             return math.inf
-        changes = [goal - speed for goal, speed in zip(target, speeds, strict=False)]
-        return self._torque_per_change * max(max(changes), -min(changes)) / left
+        change: float = max(map(abs, map(sub, target, speeds)))
+        return self._torque_per_change * change / left
 
     def _control(self, wheels: Sequence[Any], target: Sequence[float]) -> None:
         """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
