@@ -62,6 +62,31 @@ def test_a_robot_that_is_commanded_goes_on_until_told_otherwise_and_is_computed_
     assert recompute(Recording(file), "controller", "").difference is None
 
 
+@pytest.mark.parametrize("scenario", ["side", "convoy"])
+def test_after_a_reset_a_run_has_the_bits_of_a_new_simulation(scenario):
+    with Simulation(scenario, seed=7, duration_s=0.5) as fresh:
+        fresh.run()
+        expected = fresh.trajectory.sha256()
+    with Simulation(scenario, seed=1, duration_s=0.5) as sim:
+        sim.run(0.31)  # in the midst of a frame
+        for _ in range(2):
+            begin = sim.reset(seed=7)
+            assert (begin.time_s, sim.scenario.seed, begin.robot) == (0.0, 7, sim.state.robot)
+            sim.run()
+            assert sim.trajectory.sha256() == expected
+        with pytest.raises(ConfigError, match="seed"):
+            sim.reset(-1)
+
+
+def test_after_a_reset_nothing_is_commanded():
+    with Simulation("teleop", duration_s=0.3, **{"guard.enabled": False}) as sim:
+        sim.command(0.2)
+        sim.run()
+        assert sim.reset().command is None
+        sim.run()
+        assert sim.state.robot_twist.x == pytest.approx(0.0, abs=1e-3)  # it settles on its rollers
+
+
 def test_several_robots_are_told_apart():
     with Simulation("convoy", duration_s=0.2) as sim:
         sim.run()

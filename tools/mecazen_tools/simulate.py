@@ -93,12 +93,19 @@ class InProcess:
         """Publish the first state of the run."""
         self.clock.begin()
 
+    def reset(self, seed: int) -> None:
+        """Put everything back to the start, before it begins anew with noise from `seed`."""
+        self.end()
+        self.scenario = msgspec.structs.replace(self.scenario, seed=seed)
+        self.trajectory.reset()
+        self.clock.reset(seed)
+
     def step(self) -> None:
         """Deliver all answers to this tick, and advance to the next."""
         self.clock.step()
 
     def end(self) -> None:
-        """Deliver the answers to the last tick."""
+        """Deliver the answers to this tick, and all else that was published in it."""
         self.clock.await_answers()
         self.bus.spin()
 

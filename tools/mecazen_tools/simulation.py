@@ -79,11 +79,11 @@ class Simulation:
             settings["seed"] = seed
         if duration_s is not None:
             settings["sim.duration_s"] = duration_s
-        loaded = _load(scenario, settings)
+        loaded = load(scenario, settings)
         if record is not None:
             settings["services"] = [*loaded.services, RECORDER]
             settings[f"{RECORDER}.file"] = fspath(record)
-            loaded = _load(scenario, settings)
+            loaded = load(scenario, settings)
         self._run = InProcess(loaded)
         self._graph = graph_of(loaded)
         self._latest: dict[str, Message] = {}
@@ -92,8 +92,7 @@ class Simulation:
         for robot in loaded.names:
             for topic in self._graph.topics:
                 self._listen(topic, robot)
-        self._run.begin()
-        self._run.clock.await_answers()
+        self._begin()
 
     @property
     def scenario(self) -> Scenario:
@@ -110,6 +109,21 @@ class Simulation:
         """Whether the scenario's duration has passed."""
         return self._run.clock.tick >= self.scenario.sim.ticks - 1
 
+    def reset(self, seed: int | None = None) -> State:
+        """Begin anew, with the noise of a seed or of the last run; return the first state.
+
+        What follows has the bits of a new simulation, which takes longer to make. The trajectory
+        begins anew, nothing is commanded any more, and a recording goes on with the new run.
+
+        Raises:
+            ConfigError: It is no seed.
+        """
+        self._run.reset(load(self.scenario, {} if seed is None else {"seed": seed}).seed)
+        self._held.clear()
+        self._latest.clear()
+        self._begin()
+        return self.state
+
     def step(self) -> State:
         """Simulate one tick, and return the state after it.
 
@@ -123,7 +137,7 @@ class Simulation:
         for key, payload in self._held.items():
             self._run.bus.put_bytes(key, payload, JSON_ENCODING)
         self._run.step()
-        self._run.clock.await_answers()
+        self._run.end()
         return self.state
 
     def run(self, seconds: float | None = None) -> State:
@@ -199,7 +213,6 @@ class Simulation:
     @property
     def trajectory(self) -> Trajectory:
         """Every tick so far: `to_numpy()`, `to_pandas()`, `csv()`, `sha256()`."""
-        self._run.bus.spin()
         return self._run.trajectory
 
     def scores(self, robot: str | None = None) -> Scores:
@@ -209,7 +222,6 @@ class Simulation:
 
     def close(self) -> None:
         """End the services' work; a recording is whole then."""
-        self._run.bus.spin()
         self._run.close()
 
     def __enter__(self) -> Self:
@@ -222,6 +234,10 @@ class Simulation:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _begin(self) -> None:
+        self._run.begin()
+        self._run.end()
 
     def _listen(self, topic: Topic[Any], robot: str) -> None:
         key = topic.key if topic.shared else _key(topic, robot)
@@ -250,7 +266,12 @@ class Simulation:
         self._held[_key(topic, robot)] = encode(twist, "json")
 
 
-def _load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) -> Scenario:
+def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) -> Scenario:
+    """Return a scenario by its name or file, or a loaded one, with settings by key.
+
+    Raises:
+        ConfigError: One line with the file, the key and what is allowed.
+    """
     overrides = tuple(f"{key}={_toml(value)}" for key, value in settings.items())
     if isinstance(scenario, Scenario):
         return from_tables(effective(scenario), Path("scenario"), overrides)

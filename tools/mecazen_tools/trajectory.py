@@ -106,6 +106,11 @@ class Trajectory:
         rows = (len(self._columns[key]) * every for key, every in self._needed.items())
         return min(self._ticks, *rows)
 
+    def reset(self) -> None:
+        """Forget every row: a run begins anew."""
+        for column in self._columns.values():
+            column.clear()
+
     def rows(self) -> list[Row]:
         """Return the rows in the order of `columns`; None where there is nothing."""
         columns = [

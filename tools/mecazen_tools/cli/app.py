@@ -264,10 +264,10 @@ def create(
     typer.echo(f"{folder}: the authority and {len(certificates.NAMES)} certificates with keys")
 
 
-def main() -> None:
-    """Run the command line; what may go wrong ends in one line."""
+def main(commands: typer.Typer = app) -> None:
+    """Run a command line; what may go wrong ends in one line."""
     try:
-        sys.exit(app(standalone_mode=False))
+        sys.exit(commands(standalone_mode=False))
     except typer.TyperException as error:
         sys.stderr.write(_usage_error(error))
         sys.exit(error.exit_code)
