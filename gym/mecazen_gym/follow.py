@@ -1,0 +1,238 @@
+"""`mecazen/Follow-v0`: actions drive the robot, in the follower's place."""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Box
+from mecazen import keys
+from mecazen.config import Scenario
+from mecazen.drive import Drive
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.messages import Observation as Frame
+from mecazen.messages import Odometry
+from mecazen.ticks import whole_ticks
+from mecazen.wire import NS_PER_S
+from mecazen_follower.config import FollowerConfig
+from mecazen_tools.simulation import Simulation, State, load
+from msgspec.structs import replace
+
+Array = npt.NDArray[np.float32]
+
+HEADING_M_RAD = 0.5
+"""What an error of the heading costs, as an error of the place."""
+CHANGE_M_S = 0.01
+"""What a change of the action by 1 costs."""
+AGE_S = 10.0
+"""The highest age of an observation."""
+
+
+class Observation(NamedTuple):
+    """The entries of an observation, in their order: what a follower knows, and not the truth."""
+
+    person_x_m: float
+    """The person in base_link when the sensor last saw them, with its noise; until it first does,
+    as if the robot were in its place."""
+    person_y_m: float
+    person_cos: float
+    """Cosine and sine of their heading minus the robot's."""
+    person_sin: float
+    age_s: float
+    """Time since then, at most `AGE_S`; as much if they have not been seen yet."""
+    vx_m_s: float
+    """The robot's twist by its odometry, in base_link."""
+    vy_m_s: float
+    yaw_rate_rad_s: float
+    action_x: float
+    """The last action."""
+    action_y: float
+    action_yaw: float
+
+    @property
+    def person(self) -> Pose2D:
+        """The person's pose in base_link, as last seen."""
+        yaw = math.atan2(self.person_sin, self.person_cos)
+        return Pose2D(self.person_x_m, self.person_y_m, yaw)
+
+
+class FollowEnv(gymnasium.Env[Array, Array]):
+    """A robot is to keep its place beside a walking person: docs/gym.md.
+
+    An action is the twist of base_link (x, y, yaw), where 1 is `scale`. It holds for `period_s`.
+
+    Args:
+        scenario: A name, a TOML file, or a loaded scenario; its follower is left out, and its
+            `follower` section says which place to keep.
+        period_s: Simulated time of a step; whole ticks.
+        duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
+        far_m: An episode terminates where the robot is farther than this from its place.
+        settings: What differs from the scenario, by key: `**{"follower.standoff_m": 1.5}`.
+
+    Raises:
+        ConfigError: A setting can't be used; one line says what is allowed.
+
+    Attributes:
+        scenario: The whole configuration, without the follower.
+        follower: The follower's section.
+        scale: The twist of the action (1, 1, 1): what wheels and controller can do in each axis.
+        sim: The simulation, for what is not in an observation.
+    """
+
+    def __init__(
+        self,
+        scenario: str | PathLike[str] | Scenario = "back",
+        *,
+        period_s: float = 0.1,
+        duration_s: float | None = None,
+        far_m: float = 3.0,
+        **settings: Any,
+    ) -> None:
+        if duration_s is not None:
+            settings["sim.duration_s"] = duration_s
+        self.scenario = _without_follower(load(scenario, settings))
+        self.follower = self.scenario.section(FollowerConfig, "follower")
+        self.period_s, self._ticks = period_s, _ticks(period_s, self.scenario.sim.tick_s)
+        if not far_m > 0.0:
+            raise ConfigError(f"far_m = {far_m:g} must be above 0")
+        self._far_m = far_m
+        drive = Drive.of(self.scenario)
+        gains = 1.0, drive.sideways, drive.lever
+        self.scale = Twist2D(
+            *(
+                min(axis.velocity, drive.rim_speed / gain)
+                for axis, gain in zip(drive.axes, gains, strict=True)
+            )
+        )
+        reach = self.scenario.sensor.max_range_m
+        speeds = [2.0 * speed for speed in self.scale]  # a wheel that skids may say more
+        self._high = np.array([reach, reach, 1, 1, AGE_S, *speeds, 1, 1, 1], np.float32)
+        self._low = -self._high
+        self._low[Observation._fields.index("age_s")] = 0.0
+        self.observation_space = Box(self._low, self._high)
+        self.action_space = Box(-1.0, 1.0, (3,), np.float32)
+        self.sim = Simulation(self.scenario)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode; `seed` is the scenario's: that of the noise.
+
+        Raises:
+            ConfigError: It is none.
+        """
+        super().reset(seed=seed, options=options)
+        state = self.sim.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
+        self._action = np.zeros(3)
+        self._seen, self._seen_s = self.follower.standoff.person(Pose2D()), -math.inf
+        self._look(state)
+        return self._observation(), self._info(state)
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Drive for a period.
+
+        Raises:
+            InvalidAction: It is not three numbers.
+        """
+        wanted = np.asarray(action, float)
+        if wanted.shape != (3,) or not np.isfinite(wanted).all():
+            raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action}")
+        last, self._action = self._action, wanted.clip(-1.0, 1.0)
+        self.sim.command(*(self._action * self.scale).tolist())
+        begin_s, state = self.sim.time_s, self.sim.state
+        for _ in range(self._ticks):
+            if self.sim.is_over:
+                break
+            state = self.sim.step()
+            self._look(state)
+        info = self._info(state)
+        place_m, heading_rad = info["place_error_m"], info["heading_error_rad"]
+        cost = place_m + HEADING_M_RAD * abs(heading_rad)
+        reward = -cost * (state.time_s - begin_s)
+        reward -= CHANGE_M_S * float(np.linalg.norm(self._action - last))
+        terminated = place_m > self._far_m or self._touches(state)
+        if terminated:
+            sim = self.scenario.sim
+            reward -= self._far_m * ((sim.ticks - 1) * sim.tick_s - state.time_s)
+        return self._observation(), reward, terminated, self.sim.is_over, info
+
+    def action(self, twist: Twist2D) -> Array:
+        """Return the action that commands a twist of base_link, as near as one can."""
+        return (np.array(twist) / self.scale).clip(-1.0, 1.0).astype(np.float32)
+
+    def close(self) -> None:
+        """End the simulation."""
+        self.sim.close()
+
+    def _look(self, state: State) -> None:
+        """Note whom the sensor has seen last."""
+        frame, odom = self.sim.latest(keys.OBSERVATION.key), state.odom
+        if not isinstance(frame, Frame) or not frame.poses or odom is None:
+            return
+        pose = frame.poses[0].pose.to_planar()
+        self._seen = pose if frame.header.frame_id == "base_link" else odom.between(pose)
+        self._seen_s = frame.header.stamp.ns / NS_PER_S
+
+    def _observation(self) -> Array:
+        odom = self.sim.latest(keys.ODOM.key)
+        assert isinstance(odom, Odometry)  # published at every tick from the first on
+        x, y, yaw = self._seen
+        observation = Observation(
+            x,
+            y,
+            math.cos(yaw),
+            math.sin(yaw),
+            self.sim.time_s - self._seen_s,
+            *odom.twist.twist.to_planar(),
+            *self._action.tolist(),
+        )
+        return np.array(observation, np.float32).clip(self._low, self._high)
+
+    def _info(self, state: State) -> dict[str, Any]:
+        """Return the truth: time, errors, and the poses in world."""
+        assert state.person is not None  # target takes part
+        goal = self.follower.standoff.goal(state.person)
+        return {
+            "time_s": state.time_s,
+            "place_error_m": state.robot.distance(goal),
+            "heading_error_rad": wrap(state.robot.yaw - goal.yaw),
+            "robot": np.array(state.robot),
+            "person": np.array(state.person),
+        }
+
+    def _touches(self, state: State) -> bool:
+        """Return whether the rectangle that holds the robot reaches the person."""
+        assert state.person is not None
+        at, (length, width) = state.robot.between(state.person), self.scenario.robot.footprint
+        gap = math.hypot(max(abs(at.x) - length, 0.0), max(abs(at.y) - width, 0.0))
+        return gap <= self.scenario.world.person.radius_m
+
+
+def _without_follower(scenario: Scenario) -> Scenario:
+    if scenario.robots:
+        raise ConfigError("robots: mecazen/Follow-v0 drives one, and there are several")
+    if scenario.sensor.kind != "pose":
+        raise ConfigError(
+            f"sensor.kind = {scenario.sensor.kind!r} must be 'pose': what perceives with others "
+            "is the follower's, which is left out"
+        )
+    for needed in ("physics", "controller", "target"):
+        if needed not in scenario.services:
+            raise ConfigError(f"services: mecazen/Follow-v0 needs {needed}")
+    return replace(
+        scenario,
+        services=tuple(name for name in scenario.services if name != "follower"),
+        programs={k: v for k, v in scenario.programs.items() if k != "follower"},
+    )
+
+
+def _ticks(period_s: float, tick_s: float) -> int:
+    ticks = whole_ticks("period_s", period_s, tick_s)
+    if ticks < 1:
+        raise ConfigError(f"period_s = {period_s:g} must be at least a tick of {tick_s} s")
+    return ticks

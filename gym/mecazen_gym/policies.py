@@ -1,0 +1,100 @@
+"""Policies to compare with: each knows of `mecazen/Follow-v0` what its observations say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from mecazen.drive import Drive
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen_follower.association import Measurement
+from mecazen_follower.config import PidControl
+from mecazen_follower.following import Following
+from mecazen_follower.node import data_sheet, view_of
+from mecazen_follower.tracking import Frame
+from msgspec.structs import replace
+
+from mecazen_gym.follow import Array, FollowEnv, Observation
+
+
+class Policy(Protocol):
+    """Of one episode, which it sees from the start."""
+
+    def __call__(self, observation: Array) -> Array:
+        """Return the action."""
+
+
+class Random:
+    """Any action, each as likely as any other."""
+
+    def __init__(self, env: FollowEnv, seed: int) -> None:
+        self._space = env.action_space
+        self._space.seed(seed)
+
+    def __call__(self, observation: Array) -> Array:
+        """Return the action."""
+        del observation
+        return self._space.sample()
+
+
+class Pid:
+    """The follower's three PIDs on the place beside the person as last seen: no estimator.
+
+    Nor is there a velocity to feed forward. Where nobody was seen for `lost_after_s`, it stops.
+    """
+
+    def __init__(self, env: FollowEnv, seed: int) -> None:
+        del seed
+        control = PidControl(feed_forward=False)
+        self._law = replace(env.follower, control=control).make_controller()
+        self._env = env
+
+    def __call__(self, observation: Array) -> Array:
+        """Return the action."""
+        seen = Observation(*observation.tolist())
+        if seen.age_s > self._env.follower.lost_after_s:
+            return self._env.action(self._law.stop())
+        goal = self._env.follower.standoff.goal(seen.person)
+        return self._env.action(self._law.command(goal, Twist2D(), Pose2D(), self._env.period_s))
+
+
+class Follower:
+    """The follower's own estimator and control law, at the pace of the environment.
+
+    Where the robot is it integrates from the odometry's twists, one a step.
+    """
+
+    def __init__(self, env: FollowEnv, seed: int) -> None:
+        del seed
+        config, sensor = replace(env.follower, planner=None), data_sheet(env.scenario)
+        view = view_of(env.scenario, sensor, config)
+        self._following = Following(config, sensor, Drive.of(env.scenario), view)
+        of_place, of_yaw = sensor.position_std_m**2, math.radians(sensor.yaw_std_deg) ** 2
+        self._covariance = (of_place, 0.0, 0.0), (0.0, of_place, 0.0), (0.0, 0.0, of_yaw)
+        self._env = env
+        self._time_s = 0.0
+        self._robot = Pose2D()
+
+    def __call__(self, observation: Array) -> Array:
+        """Return the action."""
+        seen, dt = Observation(*observation.tolist()), self._env.period_s
+        twist = Twist2D(seen.vx_m_s, seen.vy_m_s, seen.yaw_rate_rad_s)
+        self._robot = self._robot.integrate(twist, dt)
+        self._time_s += dt
+        frame = None
+        if (
+            seen.age_s < dt - self._env.scenario.sim.tick_s / 2
+        ):  # float32: not that of the last step
+            at_capture = self._robot.integrate(twist, -seen.age_s)
+            measured = Measurement(at_capture.compose(seen.person), self._covariance)
+            frame = Frame(self._time_s - seen.age_s, [measured])
+        return self._env.action(self._following.step(self._time_s, dt, self._robot, frame).command)
+
+
+POLICIES: dict[str, Callable[[FollowEnv, int], Policy]] = {
+    "random": Random,
+    "pid": Pid,
+    "follower": Follower,
+}
+"""Each is made for an episode, with a seed of its own."""

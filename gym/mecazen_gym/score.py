@@ -1,0 +1,106 @@
+"""`python -m mecazen_gym.score`: policies scored in `mecazen/Follow-v0`, over seeds."""
+
+from __future__ import annotations
+
+import os
+import signal
+import statistics
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from typing import Annotated
+
+import msgspec
+import typer
+from mecazen.config import Scenario
+from mecazen_tools.cli import main
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
+from rich.table import Table
+
+from mecazen_gym.follow import FollowEnv
+from mecazen_gym.policies import POLICIES
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+class Score(msgspec.Struct, frozen=True):
+    """An episode."""
+
+    policy: str
+    seed: int
+    reward: float
+    """The sum of its rewards."""
+    followed_s: float
+    """Simulated time until it ended."""
+    terminated: bool
+    """Whether it ended because the robot was too far or touched the person."""
+    d_err_m: float | None
+    """The published measures of following until then; none where the person stood."""
+    theta_err_deg: float | None
+
+
+def episode(scenario: Scenario, policy: str, seed: int) -> Score:
+    """Return the score of a policy in one episode."""
+    env = FollowEnv(scenario)
+    act = POLICIES[policy](env, seed)
+    observation, info = env.reset(seed=seed)
+    total, terminated, truncated = 0.0, False, False
+    while not (terminated or truncated):
+        observation, reward, terminated, truncated, info = env.step(act(observation))
+        total += reward
+    measures = env.sim.scores()
+    return Score(
+        policy, seed, total, info["time_s"], terminated, measures.d_err_m, measures.theta_err_deg
+    )
+
+
+def table_of(scores: Sequence[Score]) -> Table:
+    """Return a row for each policy: means and standard deviations over the seeds."""
+    table = Table("policy", "reward", "distance error [m]", "heading error [°]", "to the end")
+    for policy in dict.fromkeys(score.policy for score in scores):
+        own = [score for score in scores if score.policy == policy]
+        table.add_row(
+            policy,
+            _spread((score.reward for score in own), 2),
+            _spread((score.d_err_m for score in own), 3),
+            _spread((score.theta_err_deg for score in own), 1),
+            f"{sum(not score.terminated for score in own)} of {len(own)}",
+        )
+    return table
+
+
+def _spread(values: Iterable[float | None], digits: int) -> str:
+    known = [value for value in values if value is not None]
+    if not known:
+        return "-"
+    return f"{statistics.mean(known):.{digits}f} ± {statistics.pstdev(known):.{digits}f}"
+
+
+@app.command()
+def score(
+    scenario: ScenarioArgument = "back",
+    seeds: Annotated[int, typer.Option(min=1, help="Episodes of each: seeds 1, 2, …")] = 5,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes.", show_default="one for each core")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every score as JSON.")] = False,
+    settings: Settings = None,
+) -> None:
+    """Score a random policy, a PID and the follower in the environment mecazen/Follow-v0.
+
+    Example: python -m mecazen_gym.score side --seeds 20
+    """
+    run = partial(episode, load(scenario, settings))
+    work = [(policy, 1 + n) for policy in POLICIES for n in range(seeds)]
+    # Ctrl-C ends the workers at once and without a word
+    quiet = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(jobs or os.cpu_count(), initializer=quiet) as pool:
+        scores = list(pool.map(run, *zip(*work, strict=True)))
+    if as_json:
+        typer.echo(msgspec.json.format(msgspec.json.encode(scores)).decode())
+    else:
+        console(100).print(table_of(scores))
+
+
+if __name__ == "__main__":
+    main(app)
