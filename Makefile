@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 HOURS ?= 2
-WORKSPACE := common people tools $(SERVICES:%=services/%) experiments bench
+WORKSPACE := common people tools $(SERVICES:%=services/%) experiments bench gym
 
 # Every process would compile all modules anew, where an image says that they are not kept.
 unexport PYTHONDONTWRITEBYTECODE
@@ -32,7 +32,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install graph gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-experiments test-bench test-system test-ros test-chaos test-compose soak
+.PHONY: help install graph gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -76,6 +76,11 @@ install: .venv/ready
 	@echo "preparing .venv-tools"
 	@$(call make_venv,.venv-tools,-e ./common -e ./tools[keys] --group test)
 
+GYM := people tools services/physics services/controller services/target services/follower gym
+.venv-gym/ready: constraints.txt common/pyproject.toml $(GYM:%=%/pyproject.toml) | .venv-pip/ready
+	@echo "preparing .venv-gym"
+	@$(call make_venv,.venv-gym,-e ./common $(GYM:%=-e ./%) --group test)
+
 # what speaks with us as ROS does: it holds nothing of ours
 .venv-ros/ready: constraints.txt pyproject.toml
 	@echo "preparing .venv-ros"
@@ -95,9 +100,9 @@ graph: .venv/ready
 picture: .venv/ready drawing
 	@.venv/bin/python docs/make_picture.py
 
-test: test-common test-people test-tools $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros
+test: test-common test-people test-tools $(SERVICES:%=test-%) test-gym test-experiments test-bench test-system test-ros
 
-test-common test-people test-tools $(SERVICES:%=test-%): test-%: .venv-%/ready
+test-common test-people test-tools test-gym $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
 
 test-viewer test-system: drawing

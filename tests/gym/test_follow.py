@@ -7,6 +7,7 @@ import mecazen_gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from harness import ROOT
 from mecazen import Simulation
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
@@ -41,6 +42,14 @@ def episode(env, seed, steps=3):
         observation, reward, *_ = env.step(action)
         found += [observation, np.array([reward])]
     return np.concatenate(found)
+
+
+def test_the_example_of_the_document_runs_until_chance_has_failed():
+    names = {}
+    example = (ROOT / "docs" / "gym.md").read_text().split("```python\n")[1].split("```")[0]
+    exec(example, names)  # noqa: S102 - our own
+    names["env"].close()
+    assert (names["terminated"], names["truncated"]) == (True, False)
 
 
 def test_gymnasiums_checker_finds_nothing(make):

@@ -78,6 +78,14 @@ def test_after_a_reset_a_run_has_the_bits_of_a_new_simulation(scenario):
             sim.reset(-1)
 
 
+def test_after_a_step_all_that_was_published_in_its_tick_is_known():
+    with Simulation("back", services=["physics", "controller", "target"]) as sim:
+        for _ in range(8):
+            sim.step()
+        # frames at 25 Hz: one at 0.08 s, that no tick waits for
+        assert sim.latest("target/observation").header.stamp == sim.latest("clock").clock
+
+
 def test_after_a_reset_nothing_is_commanded():
     with Simulation("teleop", duration_s=0.3, **{"guard.enabled": False}) as sim:
         sim.command(0.2)

@@ -118,7 +118,11 @@ class Simulation:
         Raises:
             ConfigError: It is no seed.
         """
-        self._run.reset(load(self.scenario, {} if seed is None else {"seed": seed}).seed)
+        if seed is None:
+            seed = self.scenario.seed
+        if not 0 <= seed < 2**32:
+            raise ConfigError(f"seed = {seed} must be between 0 and {2**32 - 1}")
+        self._run.reset(seed)
         self._held.clear()
         self._latest.clear()
         self._begin()
