@@ -8,17 +8,14 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import ClassVar
 
 import msgspec
-from mecazen.config import Scenario
 from mecazen.robot import Robot
 from mecazen_experiments.config import Case
 from mecazen_experiments.jobs import Job, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.schedule import run_all
 from mecazen_experiments.store import Store
-from mecazen_physics.node import PhysicsWorld
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 
 from mecazen_bench.engine import measure_accuracy, measure_speed
@@ -32,33 +29,6 @@ DURATION_S = 40.0
 
 GAIN = Target(0.995, 1.005)
 RIPPLE_MM = Target(high=0.1)
-
-
-class Coarse(PhysicsWorld):
-    """Physics with a step that a scenario may not have, of `DT_S`."""
-
-    DT_S: ClassVar[float]
-
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario)
-        self.config = msgspec.structs.replace(self.config, dt_s=self.DT_S)
-        self.steps_per_tick = round(scenario.sim.tick_s / self.DT_S)
-
-
-class FourSteps(Coarse):
-    """Four in a tick of 10 ms."""
-
-    DT_S = 0.0025
-
-
-class TwoSteps(Coarse):
-    """Two in a tick of 10 ms."""
-
-    DT_S = 0.005
-
-
-REFUSED = {kind.DT_S: kind for kind in (FourSteps, TwoSteps)}
-"""Beyond what `physics.dt_s` may be."""
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
@@ -116,10 +86,8 @@ def _errors(duration_s: float) -> list[float]:
     case = Case(name="back", scenario=SCENARIOS / "back.toml")
     jobs: list[Job] = []
     for dt_s in STEPS_S:
-        step = f"physics.dt_s={dt_s}"
-        if dt_s in REFUSED:
-            step = f'programs.physics="{__name__}:{REFUSED[dt_s].__name__}"'
-        (series,) = expand([case], (1,), (f"sim.duration_s={duration_s}", step))
+        settings = (f"sim.duration_s={duration_s}", f"physics.dt_s={dt_s}")
+        (series,) = expand([case], (1,), settings)
         jobs += series.jobs
     with TemporaryDirectory() as folder, closing(Store(Path(folder) / "steps.sqlite")) as store:
         records = run_all(jobs, store, LocalWorkers(1))

@@ -11,7 +11,7 @@ from mecazen_experiments.budget import ORACLE, sights
 from mecazen_experiments.table import Table
 from mecazen_tools.simulate import simulate
 
-SHORT = ("sim.duration_s=4")
+SHORT = ("sim.duration_s=4",)
 
 
 def run(*settings, scenario="back"):

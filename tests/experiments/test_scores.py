@@ -203,7 +203,7 @@ def test_a_command_that_goes_to_and_fro_varies_by_each_step(every):
 @pytest.fixture(scope="module")
 def real():
     """A real run of 8 s, and what the simulator itself says of it."""
-    settings = ("sim.duration_s=8")
+    settings = ("sim.duration_s=8",)
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
     _, trajectory = simulate(scenario, "back")
     return Table.of(trajectory), trajectory.scores(*wanted_view(scenario))
