@@ -127,8 +127,8 @@ def test_the_viewer_takes_some_processor_time_and_memory():
     assert min(service["MB"].value, server["MB"].value) > 1.0
 
 
-def test_robots_apart_and_two_that_push_are_measured():
-    assert len(figures(robots.run(blocks=1))) == len(robots.COUNTS) + 1
+def test_robots_apart_two_that_push_and_a_crowd_are_measured():
+    assert len(figures(robots.run(blocks=1))) == len(robots.COUNTS) + 2
 
 
 def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(monkeypatch):
@@ -146,8 +146,8 @@ def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(monkeypatc
     rows = figures(robots.run(blocks=1))
     # differences of a clock that has run for seconds: roundings
     assert [row["µs/robot and tick"].value for row in rows.values()] == pytest.approx(
-        [1e3, 2e3, 4e3, 8e3, 2e3], rel=1e-9
+        [1e3, 2e3, 4e3, 8e3, 64e3, 2e3, 16e3], rel=1e-9
     )
     assert [row["relative to one robot"].value for row in rows.values()] == pytest.approx(
-        [1.0, 2.0, 4.0, 8.0, 2.0], rel=1e-9
+        [1.0, 2.0, 4.0, 8.0, 64.0, 2.0, 16.0], rel=1e-9
     )

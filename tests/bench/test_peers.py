@@ -157,3 +157,16 @@ def test_a_step_of_1_ms_that_takes_20_us_is_50_times_real_time():
     # sums of thousands of steps
     assert row.figures["µs/step"].value == pytest.approx(20.0, rel=1e-9)
     assert row.figures["× real time"].value == pytest.approx(50.0, rel=1e-9)
+
+
+def test_our_largest_step_is_measured_by_the_capsules_of_mujoco():
+    class Named(Ideal):
+        def __init__(self, name: str, dt_s: float) -> None:
+            super().__init__()
+            self.name, self.dt_s = name, dt_s
+
+    engines = [Named(physics.PEER, 0.001), Named("mecazen, near rollers", 0.001)]
+    peer, ours = physics.measure("Physics", engines, blocks=1).rows
+    assert peer.figures["of MuJoCo"].value == 1.0
+    # both take 20 us a step
+    assert ours.figures["of MuJoCo"].value == pytest.approx(1.0, rel=1e-9)

@@ -24,7 +24,8 @@ GRAVITY = 9.80665
 DEPTH_M = 1e-5
 """So deep do wheels stand in DART's ground [m], which is as much above z = 0.
 
-Hulls are up to 3 µm out of round: no contact of a wheel that stands is missed."""
+Hulls of 81 spheres are up to 0.4 µm out of round, and contacts end at their edges: no contact of a
+wheel that stands is missed."""
 
 _AXLE_JOINT = "front_axle_joint"
 _AXLE_STOP_RAD = 0.1
