@@ -8,7 +8,6 @@ Self-Following Motion Capture. The runs come as the tables "back without", "back
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mecazen_follower.config import FollowerConfig
-from mecazen_tools.files import write_with
+from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
+from mecazen_tools.run_figure import draw_arrows
 
 from mecazen_experiments.scores import deviations
-from mecazen_experiments.table import Poses, Table
+from mecazen_experiments.table import Table
 
 STANDOFFS = {
     "back": FollowerConfig(view="back").standoff,
@@ -29,42 +29,14 @@ STANDOFFS = {
 }
 """The paper's two views, and what is to be kept in them."""
 
-BLUE, ORANGE = "#0072B2", "#E69F00"
-"""Of Okabe and Ito's palette, which the colour-blind can tell apart: a dark and a light one."""
-DASHES = (0.0, (4.0, 1.5))
 KINDS: dict[str, dict[str, Any]] = {
     "without": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
     "with": {"color": BLUE, "linewidth": 0.6},
 }
 """Runs without and with optimisation."""
 
-COLUMN_IN = 85.0 / 25.4
-"""Width of a printed column."""
 ARROW_EVERY_S = 6.0
 ARROW_LENGTH_M, ARROW_WIDTH_M = 0.7, 0.09
-
-STYLE: list[Any] = [
-    "default",
-    {
-        "font.size": 7.0,
-        **dict.fromkeys(("axes.titlesize", "axes.labelsize", "legend.fontsize"), "medium"),
-        **{f"{axis}tick.labelsize": "medium" for axis in "xy"},
-        **{f"{axis}tick.major.width": 0.5 for axis in "xy"},
-        **{f"{axis}tick.major.{key}": 2.0 for axis in "xy" for key in ("size", "pad")},
-        "axes.linewidth": 0.5,
-        "axes.labelpad": 2.0,
-        "axes.titlepad": 3.0,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "grid.linewidth": 0.3,
-        "grid.color": "#dddddd",
-        "legend.frameon": False,
-        # text as text, and the same bytes each time
-        "svg.fonttype": "none",
-        "svg.hashsalt": "mecazen",
-    },
-]
-"""Matplotlib's own defaults, whatever the user's are, and what print needs."""
 
 
 def draw(tables: Mapping[str, Table], folder: Path) -> list[Path]:
@@ -72,12 +44,10 @@ def draw(tables: Mapping[str, Table], folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"fig5_trajectories": trajectories(tables), "fig8_errors": errors(tables)}
     files = []
-    with style.context(STYLE):
-        for name, figure in figures.items():
-            png, svg = folder / f"{name}.png", folder / f"{name}.svg"
-            write_with(png, partial(figure.savefig, dpi=300))
-            write_with(svg, partial(figure.savefig, metadata={"Date": None}))
-            files += [png, svg]
+    for name, figure in figures.items():
+        for kind in ("png", "svg"):
+            files.append(folder / f"{name}.{kind}")
+            save(figure, files[-1])
     return files
 
 
@@ -123,17 +93,12 @@ def _draw_paths(axes: Axes, table: Table) -> None:
     axes.plot(*person[:2], label="person, direction at the start", **dashed)
     axes.plot(*robot[:2], color=BLUE, linewidth=0.8, label="robot, heading")
     every = slice(None, None, round(ARROW_EVERY_S / table.tick_s))
-    _draw_arrows(axes, table.where(every).poses("robot"), BLUE)
-    _draw_arrows(axes, table.where(slice(1)).poses("target"), ORANGE)
+    shape = ARROW_LENGTH_M, ARROW_WIDTH_M
+    draw_arrows(axes, table.where(every).poses("robot"), BLUE, *shape)
+    draw_arrows(axes, table.where(slice(1)).poses("target"), ORANGE, *shape)
     axes.set_aspect("equal")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MultipleLocator(2.0))
-
-
-def _draw_arrows(axes: Axes, poses: Poses, colour: str) -> None:
-    arrows = ARROW_LENGTH_M * np.cos(poses.yaw), ARROW_LENGTH_M * np.sin(poses.yaw)
-    scale: dict[str, Any] = {"angles": "xy", "units": "xy", "scale": 1.0, "width": ARROW_WIDTH_M}
-    axes.quiver(*poses[:2], *arrows, color=colour, zorder=3.0, **scale)
 
 
 def _legend(figure: Figure) -> None:

@@ -15,9 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from mecazen.errors import MecazenError
-from mecazen_tools.files import write_with
+from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
 
-from mecazen_experiments.figures import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE
 from mecazen_experiments.mocap import Place, Row
 from mecazen_experiments.quality import MEASURED, Curves
 from mecazen_experiments.table import Floats
@@ -54,10 +53,9 @@ def draw(folder: Path, rows: Sequence[Row], curves: Mapping[Place, Curves]) -> l
     """Write both figures as PNG, and return the files."""
     figures = {"mocap_cycles": cycles(curves), "mocap_views": views(rows)}
     files = []
-    with style.context(STYLE):
-        for name, figure in figures.items():
-            files.append(folder / f"{name}.png")
-            write_with(files[-1], partial(figure.savefig, dpi=200))
+    for name, figure in figures.items():
+        files.append(folder / f"{name}.png")
+        save(figure, files[-1])
     return files
 
 

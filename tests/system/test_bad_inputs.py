@@ -27,6 +27,7 @@ BAD = [
     (("simulate", "back", "--duration", "0"), ("sim.duration_s", "> 0")),
     (("simulate", "back", "--duration", "nan"), ("sim.duration_s",)),
     (("simulate", "back", "--trajectory", "no/such/run.csv"), ("--trajectory", "no such folder")),
+    (("simulate", "back", "--plot", "run.gif"), ("run.gif", ".png, .svg, .pdf")),
     (("collect", "back"), ("sim.mode=lockstep", "collector")),
     (("run", "pilot", "back"), ("pilot", "physics")),
     (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
@@ -57,6 +58,8 @@ BAD = [
     (("pub", "cmd_vel", "{}", "--duration", "1"), ("--duration", "--rate")),
     # recordings
     (("info", "none.mcap"), ("none.mcap", "No such file")),
+    (("plot", "none.mcap"), ("none.mcap", "No such file")),
+    (("plot", "/dev/null"), ("/dev/null", "not an MCAP file")),
     (("info", "/dev/null"), ("/dev/null", "not an MCAP file")),
     (("replay", "none.mcap"), ("none.mcap", "No such file")),
     (("replay", "/dev/null", "--through", "follower", "--loop"), ("not an MCAP file",)),

@@ -1,4 +1,4 @@
-"""`mecazen record`, `mecazen replay` and `mecazen info`.
+"""`mecazen record`, `mecazen replay`, `mecazen info` and `mecazen plot`.
 
 Libraries are imported when a command runs, so that `mecazen --help` stays fast.
 """
@@ -209,6 +209,42 @@ def info(
         typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
         for change in run.changes:
             typer.echo(one_line(f"  changed at {change}"))
+
+
+def plot(
+    file: RecordingFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Where to: PNG, SVG or PDF.",
+            show_default="FILE.png beside the recording",
+        ),
+    ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Which run; see mecazen info.", show_default="the last"),
+    ] = None,
+) -> None:
+    """Draw a recorded run: seen from above, its errors and its velocities over time.
+
+    Examples: mecazen plot run.mcap · mecazen plot run.mcap -o run.pdf
+    """
+    from mecazen_tools import drawing
+
+    from mecazen_recorder.reader import Recording
+
+    recording = Recording(file)
+    target = file.with_suffix(".png") if output is None else output
+    drawing.refuse_undrawable(target, "-o")
+    from mecazen_recorder.plot import figure  # once it is known that there is Matplotlib
+
+    drawn = figure(recording, run)
+    _tell_of_damage(recording)
+    drawing.save(drawn, target, "-o")
+    typer.echo(f"picture: {target}")
 
 
 def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:

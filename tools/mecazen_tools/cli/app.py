@@ -13,6 +13,7 @@ from typing import Annotated
 
 import msgspec
 import typer
+from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.explain import one_line
 from mecazen.loading import scenario_path, to_toml
@@ -21,7 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen_tools import certificates, files
+from mecazen_tools import certificates, drawing, files
 from mecazen_tools.cli import param, sim, status, talk, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
@@ -32,6 +33,12 @@ RECORDER = "recorder"
 TrajectoryFile = Annotated[
     Path | None,
     typer.Option("--trajectory", metavar="FILE.csv", help="Write every tick.", show_default=False),
+]
+PictureFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot", metavar="FILE", help="Draw the run: PNG, SVG or PDF.", show_default=False
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
@@ -119,6 +126,7 @@ def simulate_command(
         bool, typer.Option("--distributed", help="As processes over Zenoh; the result is the same.")
     ] = False,
     trajectory: TrajectoryFile = None,
+    plot: PictureFile = None,
     record: Annotated[
         str | None,
         typer.Option(
@@ -135,7 +143,8 @@ def simulate_command(
     The same scenario and seed give the same trajectory to the last bit, in this process or
     with --distributed; its hash says so.
 
-    Examples: mecazen simulate back --seed 7 --json · mecazen simulate side --trajectory run.csv
+    Examples: mecazen simulate back --seed 7 --json · mecazen simulate side --trajectory run.csv ·
+    mecazen simulate back --plot run.png
     """
     overrides = list(settings or ())
     if seed is not None:
@@ -148,7 +157,7 @@ def simulate_command(
         overrides.append(f"services={json.dumps([*loaded.services, RECORDER])}")
         overrides.append(f"{RECORDER}.file={json.dumps(record)}")
         loaded = load(scenario, overrides)
-    _refuse_missing_folder(trajectory)
+    _refuse_unwritable(trajectory, plot)
     with _progress(f"simulating {path.stem}", loaded.sim.ticks) as progress:
         result, run = (
             simulate_distributed(path, tuple(overrides), path.stem, progress)
@@ -156,12 +165,15 @@ def simulate_command(
             else simulate(loaded, path.stem, progress)
         )
     _report(result, run, trajectory, as_json=as_json)
+    if plot is not None:
+        _draw(run, loaded, result, plot, quiet=as_json)
 
 
 @app.command(name="collect")
 def collect_command(
     scenario: ScenarioArgument,
     trajectory: TrajectoryFile = None,
+    plot: PictureFile = None,
     as_json: AsJson = False,
     settings: Settings = None,
 ) -> None:
@@ -174,17 +186,22 @@ def collect_command(
     Example: mecazen collect back --set sim.mode=lockstep
     --set 'services=["physics","controller","target","follower","collector"]'
     """
-    _refuse_missing_folder(trajectory)
+    _refuse_unwritable(trajectory, plot)
     name = scenario_path(scenario).stem
     loaded = load(scenario, settings)
     with _progress(f"collecting {name}", loaded.sim.ticks) as progress:
         result, run = collect(loaded, name, progress)
     _report(result, run, trajectory, as_json=as_json)
+    if plot is not None:
+        _draw(run, loaded, result, plot, quiet=as_json)
 
 
-def _refuse_missing_folder(trajectory: Path | None) -> None:
+def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
+    """Check, before the run, where its files are to be written."""
     if trajectory is not None and not trajectory.absolute().parent.is_dir():
         raise MecazenError(f"--trajectory {trajectory}: no such folder")
+    if plot is not None:
+        drawing.refuse_undrawable(plot, "--plot")
 
 
 @contextmanager
@@ -219,6 +236,16 @@ def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool
         files.write(file, run.csv(), "--trajectory")
         if not as_json:
             typer.echo(f"every tick: {file}")
+
+
+def _draw(run: Trajectory, scenario: Scenario, result: Result, file: Path, *, quiet: bool) -> None:
+    from mecazen_tools import run_figure  # noqa: PLC0415  # Matplotlib is an extra, and slow
+
+    title = f"{result.scenario}, seed {result.seed}"
+    figure = run_figure.draw(run_figure.courses(run, scenario), scenario, title)
+    drawing.save(figure, file, "--plot")
+    if not quiet:
+        typer.echo(f"picture: {file}")
 
 
 def _measures(of: Result | Scores) -> tuple[str, str]:

@@ -1,0 +1,105 @@
+"""A recorded run as a figure: that of `mecazen simulate --plot`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from mecazen import keys
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError
+from mecazen.messages import Message, Odometry, Twist
+from mecazen.robots import join_key, split_key
+from mecazen.wire import NS_PER_S, RefusedError
+from mecazen_tools.run_figure import Course, draw
+
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.writer import RecordingError
+
+Rows = list[tuple[float, ...]]
+
+FOLLOWER = "follower"
+DRAWN = {topic.key: topic for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.CMD_VEL)}
+
+
+class Run(NamedTuple):
+    """What is drawn of a run."""
+
+    seed: int
+    rows: dict[str, Rows]
+    """By key, with the robot's name in it."""
+
+
+def figure(recording: Recording, number: int | None) -> Figure:
+    """Return the figure of a run, of the last one where none is named.
+
+    Raises:
+        RecordingError: There is no such run, or not all of it is recorded that is drawn.
+    """
+    runs = _read(recording)
+    if not runs:
+        cut = ", and its end is missing" if recording.is_cut_off else ""
+        raise RecordingError(f"{recording.path}: no run in it{cut}")
+    wanted = list(runs)[-1] if number is None else number
+    if wanted not in runs:
+        allowed = ", ".join(map(str, runs))
+        raise RecordingError(f"--run {wanted}: not in {recording.path}, which holds {allowed}")
+    scenario = _scenario(recording, wanted)
+    run = runs[wanted]
+    courses = []
+    for robot in scenario.names:
+        truth = join_key(keys.GROUND_TRUTH.key, robot)
+        if truth not in run.rows:
+            raise RecordingError(f"{recording.path}: nothing on {truth} in run {wanted}")
+        others = (join_key(topic.key, robot) for topic in (keys.TARGET_ODOM, keys.CMD_VEL))
+        person, command = (run.rows.get(key, []) for key in others)
+        courses.append(
+            Course(
+                robot,
+                np.array(run.rows[truth]),
+                np.array(person).reshape(-1, 7),
+                np.array(command).reshape(-1, 4),
+            )
+        )
+    return draw(courses, scenario, f"{recording.path.name}, run {wanted}, seed {run.seed}")
+
+
+def _scenario(recording: Recording, run: int) -> Scenario:
+    """Return the configuration of a run, with the follower's where it is of ours."""
+    try:
+        return recording.scenario(run, FOLLOWER)
+    except ConfigError:  # that of somebody's own follower, which is not imported
+        return recording.scenario(run)
+
+
+def _read(recording: Recording) -> dict[int, Run]:
+    """Return what is drawn of each run.
+
+    A sample without a stamp, such as a command by hand, belongs to the run that goes on.
+
+    Raises:
+        RecordingError: A sample is not what its key carries.
+    """
+    runs: dict[int, Run] = {}
+    number = None
+    for sample in recording.samples():
+        if sample.stamp is not None:
+            number = sample.stamp.run
+            runs.setdefault(number, Run(sample.stamp.seed, {}))
+        if number is None:
+            continue
+        topic = DRAWN.get(split_key(sample.key, recording.robots(number))[1])
+        if topic is not None:
+            try:
+                row = (sample.time_ns / NS_PER_S, *_numbers(sample.message(topic.type)))
+            except RefusedError as refusal:
+                raise RecordingError(f"{recording.path}: {sample.key}: {refusal}") from None
+            runs[number].rows.setdefault(sample.key, []).append(row)
+    return runs
+
+
+def _numbers(message: Message) -> tuple[float, ...]:
+    if isinstance(message, Odometry):
+        return (*message.pose.pose.to_planar(), *message.twist.twist.to_planar())
+    return message.to_planar() if isinstance(message, Twist) else ()

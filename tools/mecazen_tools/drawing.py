@@ -1,0 +1,86 @@
+"""How every figure looks, and how it becomes a file. Matplotlib is imported when one is drawn."""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mecazen.errors import ConfigError, MecazenError
+
+from mecazen_tools.files import write_with
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BLUE, ORANGE = "#0072B2", "#E69F00"
+"""Of Okabe and Ito's palette, which the colour-blind can tell apart: a dark and a light one."""
+PALETTE = (BLUE, "#D55E00", "#009E73", "#CC79A7", "#56B4E9", ORANGE)
+"""More of it, where there are more than two."""
+DASHES = (0.0, (4.0, 1.5))
+
+COLUMN_IN = 85.0 / 25.4
+"""Width of a printed column."""
+
+STYLE: list[Any] = [
+    "default",
+    {
+        "font.size": 7.0,
+        **dict.fromkeys(("axes.titlesize", "axes.labelsize", "legend.fontsize"), "medium"),
+        **{f"{axis}tick.labelsize": "medium" for axis in "xy"},
+        **{f"{axis}tick.major.width": 0.5 for axis in "xy"},
+        **{f"{axis}tick.major.{key}": 2.0 for axis in "xy" for key in ("size", "pad")},
+        "axes.linewidth": 0.5,
+        "axes.labelpad": 2.0,
+        "axes.titlepad": 3.0,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "grid.linewidth": 0.3,
+        "grid.color": "#dddddd",
+        "legend.frameon": False,
+        "savefig.dpi": 300,
+        # text as text, and the same bytes each time
+        "svg.fonttype": "none",
+        "svg.hashsalt": "mecazen",
+    },
+]
+"""Matplotlib's own defaults, whatever the user's are, and what print needs."""
+
+METADATA: dict[str, dict[str, None]] = {
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""What each format would say of the time of drawing, left out."""
+
+
+def refuse_undrawable(path: Path, option: str) -> None:
+    """Check, before the work, that a figure can be drawn into a file.
+
+    Args:
+        path: The file, whose suffix tells the format.
+        option: What the user asked for it with, for the message.
+
+    Raises:
+        MecazenError: The format is another, the folder is not there, or Matplotlib is not.
+    """
+    if path.suffix not in METADATA:
+        allowed = ", ".join(METADATA)
+        raise ConfigError(f"{option} {path}: a picture's name ends in one of {allowed}")
+    if not path.absolute().parent.is_dir():
+        raise ConfigError(f"{option} {path}: no such folder")
+    if find_spec("matplotlib") is None:
+        raise MecazenError(f"{option} needs Matplotlib: pip install 'mecazen-tools[plot]'")
+
+
+def save(figure: Figure, path: Path, option: str = "") -> None:
+    """Write a figure, whole, in the format of the file's suffix.
+
+    Raises:
+        MecazenError: It can't be written.
+    """
+    from matplotlib import style  # noqa: PLC0415  # needed by figures alone
+
+    with style.context(STYLE):
+        write_with(path, partial(figure.savefig, metadata=METADATA[path.suffix]), option)
