@@ -55,6 +55,8 @@ BAD = [
     (("pub", "cmd_vel", "{"), ("cmd_vel",)),
     (("pub", "cmd_vel", "[]"), ("cmd_vel", "object")),
     (("pub", "cmd_vel", "{}", "--rate", "0"), ("--rate", "0.01")),
+    (("teleop",), ("terminal", "mecazen pub")),
+    (("teleop", "--speed", "-1"), ("--speed", "0.01")),
     (("pub", "cmd_vel", "{}", "--duration", "1"), ("--duration", "--rate")),
     # recordings
     (("info", "none.mcap"), ("none.mcap", "No such file")),

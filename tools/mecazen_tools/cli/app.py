@@ -23,7 +23,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from mecazen_tools import certificates, drawing, files
-from mecazen_tools.cli import param, sim, status, talk, up
+from mecazen_tools.cli import param, sim, status, talk, teleop, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -60,6 +60,7 @@ app.command()(talk.topics)
 app.command()(status.status)
 app.command()(talk.echo)
 app.command()(talk.pub)
+app.command()(teleop.teleop)
 for entry in entry_points(group="mecazen.commands"):
     # what is installed beside the SDK brings its own commands: one, or a group of them
     command = entry.load()

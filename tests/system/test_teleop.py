@@ -1,0 +1,173 @@
+"""`mecazen teleop` in a terminal that the test plays, against a bus on which it is the robot."""
+
+import os
+import pty
+import secrets
+import select
+import subprocess
+
+import pytest
+from harness import command, forward, tools, wait
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus_config import BusConfig
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import GuardState, Time, planar_odometry
+
+ASKS = b"\x1b[?u"
+"""A terminal is asked whether it speaks the keyboard protocol."""
+PLACE = b"\x1b[1;1R"
+"""What any terminal answers to the question that follows."""
+SPEAKS = b"\x1b[?0u" + PLACE
+
+
+class Played:
+    """A command in a terminal of its own.
+
+    Args:
+        answer: To the question whether it speaks the keyboard protocol.
+        arguments: Of the command.
+    """
+
+    def __init__(self, answer, *arguments):
+        self._master, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            **command(arguments, TERM="xterm", COLUMNS="200"),
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            preexec_fn=lambda: os.login_tty(slave),  # noqa: PLW1509  # it holds no lock
+        )
+        os.close(slave)
+        self.text = ""
+        """What it has shown."""
+        self._answer = answer
+
+    def read(self):
+        """Take what it has shown since."""
+        while self._master is not None and select.select([self._master], [], [], 0)[0]:
+            try:
+                read = os.read(self._master, 4096)
+            except OSError:  # the command has ended
+                return
+            self.text += read.decode(errors="replace")
+            if ASKS in read:
+                os.write(self._master, self._answer)
+
+    def type(self, text):
+        os.write(self._master, text.encode())
+
+    def hang_up(self):
+        """Close the terminal, as a lost connection does."""
+        os.close(self._master)
+        self._master = None
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        if self._master is not None:
+            self.hang_up()
+
+
+class Robot:
+    """What hears the commands on a bus."""
+
+    def __init__(self, endpoint):
+        self.config = BusConfig(connect=(endpoint,), namespace=f"teleop{secrets.token_hex(6)}")
+        self.bus = ZenohBus(self.config)
+        self.heard = []
+        for topic in (keys.CMD_VEL, keys.TARGET_CMD_VEL):
+            self.bus.subscribe(topic, self._take(topic.key), every=True)
+        self.played = []
+
+    def _take(self, key):
+        return lambda message, _: self.heard.append((key, message.to_planar()))
+
+    def play(self, *arguments, answer=PLACE):
+        self.played.append(Played(answer, "teleop", *arguments, *tools(self.config)))
+        return self.played[-1]
+
+    def wait(self, condition):
+        def holds():
+            for played in self.played:
+                played.read()
+            return condition()
+
+        wait(self.bus, holds)
+
+    def wait_for_end(self):
+        self.wait(lambda: self.played[-1].process.poll() is not None)
+        assert self.played[-1].process.returncode == 0
+
+    def wait_for(self, *commands):
+        """Wait until these have come in this order, among others, and the last one last."""
+
+        def came():
+            rest = iter(self.heard)
+            return all(one in rest for one in commands) and self.heard[-1] == commands[-1]
+
+        self.wait(came)
+
+
+@pytest.fixture
+def robot(router):
+    robot = Robot(router)
+    yield robot
+    for played in robot.played:
+        played.close()
+    robot.bus.close()
+
+
+def cmd(x=0.0, y=0.0, yaw=0.0, key="cmd_vel"):
+    return key, Twist2D(x, y, yaw)
+
+
+def test_a_key_drives_until_it_is_let_go_and_the_line_tells_what_happens(robot):
+    hand = robot.play()
+    robot.wait(lambda: "nobody listens to cmd_vel" in hand.text)
+    robot.bus.declare_alive("controller")
+    hand.type("w")
+    robot.wait_for(cmd(0.3), cmd())
+    assert "vx +0.30" in hand.text
+    hand.type("++L")
+    robot.wait_for(cmd(yaw=-0.72), cmd())
+    assert "120 %" in hand.text
+    odometry = planar_odometry(Time(), "odom", "base_link", Pose2D(1.5, -0.25, 0.0), Twist2D(0.3))
+    robot.bus.publisher(keys.ODOM).put(odometry, None)
+    state = GuardState(state="slow", factor=0.5, reason="a wall\x1b[2J is near")
+    robot.bus.publisher(keys.GUARD_STATE).put(state, None)
+    robot.wait(lambda: "guard lets 50% through" in hand.text)
+    assert "x +1.50 y -0.25 m   +0°  0.30 m/s  guard: slow" in hand.text
+    assert "a wall\\u001b[2J is near" in hand.text
+    robot.bus.publisher(keys.CMD_VEL).put(forward(0.1), None)
+    robot.wait(lambda: "somebody else drives on cmd_vel as well" in hand.text)
+    robot.heard.clear()
+    hand.type("q")
+    robot.wait_for_end()
+    robot.wait_for(cmd())
+
+
+def test_where_the_terminal_tells_releases_keys_add_up_and_end_at_once(robot):
+    hand = robot.play("--person", "--speed", "1", "--turn", "0.5", answer=SPEAKS)
+    robot.wait(lambda: "\x1b[>11u" in hand.text)
+    walk = keys.TARGET_CMD_VEL.key
+    hand.type("\x1b[119u\x1b[1;1:1D")  # w, and the arrow to the left
+    robot.wait_for(cmd(1.0, yaw=0.5, key=walk))
+    hand.type("\x1b[119;1:3u")
+    robot.wait_for(cmd(yaw=0.5, key=walk))
+    hand.type("\x1b[1;1:3D")
+    robot.wait_for(cmd(key=walk))
+    hand.type("\x1b[99;5u")  # Ctrl-C
+    robot.wait_for_end()
+    robot.wait(lambda: "\x1b[<u" in hand.text)
+    assert not any(key == "cmd_vel" for key, _ in robot.heard)
+
+
+def test_a_lost_terminal_brings_the_robot_to_rest(robot):
+    hand = robot.play(answer=SPEAKS)
+    robot.wait(lambda: "\x1b[>11u" in hand.text)
+    hand.type("w")
+    robot.wait_for(cmd(0.3))
+    hand.hang_up()
+    robot.wait_for(cmd(0.3), cmd())
+    robot.wait_for_end()

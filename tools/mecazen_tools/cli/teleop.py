@@ -1,0 +1,303 @@
+"""`mecazen teleop`: a robot, or its person, driven by keyboard and gamepad."""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import termios
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.errors import BusError, ConfigError
+from mecazen.geometry import Twist2D
+from mecazen.keys import Topic
+from mecazen.messages import Empty, GuardState, Odometry, Twist
+from mecazen.robots import join_key
+from mecazen.text import printable
+from mecazen.wire import Stamp
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from mecazen_tools import driving, gamepad
+from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools.driving import Hand
+
+if TYPE_CHECKING:
+    from blessed import Terminal
+    from blessed.keyboard import Keystroke
+
+NAME = "teleop"
+PERIOD_S = 0.05
+"""Of commands while a key is held: ten times as often as the controller's watchdog needs them."""
+STALE_S = 1.0
+"""What has not come for so long is not shown."""
+OTHERS_S = 0.5
+"""For so long after a command of somebody else, they drive as well."""
+ANSWER_S = 0.5
+"""How long a terminal, or simulated time, may take to answer."""
+KITTY = 0b1011
+"""Keys that are told apart, their releases, and all keys so: flags of kitty's keyboard protocol."""
+OTHER = "other"
+A_NODE = "a follower (`mecazen up teleop` has none)"
+QUIT = {"q", "ctrl_c"}
+NAMES = {" ": "space", "equals": "=", "plus": "+", "minus": "-", "underscore": "_"}
+
+
+class Role(NamedTuple):
+    """Who is driven."""
+
+    command: Topic[Twist]
+    odometry: Topic[Odometry]
+    service: str
+    """Obeys the commands."""
+
+
+ROBOT = Role(keys.CMD_VEL, keys.ODOM, "controller")
+PERSON = Role(keys.TARGET_CMD_VEL, keys.TARGET_ODOM, "target")
+
+
+class Press(NamedTuple):
+    """What the terminal tells of a key."""
+
+    key: str
+    released: bool = False
+    repeated: bool = False
+
+
+class Driven:
+    """Commands a robot or a person, and knows how they do.
+
+    Args:
+        bus: That of all robots.
+        role: Who is driven.
+        robot: Of several, which.
+
+    Raises:
+        ConfigError: There is none of this name.
+    """
+
+    def __init__(self, bus: ZenohBus, role: Role, robot: str) -> None:
+        self._bus = bus
+        self._role = role
+        self._robot = robot
+        own = bus.namespaced(robot)
+        self._publisher = own.publisher(role.command)
+        self._sent: Twist | None = None
+        self._last: dict[str, tuple[float, Any]] = {}
+        """By key: when it came, and what."""
+        own.subscribe(role.command, self._hear_other)
+        own.subscribe(role.odometry, partial(self._hear, role.odometry.key))
+        if role is ROBOT:
+            own.subscribe(keys.GUARD_STATE, partial(self._hear, keys.GUARD_STATE.key))
+        own.declare_alive(NAME)
+        self._presence = own.presence
+        self._obeys = ""
+        self._is_new = True
+        """Whether it is to be asked who takes part."""
+        own.presence.on_change.append(self._on_change)
+        self._ask()
+
+    def send(self, twist: Twist2D) -> None:
+        """Publish a command."""
+        self._sent = Twist.planar(twist)
+        self._publisher.put(self._sent, None)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the last command was a motion."""
+        return self._sent is not None and self._sent != Twist()
+
+    def end(self) -> None:
+        """Have who was driven rest."""
+        if self._sent is not None:
+            self.send(Twist2D())
+
+    def update(self) -> None:
+        """Take what has come."""
+        self._bus.drain()
+        if self._is_new:
+            self._ask()
+
+    def text(self) -> str:
+        """Return where who is driven is and how fast, and what the guard does."""
+        odometry = self._recent(self._role.odometry.key, STALE_S)
+        if odometry is None:
+            return f"no {self._role.odometry.key}"
+        x, y, yaw = odometry.pose.pose.to_planar()
+        speed = math.hypot(*odometry.twist.twist.to_planar()[:2])
+        where = f"x {x:+.2f} y {y:+.2f} m {math.degrees(yaw):+4.0f}°  {speed:.2f} m/s"
+        guard = self._recent(keys.GUARD_STATE.key, STALE_S)
+        return where if guard is None else f"{where}  guard: {printable(guard.state)}"
+
+    def note(self) -> str:
+        """Return what keeps commands from being obeyed; empty if nothing does."""
+        key = join_key(self._role.command.key, self._robot)
+        if self._role.service not in self._presence.names:
+            return f"nobody listens to {key}: is `mecazen up teleop` running?"
+        if self._obeys:
+            return self._obeys
+        is_node = self._recent(OTHER, OTHERS_S)
+        if is_node is not None:
+            return f"{A_NODE if is_node else 'somebody else'} drives on {key} as well"
+        guard: GuardState | None = self._recent(keys.GUARD_STATE.key, STALE_S)
+        if guard is not None and guard.reason:
+            return f"guard lets {guard.factor:.0%} through: {printable(guard.reason)}"
+        return ""
+
+    def _recent(self, what: str, within_s: float) -> Any:
+        came_s, message = self._last.get(what, (-math.inf, None))
+        return message if time.monotonic() - came_s < within_s else None
+
+    def _hear(self, what: str, message: object, stamp: Stamp | None) -> None:
+        del stamp
+        self._last[what] = time.monotonic(), message
+
+    def _hear_other(self, message: Twist, stamp: Stamp | None) -> None:
+        if message is not self._sent:  # one's own comes back as it was sent
+            self._last[OTHER] = time.monotonic(), stamp is not None
+
+    def _on_change(self) -> None:
+        self._is_new = True
+
+    def _ask(self) -> None:
+        """Learn who takes part, where anybody simulates."""
+        self._is_new, self._obeys = False, ""
+        try:
+            tables = tomllib.loads(self._bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data)
+        except (BusError, ValueError):
+            return
+        robots = {str(robot["name"]): robot for robot in tables["robots"]}
+        if (robots or self._robot) and self._robot not in robots:
+            told = ", ".join(map(printable, robots)) or "one without a name"
+            raise ConfigError(f"--robot {self._robot or 'is needed'}: there is {told}")
+        path = {**tables, **robots.get(self._robot, {})}.get("target", {}).get("path", {})
+        if self._role is PERSON and path.get("kind") != "driven":
+            self._obeys = "the person goes their own way: target.path = { kind = 'driven' } obeys"
+
+
+def teleop(
+    person: Annotated[bool, typer.Option("--person", help="Walk the person instead.")] = False,
+    robot: Annotated[
+        str, typer.Option(metavar="NAME", help="Of several robots, which.", show_default=False)
+    ] = "",
+    speed: Annotated[
+        float, typer.Option(metavar="M_S", min=0.01, max=10, help="Along the ground, at 100 %.")
+    ] = 0.3,
+    turn: Annotated[
+        float, typer.Option(metavar="RAD_S", min=0.01, max=10, help="About itself, at 100 %.")
+    ] = 0.6,
+    connect: Connect = None,
+    namespace: Namespace = None,
+    tls: Tls = None,
+) -> None:
+    """Drive a robot by keyboard, and by a gamepad where one is: it moves while a key is held.
+
+    Examples: mecazen teleop · mecazen teleop --person · mecazen teleop --robot two --speed 0.5
+    """
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise ConfigError("teleop needs a terminal; `mecazen pub cmd_vel` drives without one")
+    role = PERSON if person else ROBOT
+    with tool_bus(connect, namespace, tls) as bus:
+        driven = Driven(bus, role, robot)
+        pad, told = gamepad.find()
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, _interrupt)
+        try:
+            with _keyboard() as (read, tells_release), _live(f"{driving.HELP}\n{told}") as show:
+                hand = Hand(speed, turn, tells_release=tells_release)
+                _drive(driven, hand, pad, read, show)
+        except (OSError, EOFError, termios.error):
+            pass  # the terminal has gone
+        finally:
+            driven.end()
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _drive(
+    driven: Driven,
+    hand: Hand,
+    pad: gamepad.Gamepad | None,
+    read: Callable[[float], Press | None],
+    show: Callable[[Group], None],
+) -> None:
+    """Publish what is held until it is to end."""
+    due = time.monotonic()
+    while True:
+        due = max(due + PERIOD_S, time.monotonic())  # after a Ctrl-Z nothing is made up for
+        while (left_s := due - time.monotonic()) > 0.0:
+            press = read(left_s)
+            if press is None:
+                continue
+            if press.released:
+                hand.release(press.key)
+            elif press.key in QUIT:
+                return
+            else:
+                hand.press(press.key, time.monotonic(), repeated=press.repeated)
+            if press.key == driving.STOP:
+                driven.send(Twist2D())
+        driven.update()
+        twist = hand.command(time.monotonic(), None if pad is None else pad.twist())
+        if any(twist) or driven.moves:
+            driven.send(twist)
+        x, y, yaw = twist
+        line = f"vx {x:+.2f} vy {y:+.2f} m/s wz {yaw:+.2f} rad/s  {hand.percent} %  {driven.text()}"
+        lines = Text(line), Text(driven.note(), "yellow")
+        for text in lines:
+            text.no_wrap, text.overflow = True, "ellipsis"
+        show(Group(*lines))
+
+
+@contextmanager
+def _live(head: str) -> Iterator[Callable[[Group], None]]:
+    """Show a head; yield what shows lines below it, in the place of those before."""
+    typer.echo(head)
+    with Live(console=Console(), auto_refresh=False) as live:
+        yield partial(live.update, refresh=True)
+
+
+@contextmanager
+def _keyboard() -> Iterator[tuple[Callable[[float], Press | None], bool]]:
+    """Yield what waits for a key, at most so long [s], and whether it tells releases."""
+    from blessed import Terminal  # noqa: PLC0415  # nothing else needs it
+
+    # unstyled, as it would else ask the terminal for minutes what it can draw
+    terminal = Terminal(force_styling=None)
+    with terminal.cbreak():
+        tells_release = terminal.get_kitty_keyboard_state(ANSWER_S) is not None
+        if tells_release:
+            _tell(f"\x1b[>{KITTY}u")
+        try:
+            yield partial(_read, terminal), tells_release
+        finally:
+            if tells_release:
+                with suppress(OSError):
+                    _tell("\x1b[<u")
+
+
+def _tell(sequence: str) -> None:
+    sys.stdout.write(sequence)
+    sys.stdout.flush()
+
+
+def _read(terminal: Terminal, timeout_s: float) -> Press | None:
+    key = terminal.inkey(timeout_s, esc_delay=0.0)
+    return Press(_name(key), key.released, key.repeated) if key else None
+
+
+def _name(key: Keystroke) -> str:
+    """Return what a key is called in `driving`: in capitals or not, in either protocol."""
+    name = (key.key_name or str(key)).removeprefix("KEY_").removeprefix("SHIFT_").lower()
+    return NAMES.get(name, name)

@@ -1,0 +1,57 @@
+"""A gamepad, by SDL, which knows where the sticks are of most that there are."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from mecazen.geometry import Twist2D
+
+from mecazen_tools.driving import stick_twist
+
+SDL = {
+    "SDL_VIDEODRIVER": "dummy",  # no window,
+    "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",  # so none has the focus
+    "SDL_NO_SIGNAL_HANDLERS": "1",
+    "PYGAME_HIDE_SUPPORT_PROMPT": "1",
+}
+FULL = 32768.0
+"""A stick's deflection at its end."""
+
+
+class Gamepad:
+    """The first gamepad that is plugged in at the start."""
+
+    def __init__(self, pygame: Any, pad: Any) -> None:
+        self._pygame = pygame
+        self._pad = pad
+        self.name = str(pad.name)
+
+    def twist(self) -> Twist2D:
+        """Return what its sticks mean, as shares of the speeds; nothing once it is pulled out."""
+        game = self._pygame
+        game.event.pump()
+        if not self._pad.attached():
+            return Twist2D()
+        axes = game.CONTROLLER_AXIS_LEFTX, game.CONTROLLER_AXIS_LEFTY, game.CONTROLLER_AXIS_RIGHTX
+        return stick_twist(*(self._pad.get_axis(axis) / FULL for axis in axes))
+
+
+def find() -> tuple[Gamepad | None, str]:
+    """Return the gamepad, if there is one, and what to say of it in one line."""
+    os.environ.update(SDL)
+    try:
+        import pygame  # noqa: PLC0415  # an extra
+        from pygame._sdl2 import controller  # noqa: PLC0415
+    except ImportError:
+        return None, "keyboard only: a gamepad needs pip install 'mecazen-tools[gamepad]'"
+    try:
+        pygame.display.init()
+        controller.init()
+        known = [n for n in range(controller.get_count()) if controller.is_controller(n)]
+        pad = Gamepad(pygame, controller.Controller(known[0])) if known else None
+    except pygame.error as error:
+        return None, f"keyboard only: no gamepad can be read: {error}"
+    if pad is None:
+        return None, "keyboard only: no gamepad is plugged in"
+    return pad, f"gamepad {pad.name}: the left stick moves, the right one turns"
