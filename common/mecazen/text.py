@@ -2,6 +2,9 @@
 
 import json
 
+NAME_CHARACTERS = 60
+"""Who sends a name may send any number of them."""
+
 
 def printable(text: str) -> str:
     """Return text with JSON's escapes for what moves a cursor, hides, or turns the line round.
@@ -11,3 +14,9 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in text)
+
+
+def shortened(name: str) -> str:
+    """Return a name for a terminal, of which too much is left out."""
+    cut = name if len(name) <= NAME_CHARACTERS else f"{name[:NAME_CHARACTERS]}…"
+    return printable(cut)

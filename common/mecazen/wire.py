@@ -113,7 +113,7 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
     try:
-        form = _format_of(payload, encoding)
+        form = format_of(payload, encoding)
         if form == "cdr":
             return cdr.decode(payload, kind)
         if form == "json":
@@ -123,7 +123,12 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
 
 
-def _format_of(payload: bytes, encoding: str) -> Format | Literal["cdr"]:
+def format_of(payload: bytes, encoding: str) -> Format | Literal["cdr"]:
+    """Return what a payload is in, by its encoding or its first bytes.
+
+    Raises:
+        RefusedError: It begins as none of them.
+    """
     media = encoding.partition(";")[0]
     if media in (JSON_ENCODING, "text/json"):
         return "json"

@@ -139,6 +139,16 @@ def test_when_all_is_well_expect_level_ok(bus, put):
     assert refused == {"refused_payloads": "3", "refused/cmd_vel": "2", "refused/joint_states": "1"}
 
 
+def test_a_field_that_is_ignored_is_a_warning(bus, put):
+    heard = []
+    bus.subscribe(diagnostics("toy"), lambda array, _: heard.append(array.status[0]))
+    bus.put_bytes("cmd_vel", b'{"linaer":{"x":1}}')
+    put(CLOCK, Clock(), at(0))
+    told = "linaer is ignored; did you mean linear? allowed: linear, angular"
+    assert (heard[0].level, heard[0].message) == (1, "unknown fields")
+    assert KeyValue("ignored/cmd_vel", told) in heard[0].values
+
+
 def test_rates_and_ages_of_inputs_are_told_once_each_second_in_simulated_time(bus, put, reports):
     for tick in range(301):
         put(CLOCK, Clock(), at(tick))

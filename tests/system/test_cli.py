@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from contextlib import closing
 
 import msgspec
 import pytest
@@ -22,6 +23,8 @@ from harness import (
     mecazen,
     options,
 )
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus_config import BusConfig
 from mecazen.loading import effective, load_scenario
 from mecazen_tools.cli import main
 from mecazen_tools.processes import private_router
@@ -129,12 +132,25 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     up.read_until("following")
     pids = up.pids()
     assert set(pids) == {"router", "physics", "controller", "target", "follower", "viewer"}
-    services = {}
+    services, warnings = {}, []
     end = time.monotonic() + COMMAND_GUARD_S
-    # nobody waits for the viewer, which takes longest to start
-    while not services or any(service["state"] != "ready" for service in services.values()):
-        assert time.monotonic() < end, services
-        services = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)["services"]
+    bus = BusConfig(connect=(up.tools[1],), namespace=up.tools[3])
+    with closing(ZenohBus(bus, "client")) as hand:
+        hand.put_bytes("cmd_vle", b"{}")
+        # nobody waits for the viewer, which takes longest to start
+        while not warnings or any(service["state"] != "ready" for service in services.values()):
+            assert time.monotonic() < end, services
+            for _ in range(10):  # of which the follower's commands may take the place
+                hand.put_bytes("cmd_vel", b'{"linaer":{}}')
+            status = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)
+            services, warnings = status["services"], status["warnings"]
+    ignored = "linaer is ignored; did you mean linear? allowed: linear, angular"
+    for told in (
+        "warning: cmd_vle: no key of mecazen; did you mean cmd_vel?",
+        f"msg=ignored key=cmd_vel reason='{ignored}'",
+    ):
+        assert told in up.text or up.read_until(told)
+    assert warnings == [f"cmd_vel: {ignored}"]
     assert list(services)[:4] == ["physics", "controller", "target", "follower"]
     odom = msgspec.json.decode(mecazen("echo", "odom", "--count", 1, *up.tools).stdout)
     assert odom["header"]["frame_id"] == "odom"

@@ -92,6 +92,19 @@ def test_the_screen_shows_a_line_for_each_and_simulated_time_above():
     ]
 
 
+def test_what_somebody_has_sent_for_nothing_is_told_once_below():
+    ignored = {"ignored/cmd_vel": "linaer is ignored\x1b[2J"}
+    reports = {"controller": ignored, "guard": ignored}
+    status = status_of(SIM, (), set(), reports, ["cmd_vle: no key"])
+    assert status.warnings == ("cmd_vle: no key", "cmd_vel: linaer is ignored\x1b[2J")
+    assert text_of(status)[-2:] == [
+        "warning: cmd_vle: no key",
+        "warning: cmd_vel: linaer is ignored\\u001b[2J",
+    ]
+    many = [f"{number}: no key" for number in range(1000)]
+    assert len(status_of(SIM, (), set(), {}, many).warnings) == 20
+
+
 def test_the_screen_says_when_time_is_held_and_when_nobody_simulates():
     held = SimState(mode="lockstep", paused=True, seed=1)
     expected = {held: "t = 0.0 s  ·  paused  ·  lockstep  ·  seed 1", None: "nobody simulates"}

@@ -11,12 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from typing import Any, Generic, Protocol, Self, TypeVar
 
+import msgspec
+
 from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
+from mecazen.suggest import unknown_fields
 from mecazen.text import printable
-from mecazen.wire import RefusedError, Stamp, decode
+from mecazen.wire import RefusedError, Stamp, decode, format_of
 
 MessageT = TypeVar("MessageT", bound=Message)
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
@@ -110,6 +113,8 @@ class Bus(ABC):
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
         """Refused payloads by whole key, of all namespaces."""
+        self.ignored: dict[str, str] = {}
+        """What was last ignored of somebody's sample, by whole key: a field that there is not."""
         self.presence = Presence()
         self._last_report: dict[str, float] = {}
         self._prefix = ""
@@ -213,12 +218,38 @@ class Bus(ABC):
         if key not in self.refused and len(self.refused) >= REFUSED_KEYS:
             key = OTHER_KEYS
         self.refused[key] += count
-        now = time.monotonic()
-        if now - self._last_report.get(key, -1.0) >= 1.0:
-            self._last_report[key] = now
+        if self._may_report(key):
             logger.warning(
                 "msg=refused key=%s count=%d reason=%r", printable(key), self.refused[key], reason
             )
+
+    def warn_of_unknown_fields(
+        self, key: str, payload: bytes, encoding: str, message: Message
+    ) -> None:
+        """Note a field that is ignored of what somebody has sent; log it at most once a second.
+
+        Only JSON is looked at, which is what people write.
+        """
+        if format_of(payload, encoding) != "json":
+            return
+        try:
+            given = msgspec.json.decode(payload)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            return  # what is skipped of an unknown field need not be right
+        told = next(unknown_fields(given, message), None)
+        if told is not None:
+            key = self._prefix + key
+            self.ignored[key] = told
+            if self._may_report(key):
+                logger.warning("msg=ignored key=%s reason=%r", key, told)
+
+    def _may_report(self, key: str) -> bool:
+        """Return whether something is to be logged of a key again."""
+        now = time.monotonic()
+        is_due = now - self._last_report.get(key, -1.0) >= 1.0
+        if is_due:
+            self._last_report[key] = now
+        return is_due
 
     def overheard(self, topic: Topic[MessageT]) -> list[Handler[MessageT]]:
         """Return who takes what this process publishes on a topic; more may be added."""
@@ -251,6 +282,8 @@ class Bus(ABC):
         except RefusedError as refusal:
             self.refuse(key, str(refusal))
         else:
+            if sample[1] is None:
+                self.warn_of_unknown_fields(key, payload, encoding, sample[0])
             deliver(subscribers.handlers, *sample)
 
     def _ask(
@@ -278,6 +311,7 @@ class Bus(ABC):
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
+        self.warn_of_unknown_fields(call.key, payload, "", request)
         return request
 
 

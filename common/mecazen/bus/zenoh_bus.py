@@ -126,6 +126,9 @@ class ZenohBus(Bus):
             except RefusedError as refusal:
                 self.refuse(topic.key, str(refusal))
                 return False
+            if stamp is None:
+                payload, encoding, _ = _content(sample)
+                self.warn_of_unknown_fields(topic.key, payload, encoding, message)
             deliver(handlers, message, stamp)
             return True
 

@@ -137,15 +137,17 @@ class Participant:
         values["refused_payloads"] = refused
         for key, count in self.bus.refused.items():
             values[f"refused/{key}"] = count
+        ignored = self.bus.ignored
+        values |= {f"ignored/{key}": told for key, told in ignored.items()}
         for robot in dict.fromkeys(("", *self.scenario.names)):
             returns = self.bus.namespaced(robot).presence.returns
             for name in self.scenario.services:
                 if name in returns:
                     values[f"restarts/{join_key(name, robot)}"] = returns[name]
         status = DiagnosticStatus(
-            level=1 if refused else 0,
+            level=1 if refused or ignored else 0,
             name=self.name,
-            message="refused payloads" if refused else "ok",
+            message="refused payloads" if refused else "unknown fields" if ignored else "ok",
             values=tuple(KeyValue(key=key, value=str(value)) for key, value in values.items()),
         )
         header = Header(stamp=self.stamp.time)

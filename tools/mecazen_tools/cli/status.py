@@ -25,6 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools.strays import Strays
 
 REFRESH_S = 0.5
 ANSWER_S = 0.5
@@ -34,6 +35,10 @@ PATIENCE_S = 3.0
 
 REPORTS = 1000
 """The reports of so many services are kept, since a stranger can make up any number."""
+
+IGNORED = "ignored/"
+WARNINGS = 20
+"""So many are told."""
 
 ALL_DIAGNOSTICS = keys.diagnostics("*").key
 
@@ -67,6 +72,8 @@ class Status(msgspec.Struct, frozen=True):
     sim: SimState | None
     """None where nobody simulates."""
     services: dict[str, ServiceStatus]
+    warnings: tuple[str, ...] = ()
+    """What somebody has sent for nothing: an unknown field, or on a key that is like another."""
 
 
 Reports = dict[str, dict[str, str]]
@@ -74,15 +81,30 @@ Reports = dict[str, dict[str, str]]
 
 
 def status_of(
-    sim: SimState | None, parts: Iterable[str], alive: set[str], reports: Reports
+    sim: SimState | None,
+    parts: Iterable[str],
+    alive: set[str],
+    reports: Reports,
+    strays: Iterable[str] = (),
 ) -> Status:
     """Return how everybody is, of whom the services `parts` should be there.
 
-    `alive` are liveliness tokens, of which `<name>/ready` is a mark of readiness.
+    `alive` are liveliness tokens, of which `<name>/ready` is a mark of readiness; `strays` is
+    what is said of samples on keys that nobody takes.
     """
     here = {name for name in alive if not name.endswith("/ready")}
     names = [*parts, *sorted(here | reports.keys())]
-    return Status(sim, {name: _service(name, alive, reports) for name in dict.fromkeys(names)})
+    ignored = (
+        f"{name.removeprefix(IGNORED)}: {told}"
+        for said in reports.values()
+        for name, told in said.items()
+        if name.startswith(IGNORED)
+    )
+    return Status(
+        sim,
+        {name: _service(name, alive, reports) for name in dict.fromkeys(names)},
+        tuple(dict.fromkeys((*strays, *ignored)))[:WARNINGS],  # several services hear one key
+    )
 
 
 def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
@@ -131,7 +153,8 @@ def screen(status: Status) -> Group:
             f"{max(ages):.2f}" if ages else "",
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )
-    return Group(Text(_headline(status.sim), "bold"), table)
+    warnings = [Text(f"warning: {printable(told)}", "yellow") for told in status.warnings]
+    return Group(Text(_headline(status.sim), "bold"), table, *warnings)
 
 
 def _headline(sim: SimState | None) -> str:
@@ -154,6 +177,7 @@ class _Listener:
         self._robots: tuple[str, ...] = ()
         self._alive: set[str] = set()
         self.reports: Reports = {}
+        self._strays: list[str] = []
         self._hear("")
 
     def listen(self, duration_s: float) -> None:
@@ -186,7 +210,7 @@ class _Listener:
                     return self.status()
             except BusError:
                 pass  # it is just starting, or just gone, or frozen
-        return status_of(sim, self._parts, self._alive, self.reports)
+        return status_of(sim, self._parts, self._alive, self.reports, self._strays)
 
     def _take_part(self, scenario: dict[str, Any]) -> None:
         """Learn from a scenario's tables who takes part."""
@@ -198,6 +222,8 @@ class _Listener:
         )
         for robot in self._robots:
             self._hear(robot)
+        given = {keys.CMD_VEL.key} if "follower" in scenario["services"] else ()
+        Strays(self._bus, self._robots or ("",), given, self._strays.append)
 
     def _hear(self, robot: str) -> None:
         self._bus.namespaced(robot).subscribe_bytes(ALL_DIAGNOSTICS, partial(self._take, robot))

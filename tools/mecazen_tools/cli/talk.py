@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections import Counter
 from pathlib import Path
@@ -12,8 +11,9 @@ import msgspec
 import typer
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
-from mecazen.keys import CALLS, TOPICS, topic_of
+from mecazen.keys import topic_of
 from mecazen.programs import graph_of
+from mecazen.suggest import unknown_fields
 from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.table import Column, Table
@@ -21,6 +21,7 @@ from rich.table import Column, Table
 from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
 from mecazen_tools.generated import one_process_each
+from mecazen_tools.strays import unknown_key
 
 LIVE_S = 1.0
 
@@ -161,11 +162,12 @@ def pub(
     """
     payload = message.encode()
     try:
-        _warn_of_unknown_fields(
-            key, msgspec.json.decode(payload), _read(key, payload, JSON_ENCODING)
-        )
+        read = _read(key, payload, JSON_ENCODING)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
+    if isinstance(read, msgspec.Struct):
+        for told in unknown_fields(msgspec.json.decode(payload), read):
+            typer.echo(f"warning: {key}: {told}", err=True)
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
     _warn_of_typo(key)
@@ -187,31 +189,7 @@ def _read(key: str, payload: bytes, encoding: str) -> Any:
 
 
 def _warn_of_typo(key: str) -> None:
-    """Say on standard error that no node of ours takes or gives a key, and which one is like it.
-
-    It may be a key of somebody's own, so it is no error.
-    """
-    known = [topic.key for topic in TOPICS] + [call.key for call in CALLS]
-    # a robot of several has its name before its keys
-    own = next((k for k in known if key.endswith(f"/{k}")), key)
-    if "*" in key or topic_of(own) is not None or own in known:
-        return
-    close = difflib.get_close_matches(key, known, n=1)
-    suggestion = f"; did you mean {close[0]}?" if close else "; `mecazen topics` shows all"
-    typer.echo(f"warning: {key}: no key of mecazen{suggestion}", err=True)
-
-
-def _warn_of_unknown_fields(key: str, given: Any, message: Any, within: str = "") -> None:
-    """Say on standard error which fields of a message in JSON its type does not have."""
-    if not isinstance(given, dict) or not isinstance(message, msgspec.Struct):
-        return
-    for name, value in given.items():
-        if name in message.__struct_fields__:
-            _warn_of_unknown_fields(key, value, getattr(message, name), f"{within}{name}.")
-            continue
-        close = difflib.get_close_matches(name, message.__struct_fields__, n=1)
-        suggestion = f"did you mean {close[0]}? " if close else ""
-        allowed = ", ".join(message.__struct_fields__)
-        typer.echo(
-            f"warning: {key}: {within}{name} is ignored; {suggestion}allowed: {allowed}", err=True
-        )
+    """Say on standard error that no node of ours takes or gives a key, and which one is like it."""
+    told = None if "*" in key else unknown_key(key)
+    if told is not None:
+        typer.echo(f"warning: {told}", err=True)

@@ -22,7 +22,7 @@ from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
-from mecazen.programs import classes, installed_nodes
+from mecazen.programs import classes, graph_of, installed_nodes
 from mecazen.robots import join_key
 from mecazen.row import Row
 from mecazen.wire import NS_PER_S, Stamp
@@ -34,6 +34,7 @@ from rich.table import Table
 from mecazen_tools.cli.options import ScenarioArgument, Settings
 from mecazen_tools.cli.status import number
 from mecazen_tools.processes import Supervisor
+from mecazen_tools.strays import Strays
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
@@ -99,6 +100,9 @@ def up(
         supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client")) as bus:
             status = Status(bus, loaded)
+            graph = graph_of(loaded)
+            given = [topic.key for topic in keys.TOPICS if graph.giver(topic.key) is not None]
+            Strays(bus, loaded.names, given, partial(_warn, console))
             for process in loaded.process_plan:
                 supervisor.start(process, needed=process.services[0] not in OBSERVERS)
             if shown and VIEWER not in loaded.services:
@@ -116,6 +120,10 @@ def up(
 
 def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
+
+
+def _warn(console: Console, told: str) -> None:
+    console.print(f"warning: {told}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Status) -> None:
@@ -231,10 +239,12 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
     if "follower" in scenario.services:
         lines.append("mecazen up teleop   # instead of this: you drive the robot")
     else:
-        lines.insert(0, f"mecazen pub {cmd_vel} '{drive}' --rate 20{tls}   # drives the robot")
+        whose = f" --robot {scenario.names[0]}" if scenario.robots else ""
+        lines.insert(0, f"mecazen teleop{whose}{tls}   # drives the robot by keyboard")
+        lines.insert(1, f"mecazen pub {cmd_vel} '{drive}' --rate 20{tls}   # drives the robot")
         if not tls:
             zenoh = f"zenoh --mode client --connect {endpoint}"
-            lines.insert(1, f"{zenoh} put -k {cmd_vel} -v '{drive}'")
+            lines.insert(2, f"{zenoh} put -k {cmd_vel} -v '{drive}'")
     if hasattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s"):
         lines.insert(0, f"mecazen pub {walk} '{drive}' --rate 20{tls}   # walks the person")
     else:

@@ -1,0 +1,32 @@
+"""Fields of a message in JSON that its type does not have: they are ignored, which nobody wants."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+from mecazen.text import shortened
+
+
+def unknown_fields(given: Any, message: msgspec.Struct, within: str = "") -> Iterator[str]:
+    """Yield what is said in a line of each field that is ignored, and which one is like it.
+
+    Args:
+        given: What was read, as plain tables.
+        message: What became of it.
+        within: The field that this is in, with a dot.
+    """
+    if not isinstance(given, dict):
+        return
+    allowed = message.__struct_fields__
+    for name, value in given.items():
+        if name not in allowed:
+            close = difflib.get_close_matches(shortened(name), allowed, n=1)
+            suggestion = f"did you mean {close[0]}? " if close else ""
+            told = f"{within}{shortened(name)} is ignored"
+            yield f"{told}; {suggestion}allowed: {', '.join(allowed)}"
+        elif isinstance(field := getattr(message, name), msgspec.Struct):
+            yield from unknown_fields(value, field, f"{within}{name}.")
