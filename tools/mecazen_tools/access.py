@@ -40,8 +40,10 @@ HEADER = """\
 ROS_TOKENS, LATCHED = f"{ADMIN}/**", "**/@adv/**"
 """Of ROS nodes; and what tells late subscribers of latched samples. `**` does not hold them."""
 EVERYTHING = ["**", ROS_TOKENS, LATCHED]
-ANYONE, ROUTER, RECORD = "anyone", "router", "record"
-"""Any certificate; the router's; the token of `mecazen record`, which the operator runs."""
+ANYONE, ROUTER = "anyone", "router"
+"""Any certificate; the router's."""
+RECORD, TELEOP = "record", "teleop"
+"""The tokens of `mecazen record` and `mecazen teleop`, which the operator runs."""
 
 
 def secure_json5() -> str:
@@ -90,7 +92,8 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     others = _others(puts)
     yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
-    yield OPERATOR, _rule("record is alive", ["liveliness_token"], [_token(RECORD)])
+    for command in (RECORD, TELEOP):
+        yield OPERATOR, _rule(f"{command} is alive", ["liveliness_token"], [_token(command)])
     yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], [ROS_TOKENS])
 
 

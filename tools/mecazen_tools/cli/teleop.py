@@ -28,6 +28,7 @@ from rich.live import Live
 from rich.text import Text
 
 from mecazen_tools import driving, gamepad
+from mecazen_tools.access import TELEOP
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen_tools.driving import Hand
 
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from blessed import Terminal
     from blessed.keyboard import Keystroke
 
-NAME = "teleop"
 PERIOD_S = 0.05
 """Of commands while a key is held: ten times as often as the controller's watchdog needs them."""
 STALE_S = 1.0
@@ -98,7 +98,7 @@ class Driven:
         own.subscribe(role.odometry, partial(self._hear, role.odometry.key))
         if role is ROBOT:
             own.subscribe(keys.GUARD_STATE, partial(self._hear, keys.GUARD_STATE.key))
-        own.declare_alive(NAME)
+        own.declare_alive(TELEOP)
         self._presence = own.presence
         self._obeys = ""
         self._is_new = True
@@ -273,7 +273,7 @@ def _keyboard() -> Iterator[tuple[Callable[[float], Press | None], bool]]:
     """Yield what waits for a key, at most so long [s], and whether it tells releases."""
     from blessed import Terminal  # noqa: PLC0415  # nothing else needs it
 
-    # unstyled, as it would else ask the terminal for minutes what it can draw
+    # with styles it asks the terminal what it can draw, and waits 10 s for one that does not answer
     terminal = Terminal(force_styling=None)
     with terminal.cbreak():
         tells_release = terminal.get_kitty_keyboard_state(ANSWER_S) is not None
