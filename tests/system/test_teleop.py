@@ -132,6 +132,9 @@ def test_a_key_drives_until_it_is_let_go_and_the_line_tells_what_happens(robot):
     hand.type("++L")
     robot.wait_for(cmd(yaw=-0.72), cmd())
     assert "120 %" in hand.text
+    robot.heard.clear()
+    hand.type(" ")  # stops whoever drives
+    robot.wait_for(cmd())
     odometry = planar_odometry(Time(), "odom", "base_link", Pose2D(1.5, -0.25, 0.0), Twist2D(0.3))
     robot.bus.publisher(keys.ODOM).put(odometry, None)
     state = GuardState(state="slow", factor=0.5, reason="a wall\x1b[2J is near")

@@ -236,6 +236,7 @@ def _drive(
     due = time.monotonic()
     while True:
         due = max(due + PERIOD_S, time.monotonic())  # after a Ctrl-Z nothing is made up for
+        stops = False
         while (left_s := due - time.monotonic()) > 0.0:
             press = read(left_s)
             if press is None:
@@ -246,11 +247,10 @@ def _drive(
                 return
             else:
                 hand.press(press.key, time.monotonic(), repeated=press.repeated)
-            if press.key == driving.STOP:
-                driven.send(Twist2D())
+            stops |= press.key == driving.STOP
         driven.update()
         twist = hand.command(time.monotonic(), None if pad is None else pad.twist())
-        if any(twist) or driven.moves:
+        if any(twist) or driven.moves or stops:
             driven.send(twist)
         x, y, yaw = twist
         line = f"vx {x:+.2f} vy {y:+.2f} m/s wz {yaw:+.2f} rad/s  {hand.percent} %  {driven.text()}"
