@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -68,8 +69,9 @@ def select(
     only: Sequence[str],
     benchmarks: dict[str, Benchmark] = BENCHMARKS,
     payloads: int | None = None,
+    minutes: float = math.inf,
 ) -> dict[str, Benchmark]:
-    """Return the benchmarks named, or all that are not on demand; malformed with its `payloads`.
+    """Return the benchmarks named, or all that are not on demand; malformed with its budget.
 
     Raises:
         MecazenError: There is no such benchmark.
@@ -79,10 +81,12 @@ def select(
             raise MecazenError(
                 f"--only {name}: no such benchmark; there are {', '.join(benchmarks)}"
             )
-    if payloads is not None:
+    if payloads is not None or minutes < math.inf:
         if "malformed" not in only:
-            raise MecazenError("--payloads goes with --only malformed")
-        fuzz = partial(malformed.run_all, payloads, payloads)
+            raise MecazenError("--payloads and --minutes go with --only malformed")
+        fuzz = partial(malformed.run_all, minutes=minutes)
+        if payloads is not None:
+            fuzz = partial(fuzz, payloads=payloads, over_zenoh=payloads)
         benchmarks = benchmarks | {"malformed": benchmarks["malformed"]._replace(measure=fuzz)}
     return {
         name: benchmark

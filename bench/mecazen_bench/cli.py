@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -41,6 +42,14 @@ def run(
             show_default="1000000 and 100000",
         ),
     ] = None,
+    minutes: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            help="Of the benchmark malformed: each of the three ends after so long.",
+            show_default="no end",
+        ),
+    ] = math.inf,
     json: Annotated[
         Path | None,
         typer.Option(
@@ -57,7 +66,7 @@ def run(
     """
     from mecazen_bench import benchmarks, results  # noqa: PLC0415
 
-    chosen = benchmarks.select(only or (), payloads=payloads)
+    chosen = benchmarks.select(only or (), payloads=payloads, minutes=minutes)
     with Console(stderr=True).status("") as status:
         found = benchmarks.measure(chosen, lambda what: status.update(f"measuring {what} …"))
     terminal = console(WIDTH)

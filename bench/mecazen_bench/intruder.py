@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import random
 import tempfile
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from itertools import islice
@@ -26,7 +28,7 @@ from mecazen_tools.trajectory import Trajectory
 
 from mecazen_bench.figures import Figure, Row, Target
 from mecazen_bench.flood import SECURE
-from mecazen_bench.malformed import CALLS, NONE, SEED, Malformed
+from mecazen_bench.malformed import CALLS, NONE, SEED, Budget, Malformed
 from mecazen_bench.stack import SCENARIOS, Usage, running, spin_until
 
 BATCH = 200
@@ -37,6 +39,9 @@ HUGE_EVERY = 100_000
 EXPRESSIONS = ("**", "*", "*/odom", "sim/*", "diagnostics/*", "**/cmd_vel")
 SIZES = (1, 15, 17, 40, 2000, 70_000)
 """Of attachments that are no stamps."""
+OPEN_QUERIES = 50
+"""Of the intruder wait for their answers at most, so that services look at every one: they refuse
+unread what comes while a hundred wait."""
 ASKED = 20
 """Sessions of tools that ask what simulated time does, once the intruder has gone."""
 GROWTH_MB = Target(high=64.0)
@@ -71,7 +76,10 @@ class Intruder:
         ]
         self._puts = [(key, payload) for key, payload in self._good if key not in CALLS]
         self._tokens: list[Any] = []
+        self._asked: deque[tuple[Any, bool]] = deque()
         self.sent = 0
+        self.accepted = 0
+        """Malformed queries that were answered otherwise than with an error."""
 
     def send(self, count: int) -> None:
         """Send some more."""
@@ -87,13 +95,13 @@ class Intruder:
         if which < 0.85:
             key, payload, label, attachment = choice(self._pool)
             if key in CALLS:
-                self._ask(key, payload, attachment)
+                self._ask(key, payload, attachment, malformed=True)
             else:
                 self._session.put(key, payload, encoding=label or None, attachment=attachment)
         elif which < 0.90:
             self._session.put(choice(EXPRESSIONS), choice(self._puts)[1])
         elif which < 0.93:
-            self._ask(choice(EXPRESSIONS), choice(self._good)[1], None)
+            self._ask(choice(EXPRESSIONS), choice(self._good)[1], None, malformed=False)
         elif which < 0.98:
             key, payload = choice(self._puts)
             sizes = (*SIZES, 16) if self._forge else SIZES
@@ -104,13 +112,26 @@ class Intruder:
             if len(self._tokens) > 100:
                 self._tokens.pop(0).undeclare()
 
-    def _ask(self, key: str, payload: bytes, attachment: bytes | None) -> None:
-        # nobody waits for the answer
-        self._session.get(key, payload=payload, attachment=attachment, timeout=1.0)
+    def _ask(self, key: str, payload: bytes, attachment: bytes | None, *, malformed: bool) -> None:
+        replies = self._session.get(key, payload=payload, attachment=attachment, timeout=1.0)
+        self._asked.append((replies, malformed))
+        self.take_answers(OPEN_QUERIES)
+
+    def take_answers(self, wait: int = 0) -> None:
+        """Wait for the answers to all queries but the newest."""
+        while len(self._asked) > wait:
+            replies, malformed = self._asked.popleft()
+            for reply in replies:
+                self.accepted += malformed and reply.ok is not None
 
 
 def measure(
-    good: Mapping[str, Sequence[Message]], payloads: int, ticks: int, *, secure: bool
+    good: Mapping[str, Sequence[Message]],
+    payloads: int,
+    ticks: int,
+    minutes: float = math.inf,
+    *,
+    secure: bool,
 ) -> Row:
     """Fuzz the scenario `back` in lockstep as processes, while it runs and after its end."""
     name = "secured stack" if secure else "open stack"
@@ -139,21 +160,29 @@ def measure(
                 spin_until(bus, lambda: trajectory.done, "no tick is answered")
                 usage = Usage(stack.processes())
                 before: dict[str, float] = {}
-                begin = time.perf_counter()
-                while intruder.sent < payloads or not trajectory.complete:
+                processes = stack.processes().values()
+                budget = Budget(name, payloads, minutes)
+                rate, spent, crashes = 0.0, 0.0, 0
+                while not crashes and not (rate and trajectory.complete):
+                    if spent >= 1.0:
+                        intruder.take_answers()
+                        rate = rate or budget.rate(intruder.sent)
                     # a tenth of them at least while it runs
-                    if intruder.sent * ticks < payloads * max(1, trajectory.done) * 10:
+                    elif intruder.sent * ticks < payloads * max(1, trajectory.done) * 10:
                         intruder.send(min(BATCH, payloads - intruder.sent))
                     bus.spin_once(0.0 if trajectory.complete else 0.01)
                     bus.drain()
-                    if not before and intruder.sent >= payloads // 4:
+                    crashes = sum(not process.is_running() for process in processes)
+                    spent = budget.spent(
+                        intruder.sent, lambda: f"{sum(usage.memory_mb().values()):.0f} MB"
+                    )
+                    if not before and spent >= 0.25:
                         before = usage.memory_mb()
-                rate = payloads / (time.perf_counter() - begin)
             unanswered, slowest_s = _ask_as_tools(scenario.bus, ticks)
             after = usage.memory_mb()
-            crashes = sum(not process.is_running() for process in stack.processes().values())
     figures = {
-        "payloads": Figure.of(payloads, "more"),
+        "payloads": Figure.of(intruder.sent, "more"),
+        "accepted": Figure.of(intruder.accepted, NONE),
         "payloads/s": Figure.of(rate, "more"),
         "trajectories that differ": Figure.of(trajectory.sha256() != expected, NONE),
         "crashes": Figure.of(crashes, NONE),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 import random
 import re
+import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from typing import Any, NamedTuple
 
@@ -38,6 +40,7 @@ PAYLOADS = 1_000_000
 OVER_ZENOH = 100_000
 """Sent to each stack of processes, where the option does not say another number."""
 TICKS = 500
+REPORT_S = 60.0
 SEED = 20
 NONE = Target(0.0, 0.0)
 
@@ -66,6 +69,39 @@ class Payload(NamedTuple):
     payload: bytes
     encoding: str
     attachment: bytes | None
+
+
+class Budget:
+    """How many payloads are sent, for how long at most; says once a minute how many were.
+
+    Args:
+        name: Of what is fuzzed.
+        payloads: So many at most.
+        minutes: For so long at most.
+    """
+
+    def __init__(self, name: str, payloads: int, minutes: float = math.inf) -> None:
+        self._name = name
+        self._payloads = payloads
+        self._seconds = 60.0 * minutes
+        self._begin = self._reported = time.monotonic()
+
+    def spent(self, sent: int, remark: Callable[[], str] = str) -> float:
+        """Return how much of it is spent after so many payloads, 1 and above for all."""
+        now = time.monotonic()
+        if now - self._reported >= REPORT_S:
+            self._reported = now
+            print(
+                f"{self._name}: {sent:,} of {self._payloads:,} payloads sent,",
+                f"{self.rate(sent):,.0f}/s {remark()}",
+                file=sys.stderr,
+                flush=True,
+            )
+        return max(sent / self._payloads, (now - self._begin) / self._seconds)
+
+    def rate(self, sent: int) -> float:
+        """Return the payloads a second since the start."""
+        return sent / (time.monotonic() - self._begin)
 
 
 class Malformed:
@@ -147,18 +183,25 @@ def _subscribe(bus: LocalBus, scenario: Scenario) -> dict[Topic[Any], list[Messa
     return received
 
 
-def run_all(payloads: int = PAYLOADS, over_zenoh: int = OVER_ZENOH) -> list[Group]:
-    """Fuzz the services in this process, and then an open and a secured stack of processes."""
-    return [*run(payloads), run_stacks(over_zenoh)]
+def run_all(
+    payloads: int = PAYLOADS, over_zenoh: int = OVER_ZENOH, minutes: float = math.inf
+) -> list[Group]:
+    """Fuzz the services in this process, and then an open and a secured stack of processes.
+
+    Each of the three for so many `minutes` at most.
+    """
+    return [*run(payloads, minutes=minutes), run_stacks(over_zenoh, minutes=minutes)]
 
 
-def run_stacks(payloads: int, ticks: int = TICKS) -> Group:
+def run_stacks(payloads: int, ticks: int = TICKS, minutes: float = math.inf) -> Group:
     """Fuzz an open and a secured stack of processes over Zenoh."""
     from mecazen_bench import intruder  # noqa: PLC0415  # it needs this module
 
     scenario = load_scenario(SCENARIOS / "back.toml", ("sim.duration_s=1.0",))
     good = sample_messages(scenario)
-    rows = [intruder.measure(good, payloads, ticks, secure=secure) for secure in (False, True)]
+    rows = [
+        intruder.measure(good, payloads, ticks, minutes, secure=secure) for secure in (False, True)
+    ]
     how = (
         f"one client, with a viewer's certificate on the secured stack, during {ticks} ticks of "
         f"lockstep and after them, seed {SEED}; memory of all processes after a quarter of the "
@@ -167,7 +210,7 @@ def run_stacks(payloads: int, ticks: int = TICKS) -> Group:
     return Group("Intruder: scenario back as processes", how, tuple(rows))
 
 
-def run(payloads: int = PAYLOADS, ticks: int = TICKS) -> list[Group]:
+def run(payloads: int = PAYLOADS, ticks: int = TICKS, minutes: float = math.inf) -> list[Group]:
     """Run the scenario `back` with and without them, and compare the trajectories."""
     scenario = load_scenario(SCENARIOS / "back.toml", (f"sim.duration_s={ticks / 100}",))
     expected = simulate(scenario, "back")[0].trajectory_sha256
@@ -176,12 +219,15 @@ def run(payloads: int = PAYLOADS, ticks: int = TICKS) -> list[Group]:
     batch = -(-payloads // (ticks - 1))
     counts: Counter[str] = Counter()
     spent = 0.0
+    budget = Budget("in one process", payloads, minutes)
     logging.disable(logging.WARNING)  # each refusal is one
     try:
         with closing(InProcess(scenario)) as loop:
             _subscribe(loop.bus, scenario)
             for _ in loop.ticks():
-                made = [next(source) for _ in range(min(batch, payloads - counts.total()))]
+                total = counts.total()
+                room = 0 if budget.spent(total) >= 1.0 else min(batch, payloads - total)
+                made = [next(source) for _ in range(room)]
                 begin = time.perf_counter()
                 for one in made:
                     _put(loop.bus, one)

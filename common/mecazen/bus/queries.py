@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from typing import TypeVar
 
@@ -30,7 +32,41 @@ AnswerT = TypeVar("AnswerT", bound=Message)
 
 WAITING_QUERIES = 100
 """So many wait at most of a key that is queried."""
+WAITING_REFUSALS = 1000
+"""So many wait at most to be refused; then Zenoh's thread waits for room."""
 TOO_LONG = f"key and attachment of more than {MAX_ENVELOPE_BYTES} bytes"
+
+
+class Refuser:
+    """Refuses queries on a thread of its own.
+
+    To send may take seconds: a full link is waited for. On the thread that receives nothing
+    would come meanwhile, and where the other end waits for this one to receive, neither goes
+    on: a client that asked without end stopped physics so.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: queue.Queue[Callable[[], None]] = queue.Queue(WAITING_REFUSALS)
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+
+    def put(self, refuse: Callable[[], None]) -> None:
+        """Have a query refused soon; runs on Zenoh's threads."""
+        with self._lock:
+            if self._thread is None:  # most processes never need it
+                self._thread = threading.Thread(target=self._run, name="refuser", daemon=True)
+                self._thread.start()
+        self._waiting.put(refuse)
+
+    def _run(self) -> None:
+        while True:
+            refuse = self._waiting.get()
+            with suppress(zenoh.ZError):  # the session is closed
+                refuse()
+            del refuse
+
+
+_refuser = Refuser()
 
 
 class QueryInbox:
@@ -40,7 +76,7 @@ class QueryInbox:
         ready: Takes the calls that answer.
         key: The only key expression that is answered; None for any.
         take: Answers a query, on the service's thread.
-        refuse: Called with a query and a reason; runs on Zenoh's threads.
+        refuse: Called with a query and a reason, on a thread for that.
     """
 
     def __init__(
@@ -60,15 +96,18 @@ class QueryInbox:
         """Keep a query if it is one to answer and there is room for it."""
         if self._key is not None and str(query.key_expr) != self._key:
             # who asks everybody, to look round, orders nothing
-            self._refuse(query, "asked on another key expression")
+            self._put_off(query, "asked on another key expression")
         elif len(query.payload or b"") > MAX_SAMPLE_BYTES:
-            self._refuse(query, f"payload of more than {MAX_SAMPLE_BYTES} bytes")
+            self._put_off(query, f"payload of more than {MAX_SAMPLE_BYTES} bytes")
         elif envelope_bytes(query) + len(str(query.parameters)) > MAX_ENVELOPE_BYTES:
-            self._refuse(query, TOO_LONG)
+            self._put_off(query, TOO_LONG)
         elif self._room.acquire(blocking=False):
             self._ready.put(partial(self._deliver, query))
         else:
-            self._refuse(query, f"{WAITING_QUERIES} queries wait")
+            self._put_off(query, f"{WAITING_QUERIES} queries wait")
+
+    def _put_off(self, query: zenoh.Query, reason: str) -> None:
+        _refuser.put(partial(self._refuse, query, reason))
 
     def _deliver(self, query: zenoh.Query) -> None:
         self._room.release()

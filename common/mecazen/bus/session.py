@@ -30,6 +30,11 @@ RUNTIME_THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover
 """Zenoh's threads: a service receives little, in turns, and more threads only wake each other: with
 Zenoh's own number a distributed run of `back` makes 8 % fewer ticks a second."""
 
+ROUTER_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
+"""A router's: one that waits for room on a link must not keep the others from reading. With one
+thread a router that passes queries on to physics, and physics that answers them, wait for each
+other until Zenoh closes the link after 5 s."""
+
 SHARED_MEMORY = False
 """It pays from a megabyte on, and has a thread that wakes twenty times a second."""
 
@@ -213,7 +218,10 @@ def open_session(
     Raises:
         BusError: A port is taken, or a client finds nobody to connect to.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME_THREADS)  # read by the first session
+    threads = ROUTER_THREADS if mode == "router" else RUNTIME_THREADS
+    # read by the first session; a router's parent may have had sessions of its own
+    if os.environ.get("ZENOH_RUNTIME") in {None, RUNTIME_THREADS}:
+        os.environ["ZENOH_RUNTIME"] = threads
     try:
         return zenoh.open(
             session_config(

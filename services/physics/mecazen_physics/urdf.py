@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -31,8 +32,12 @@ def meshes(robot: Robot) -> dict[str, bytes]:
     return {ROLLER_MESH: binary_stl(*Roller.of(robot).mesh())}
 
 
+@cache
 def build_urdf(robot: Robot) -> str:
-    """Return the URDF of `robot`; its root is base_link, its joints are `World.joint_names`."""
+    """Return the URDF of `robot`; its root is base_link, its joints are `World.joint_names`.
+
+    It takes longer than a tick and anyone may ask for it, so each is built once.
+    """
     root = ET.Element("robot", name=robot.name)
     for name, rgba in _COLOURS.items():
         ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
