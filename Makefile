@@ -32,7 +32,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install graph gazebo bench-peers drawing picture run test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose soak
+.PHONY: help install graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -45,6 +45,7 @@ help:
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph    what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
+	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make install      only prepare .venv"
 
 install: .venv/ready
@@ -99,6 +100,9 @@ graph: .venv/ready
 
 picture: .venv/ready drawing
 	@.venv/bin/python docs/make_picture.py
+
+notebook: .venv/ready
+	@.venv/bin/python docs/make_notebook.py
 
 test: test-common test-people test-tools $(SERVICES:%=test-%) test-gym test-experiments test-bench test-system test-ros
 

@@ -7,7 +7,11 @@ from typing import NamedTuple
 
 
 def wrap(angle: float) -> float:
-    """Return `angle` [rad] brought into (-pi, pi]."""
+    """Return `angle` [rad] brought into (-pi, pi].
+
+    >>> wrap(1.5 * math.pi) == -0.5 * math.pi
+    True
+    """
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped
 
@@ -32,11 +36,19 @@ class Pose2D(NamedTuple):
     yaw: float = 0.0
 
     def compose(self, other: Pose2D) -> Pose2D:
-        """Return `other`, given in this frame, in this frame's parent."""
+        """Return `other`, given in this frame, in this frame's parent.
+
+        >>> Pose2D(2.0, 1.0, 0.0).compose(Pose2D(0.5, 0.25, 1.0))
+        Pose2D(x=2.5, y=1.25, yaw=1.0)
+        """
         return self._moved(other.x, other.y, other.yaw)
 
     def between(self, other: Pose2D) -> Pose2D:
-        """Return `other`, given in this frame's parent, in this frame."""
+        """Return `other`, given in this frame's parent, in this frame.
+
+        >>> Pose2D(2.0, 1.0, 0.0).between(Pose2D(2.5, 1.25, 1.0))
+        Pose2D(x=0.5, y=0.25, yaw=1.0)
+        """
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         dx, dy = other.x - self.x, other.y - self.y
         return of_three(Pose2D, (c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw)))

@@ -7,12 +7,20 @@ from collections.abc import Container
 
 
 def join_key(part: str, robot: str) -> str:
-    """Return what a part of the robot `robot` is called beside those of others."""
+    """Return what a part of the robot `robot` is called beside those of others.
+
+    >>> join_key("odom", "two"), join_key("odom", "")
+    ('two/odom', 'odom')
+    """
     return f"{robot}/{part}" if robot else part
 
 
 def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
-    """Return whose a key is, of the robots of these names, and what it is within its namespace."""
+    """Return whose a key is, of the robots of these names, and what it is within its namespace.
+
+    >>> split_key("two/odom", {"one", "two"})
+    ('two', 'odom')
+    """
     robot, _, rest = key.partition("/")
     return (robot, rest) if robot in robots else ("", key)
 

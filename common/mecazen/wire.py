@@ -60,6 +60,9 @@ class Stamp(NamedTuple):
         """Return the stamp as a Zenoh attachment: int64 ns, uint32, uint32.
 
         A uint32 follows where parameters have been changed.
+
+        >>> Stamp(10_000_000, run=1, seed=2).pack().hex(" ", 4)
+        '80969800 00000000 01000000 02000000'
         """
         if self.revision:
             return _REVISED.pack(*self)
@@ -83,7 +86,11 @@ class Stamp(NamedTuple):
 
 
 def encode(message: Message, form: Format) -> bytes:
-    """Return `message` as bytes."""
+    """Return `message` as bytes.
+
+    >>> encode(Time(sec=1, nanosec=500), "json")
+    b'{"sec":1,"nanosec":500}'
+    """
     return (_JSON if form == "json" else _MSGPACK).encode(message)
 
 
@@ -104,6 +111,9 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
         payload: The bytes as they came.
         kind: The message that the key carries.
         encoding: Zenoh's encoding; where it names no format, the first bytes tell.
+
+    >>> decode(b'{"sec": 1}', Time)
+    Time(sec=1, nanosec=0)
 
     Raises:
         RefusedError: Empty, oversized, truncated, of a wrong type, or with numbers not finite.

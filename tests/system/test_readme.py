@@ -9,6 +9,14 @@ def test_the_example_shown_is_the_example_that_is_tested():
     assert (ROOT / "examples" / "my_follower.py").read_text().rstrip() in README
 
 
+def test_its_lines_of_python_run_as_they_stand(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code = README.partition("```python\nfrom mecazen import Simulation\n")[2].partition("```")[0]
+    exec("from mecazen import Simulation\n" + code, {})  # noqa: S102 - our own text
+    assert "d_err_m=0.0" in capsys.readouterr().out
+    assert (tmp_path / "run.mcap").stat().st_size > 100_000
+
+
 def test_its_links_lead_somewhere():
     targets = [part.partition(")")[0] for part in README.split("](")[1:]]
     files = [name.partition("#")[0] for name in targets if "://" not in name]

@@ -22,7 +22,7 @@ from mecazen.wire import JSON_ENCODING, NS_PER_S, Stamp, encode
 from mecazen_tools.simulate import InProcess
 from mecazen_tools.trajectory import Scores, Trajectory
 
-RECORDER = "recorder"
+RECORDER, VIEWER = "recorder", "viewer"
 
 
 class State(NamedTuple):
@@ -60,6 +60,7 @@ class Simulation:
         seed: Of the noise; the scenario's if left out.
         duration_s: Simulated seconds; the scenario's if left out.
         record: An MCAP file for everything that is published.
+        view: Whether the run is drawn for `view`, which takes as long as the run itself.
         settings: What differs from the scenario, by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
@@ -73,16 +74,19 @@ class Simulation:
         seed: int | None = None,
         duration_s: float | None = None,
         record: str | PathLike[str] | None = None,
+        view: bool = False,
         **settings: Any,
     ) -> None:
         if seed is not None:
             settings["seed"] = seed
         if duration_s is not None:
             settings["sim.duration_s"] = duration_s
+        observers = [RECORDER] * (record is not None) + [VIEWER] * view
         loaded = load(scenario, settings)
-        if record is not None:
-            settings["services"] = [*loaded.services, RECORDER]
-            settings[f"{RECORDER}.file"] = fspath(record)
+        if observers:
+            settings["services"] = [*dict.fromkeys((*loaded.services, *observers))]
+            if record is not None:
+                settings[f"{RECORDER}.file"] = fspath(record)
             loaded = load(scenario, settings)
         self._run = InProcess(loaded)
         self._graph = graph_of(loaded)
@@ -163,6 +167,12 @@ class Simulation:
 
         It is `cmd_vel` from outside, before each tick; guard and limits hold as for anyone.
 
+        >>> with Simulation("teleop", duration_s=1.0) as sim:
+        ...     sim.command(wz=0.5)
+        ...     state = sim.run()
+        >>> round(state.robot_twist.yaw, 1)
+        0.5
+
         Raises:
             ConfigError: A node of the scenario drives the robot, or there is none of this name.
         """
@@ -211,7 +221,12 @@ class Simulation:
         )
 
     def latest(self, key: str) -> Message | None:
-        """Return the newest message on a key, such as `scan` or `one/odom`; None: not yet one."""
+        """Return the newest message on a key, such as `scan` or `one/odom`; None: not yet one.
+
+        >>> with Simulation("back", duration_s=0.1) as sim:
+        ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("scan")
+        (0, 0.01, None)
+        """
         return self._latest.get(key)
 
     @property
@@ -223,6 +238,17 @@ class Simulation:
         """Return the published measures of following so far, of the first robot or a named one."""
         name = self.scenario.names[0] if robot is None else robot
         return self.trajectory.scores(*wanted_view(self.scenario.of(name)), name)
+
+    def view(self) -> Any:
+        """Return Rerun's notebook widget, which shows the run from its start and as it goes on.
+
+        Raises:
+            MecazenError: The widget is not installed, or the run was begun without `view=True`.
+        """
+        for member in self._run.members:
+            if (widget := getattr(member, "widget", None)) is not None:
+                return widget()
+        raise MecazenError("nothing has drawn this run: Simulation(..., view=True) does")
 
     def close(self) -> None:
         """End the services' work; a recording is whole then."""

@@ -7,18 +7,20 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
 import rerun_bindings
 from mecazen import keys
-from mecazen.bus import Bus
+from mecazen.bus import Bus, LocalBus
 from mecazen.config import Scenario
 from mecazen.description import ask_description
-from mecazen.errors import BusError
+from mecazen.errors import BusError, MecazenError
 from mecazen.keys import MessageT, Topic
+from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
-from mecazen.wire import Stamp
+from mecazen.wire import NS_PER_S, Stamp
 
 from mecazen_viewer.config import ViewerConfig
 from mecazen_viewer.entities import TIMELINE, Entity, of_robot
@@ -26,6 +28,9 @@ from mecazen_viewer.health import Health
 from mecazen_viewer.layout import application, blueprint
 from mecazen_viewer.picture import Picture, surroundings
 from mecazen_viewer.server import serving
+
+if TYPE_CHECKING:
+    from rerun.notebook import Viewer
 
 logger = logging.getLogger(__name__)
 
@@ -45,6 +50,9 @@ class ViewerService(Observer):
         """Called with the recording of each run before anything is logged in it."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
+        # within a process every sample comes; over Zenoh newer ones replace those that wait
+        self.frame_ns = round(FRAME_S * NS_PER_S) if isinstance(bus, LocalBus) else 0
+        self._shown: dict[str, int] = {}
         super().__init__(name, bus, scenario)
         self.reset(scenario.seed)
         for robot in scenario.names:
@@ -70,6 +78,7 @@ class ViewerService(Observer):
         """Begin new pictures: one for each robot, and one for what they share."""
         del seed
         self.end()
+        self._shown.clear()
         scenario, health = self.scenario, Health()
         self.pictures = {
             robot: Picture(scenario.of(robot) if robot else scenario, health, robot)
@@ -92,6 +101,22 @@ class ViewerService(Observer):
             finally:
                 self.end()
 
+    def widget(self) -> Viewer:
+        """Return what shows this run in a notebook, from its start and as it goes on.
+
+        Raises:
+            MecazenError: Rerun's widget is not installed, or nothing has been published yet.
+        """
+        if self.recording is None:
+            raise MecazenError("nothing to view yet")
+        try:
+            from rerun.notebook import Viewer  # noqa: PLC0415 - only notebooks need widgets
+
+            return Viewer(recording=self.recording, blueprint=blueprint(self.scenario.names))
+        except ImportError:
+            problem = "a notebook shows the run with Rerun's widget"
+            raise MecazenError(f"{problem}: pip install 'mecazen-viewer[notebook]'") from None
+
     def show(
         self,
         robot: str,
@@ -99,11 +124,15 @@ class ViewerService(Observer):
         draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
     ) -> None:
         """Log the entities that `draw` makes of a robot's topic, at the time of the tick."""
+        key = join_key(topic.key, robot)
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is None and self.recording is None:
                 return  # an unstamped sample before the first run
             time_ns = (self.stamp if stamp is None else stamp).time_ns
+            if time_ns - self._shown.get(key, -self.frame_ns) < self.frame_ns:
+                return
+            self._shown[key] = time_ns
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
             except ValueError as refusal:

@@ -1,0 +1,80 @@
+"""Simulations in a notebook: the run in Rerun's widget, and the notebook of the examples."""
+
+import re
+import subprocess
+import sys
+
+import nbformat
+import pytest
+from harness import ROOT
+from mecazen import Simulation
+from mecazen.errors import MecazenError
+from rerun.notebook import Viewer
+
+NUMBER = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
+NOTEBOOK = ROOT / "examples" / "notebook.ipynb"
+
+
+def rrd_of(widget):
+    """What waits to be sent to the widget's page, in Rerun's format."""
+    return b"".join(b for _, buffers in widget._viewer._event_queue for b in buffers or ())
+
+
+def test_the_widget_shows_the_run_from_its_start_and_as_it_goes_on():
+    with Simulation("side", duration_s=0.4, view=True) as sim:
+        sim.run(0.2)
+        widget = sim.view()
+        assert isinstance(widget, Viewer)
+        so_far = rrd_of(widget)
+        for entity in (b"/world/follow", b"/world/robot", b"/world/person", b"/plots/distance"):
+            assert entity in so_far
+        sim.run()
+    assert len(rrd_of(widget)) > len(so_far)
+
+
+def test_a_run_is_drawn_only_if_asked_to_be_and_has_the_same_bits():
+    hashes = set()
+    for view in (False, True):
+        with Simulation("side", duration_s=0.2, view=view) as sim:
+            sim.run()
+            hashes.add(sim.trajectory.sha256())
+            if not view:
+                with pytest.raises(MecazenError, match=r"Simulation\(\.\.\., view=True\) does"):
+                    sim.view()
+    assert len(hashes) == 1
+
+
+def test_without_rerun_s_widget_expect_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun.notebook", None)
+    with (
+        Simulation("side", duration_s=0.1, view=True) as sim,
+        pytest.raises(MecazenError, match=r"pip install 'mecazen-viewer\[notebook\]'"),
+    ):
+        sim.view()
+
+
+def test_the_notebook_prints_the_numbers_that_it_shows(tmp_path):
+    copy = tmp_path / "notebook.ipynb"
+    copy.write_bytes(NOTEBOOK.read_bytes())
+    make = [sys.executable, str(ROOT / "docs" / "make_notebook.py"), str(copy)]
+    subprocess.run(make, check=True, timeout=120, capture_output=True)
+    stored, made = printed(NOTEBOOK), printed(copy)
+    assert NUMBER.sub("#", stored) == NUMBER.sub("#", made)
+    numbers = [float(number) for number in NUMBER.findall(stored)]
+    assert len(numbers) > 40
+    # another kind of processor rounds otherwise, which contacts make larger; tables show six digits
+    assert [float(number) for number in NUMBER.findall(made)] == pytest.approx(numbers, abs=2e-6)
+
+
+def printed(file):
+    """The text that all cells show."""
+    cells = nbformat.read(file, as_version=4).cells
+    outputs = [output for cell in cells for output in cell.get("outputs", ())]
+    return "\n".join(output.get("text") or output.data["text/plain"] for output in outputs)
+
+
+def test_the_notebook_is_small_and_tells_nothing_of_a_machine():
+    text = NOTEBOOK.read_text()
+    assert len(text) < 100_000
+    assert str(ROOT) not in text
+    assert "site-packages" not in text
