@@ -17,13 +17,12 @@ from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.wire import NS_PER_S, RefusedError, Stamp
+from mecazen.wire import RefusedError, Stamp
 
 from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import SERVES, SHOWS, RerunProcess, free_port, page, uri
-from mecazen_viewer.service import FRAME_S, ViewerService
+from mecazen_viewer.service import FRAME_NS, ViewerService
 
-FRAME_NS = round(FRAME_S * NS_PER_S)
 SECTIONS = ("physics", "follower")
 """Sections of a scenario that the scene needs."""
 

@@ -13,7 +13,7 @@ import numpy as np
 import rerun as rr
 import rerun_bindings
 from mecazen import keys
-from mecazen.bus import Bus, LocalBus
+from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.description import ask_description
 from mecazen.errors import BusError, MecazenError
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 FRAME_S = 1 / 30
+FRAME_NS = round(FRAME_S * NS_PER_S)
 BATCH_S = 0.1
 """Period of sending logged data: a batch costs as much as a few frames."""
 DESCRIPTION_TIMEOUT_S = 2.0
@@ -46,12 +47,11 @@ class ViewerService(Observer):
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.section(ViewerConfig, "viewer")
         self.runs = 0
-        self.send: Callable[[rr.RecordingStream], None] = lambda _: None
-        """Called with the recording of each run before anything is logged in it."""
+        self.send: Callable[[rr.RecordingStream], None] | None = None
+        """Called with the recording of each run before anything is logged in it. Without it the
+        recording is kept in memory for `widget`, with no more samples than a live picture has."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
-        # within a process every sample comes; over Zenoh newer ones replace those that wait
-        self.frame_ns = round(FRAME_S * NS_PER_S) if isinstance(bus, LocalBus) else 0
         self._shown: dict[str, int] = {}
         super().__init__(name, bus, scenario)
         self.reset(scenario.seed)
@@ -130,9 +130,10 @@ class ViewerService(Observer):
             if stamp is None and self.recording is None:
                 return  # an unstamped sample before the first run
             time_ns = (self.stamp if stamp is None else stamp).time_ns
-            if time_ns - self._shown.get(key, -self.frame_ns) < self.frame_ns:
-                return
-            self._shown[key] = time_ns
+            if self.send is None:
+                if time_ns - self._shown.get(key, -FRAME_NS) < FRAME_NS:
+                    return
+                self._shown[key] = time_ns
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
             except ValueError as refusal:
@@ -164,7 +165,8 @@ class ViewerService(Observer):
         )
         recording.set_log_tick_enabled(False)
         recording.set_log_time_enabled(False)
-        self.send(recording)
+        if self.send is not None:
+            self.send(recording)
         # each of several robots has a seed of its own
         seed = "" if self.scenario.robots else f", seed {self.stamp.seed}"
         recording.send_recording_name(f"run {self.runs}{seed}")
