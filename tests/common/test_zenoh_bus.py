@@ -1,16 +1,19 @@
 """The bus over Zenoh: real sessions on loopback, each test in a namespace of its own."""
 
+import queue
 import secrets
 import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from types import SimpleNamespace
 
 import pytest
 import zenoh
 from harness import error_of, wait
 from mecazen import keys
 from mecazen.bus import StoppedError, base
+from mecazen.bus.queries import QueryInbox
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.bus_config import BusConfig
@@ -143,6 +146,16 @@ def test_of_a_flood_of_queries_those_beyond_a_hundred_are_told_so(open_bus, rout
         assert set(told) == {"100 queries wait"}
         assert all(reply.recv().ok for reply in replies[:100])
     assert server.refused == {"sim/state": 50}
+
+
+def test_while_a_refusal_waits_for_room_on_a_link_the_next_query_is_received():
+    ready, held = queue.SimpleQueue(), threading.Event()
+    asked = SimpleNamespace(key_expr="**")
+    inbox = QueryInbox(ready, "sim/reset", print, lambda *_: held.wait())
+    inbox.receive(asked)  # to be refused: it would not return if this thread did that
+    inbox.receive(SimpleNamespace(key_expr="sim/reset", payload=b"", attachment=b"", parameters=""))
+    assert ready.qsize() == 1
+    held.set()
 
 
 def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, flood):

@@ -89,3 +89,7 @@ def test_the_optical_frame_is_turned_as_the_camera_looks(nexus, tmp_path):
     expected = np.column_stack([right, down, ahead])
     np.testing.assert_allclose(frame[:3, :3], expected, atol=1e-9)  # twelve digits
     np.testing.assert_allclose(frame[:3, 3], camera.position_m, atol=1e-9)
+
+
+def test_who_asks_again_gets_the_same_text_without_it_being_built_anew(robot):
+    assert build_urdf(robot) is build_urdf(msgspec.structs.replace(robot))
