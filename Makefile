@@ -3,27 +3,40 @@ PYTHON ?= python3.11
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 HOURS ?= 2
-WORKSPACE := common people tools $(SERVICES:%=services/%) experiments bench gym
+# what a user runs, and what comes with the targets that need it
+SDK := common people tools
+RUN := $(SDK) $(SERVICES:%=services/%)
+MORE := experiments bench gym
+WORKSPACE := $(RUN) $(MORE)
+
+# a step that fails before a pipe fails
+SHELL := bash
+.SHELLFLAGS := -o pipefail -c
 
 # Every process would compile all modules anew, where an image says that they are not kept.
 unexport PYTHONDONTWRITEBYTECODE
 
 # uv where it is present, else pip: the same versions from constraints.txt. What builds our projects
 # is installed once and not, as pip would have it, for each of them anew; compiled is what is used.
-define make_venv
-	rm -rf $(1)
-	if command -v uv >/dev/null; then \
-		uv venv -q -p $(PYTHON) $(1) && \
-		uv pip install -q -p $(1)/bin/python -b constraints.txt -c constraints.txt $(2); \
-	else \
-		$(PYTHON) -m venv --without-pip $(1) && \
-		pip="$(CURDIR)/.venv-pip/bin/pip --python $(1)/bin/python install -q --no-compile -c constraints.txt" && \
-		$$pip $(BUILD) && $$pip --no-build-isolation $(2); \
-	fi
-	touch $(1)/ready
-endef
+ifneq ($(shell command -v uv),)
+NEW := uv venv -q -p $(PYTHON)
+INSTALL = uv pip install --no-sources -p $(1)/bin/python -b constraints.txt -c constraints.txt
+else
+PIP := .venv-pip/bin/pip
+NEW := $(PYTHON) -m venv --without-pip
+INSTALL = $(PIP) --python $(1)/bin/python install --no-compile --no-build-isolation -c constraints.txt
+endif
 BUILD := hatchling editables
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# make_venv FOLDER, STEP: an empty environment
+make_venv = echo "[$(2)] $(1): an empty environment" && rm -rf $(1) && $(NEW) $(1) && $(call INSTALL,$(1)) -q $(BUILD)
+
+# install FOLDER, STEP, WORDS, WHAT: say so, name the large files as they come, and the time that it took
+install = start=$$(date +%s) && echo "[$(2)] $(1): $(3)" && $(call INSTALL,$(1)) $(4) | sed -un '$(FETCHED)' && \
+	echo "[$(2)] $(1): $$(($$(date +%s) - start)) s"
+# of pip's lines "Downloading numpy-2.4.6-cp311-cp311-….whl (16.7 MB)"; uv and errors speak for themselves
+FETCHED := s|^ *Downloading \(.*/\)\?\([A-Za-z0-9_.]*-[0-9.]*\)-.* \(([0-9.]* MB)\).*|    \2 \3|p
 
 # what draws without a screen or a graphics card: tests that need it skip where it can't be had
 DRAWING := libvulkan1 mesa-vulkan-drivers chromium
@@ -32,7 +45,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose soak
+.PHONY: help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -43,49 +56,69 @@ help:
 	@echo "make soak         hours of simulated time: memory, ticks, schedule (HOURS=0.5)"
 	@echo "make bench        speed and accuracy, in 5 minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
-	@echo "make graph    what is made from the graph of nodes: tables, picture, access rules"
+	@echo "make graph        what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
-	@echo "make install      only prepare .venv"
+	@echo "make install      only prepare .venv for make run; make develop: for everything else too"
 
 install: .venv/ready
 
+develop: .venv/developer
+
 .venv-pip/ready: constraints.txt
-	@command -v uv >/dev/null || { rm -rf $(@D) && $(PYTHON) -m venv $(@D) && \
-		$(@D)/bin/pip install -q -U -c constraints.txt pip; }
+	@$(if $(PIP),rm -rf $(@D) && $(PYTHON) -m venv $(@D) && $(PIP) install -q -U -c constraints.txt pip)
 	@mkdir -p $(@D) && touch $@
 
-.venv/ready: pyproject.toml constraints.txt $(WORKSPACE:%=%/pyproject.toml) | .venv-pip/ready
-	@echo "preparing .venv: a minute or two the first time"
-	@$(call make_venv,.venv,pip $(WORKSPACE:%=-e ./%) --group test --group system --group lint --group bench)
+# editable, so that a change of ours needs no other install
+EDITABLE = $(patsubst %,-e ./%,$(1))
+SHOWING := services/viewer services/recorder
+LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
+
+.venv/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
+	@$(call make_venv,.venv,1/4)
+	@$(call install,.venv,2/4,$(SDK),$(call EDITABLE,$(SDK:tools=tools[keys])))
+	@$(call install,.venv,3/4,$(LOOP),$(call EDITABLE,$(LOOP)))
+	@$(call install,.venv,4/4,$(SHOWING),$(call EDITABLE,$(SHOWING)))
+	@touch $@
+
+.venv/developer: pyproject.toml $(MORE:%=%/pyproject.toml) .venv/ready
+	@$(call install,.venv,1/1,$(MORE); what tests and linters need,\
+		pip $(call EDITABLE,$(MORE)) --group test --group system --group lint --group bench)
+	@touch $@
 
 # one service and nothing else: what it does not declare, it does not find
 .venv-target/ready .venv-crowd/ready: PEOPLE := -e ./people
 .venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
-	@echo "preparing .venv-$*"
-	@$(call make_venv,.venv-$*,-e ./common $(PEOPLE) -e ./tools -e ./services/$* --group test)
+	@$(call make_venv,.venv-$*,1/2)
+	@$(call install,.venv-$*,2/2,$* alone,-e ./common $(PEOPLE) -e ./tools -e ./services/$* --group test)
+	@touch $@
 
 .venv-common/ready: constraints.txt common/pyproject.toml | .venv-pip/ready
-	@echo "preparing .venv-common"
-	@$(call make_venv,.venv-common,-e ./common --group test)
+	@$(call make_venv,.venv-common,1/2)
+	@$(call install,.venv-common,2/2,the SDK alone,-e ./common --group test)
+	@touch $@
 
 .venv-people/ready: constraints.txt common/pyproject.toml people/pyproject.toml | .venv-pip/ready
-	@echo "preparing .venv-people"
-	@$(call make_venv,.venv-people,-e ./common -e ./people --group test)
+	@$(call make_venv,.venv-people,1/2)
+	@$(call install,.venv-people,2/2,people alone,-e ./common -e ./people --group test)
+	@touch $@
 
 .venv-tools/ready: constraints.txt common/pyproject.toml tools/pyproject.toml | .venv-pip/ready
-	@echo "preparing .venv-tools"
-	@$(call make_venv,.venv-tools,-e ./common -e ./tools[keys] --group test)
+	@$(call make_venv,.venv-tools,1/2)
+	@$(call install,.venv-tools,2/2,the command alone,-e ./common -e ./tools[keys] --group test)
+	@touch $@
 
 GYM := people tools services/physics services/controller services/target services/follower gym
 .venv-gym/ready: constraints.txt common/pyproject.toml $(GYM:%=%/pyproject.toml) | .venv-pip/ready
-	@echo "preparing .venv-gym"
-	@$(call make_venv,.venv-gym,-e ./common $(GYM:%=-e ./%) --group test)
+	@$(call make_venv,.venv-gym,1/2)
+	@$(call install,.venv-gym,2/2,Gymnasium,$(call EDITABLE,common $(GYM)) --group test)
+	@touch $@
 
 # what speaks with us as ROS does: it holds nothing of ours
-.venv-ros/ready: constraints.txt pyproject.toml
-	@echo "preparing .venv-ros"
-	@$(call make_venv,.venv-ros,--group ros)
+.venv-ros/ready: constraints.txt pyproject.toml | .venv-pip/ready
+	@$(call make_venv,.venv-ros,1/2)
+	@$(call install,.venv-ros,2/2,what speaks as ROS does,--group ros)
+	@touch $@
 
 run: .venv/ready
 	@.venv/bin/mecazen up $(SCENARIO)
@@ -98,13 +131,13 @@ drawing:
 graph: .venv/ready
 	@.venv/bin/python -m mecazen_tools.generated
 
-picture: .venv/ready drawing
+picture: .venv/developer drawing
 	@.venv/bin/python docs/make_picture.py
 
-notebook: .venv/ready
+notebook: .venv/developer
 	@.venv/bin/python docs/make_notebook.py
 
-test: test-common test-people test-tools $(SERVICES:%=test-%) test-gym test-experiments test-bench test-system test-ros
+test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros
 
 test-common test-people test-tools test-gym $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
@@ -113,32 +146,32 @@ test-viewer test-system: drawing
 
 test-ros: .venv-ros/ready
 
-test-experiments test-bench test-system test-ros: test-%: .venv/ready
+test-experiments test-bench test-system test-ros: test-%: .venv/developer
 	.venv/bin/python -m pytest tests/$*
 
-test-chaos: .venv/ready
+test-chaos: .venv/developer
 	.venv/bin/python -m pytest -s tests/chaos
 
-soak: .venv/ready
+soak: .venv/developer
 	@.venv/bin/mecazen bench soak --hours $(HOURS)
 
-test-compose: .venv/ready
+test-compose: .venv/developer
 	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose
 
-lint: .venv/ready
+lint: .venv/developer
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 
-format: .venv/ready
+format: .venv/developer
 	.venv/bin/ruff check --fix .
 	.venv/bin/ruff format .
 
-bench: .venv/ready
+bench: .venv/developer
 	@.venv/bin/mecazen bench run $(BENCH)
 
-bench-peers: .venv/ready gazebo
+bench-peers: .venv/developer gazebo
 	@.venv/bin/mecazen bench run --only peers $(BENCH)
 
 gazebo:

@@ -29,6 +29,8 @@ from mecazen_tools.simulate import Result, collect, simulate, simulate_distribut
 from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
+ELSEWHERE = {"experiment": "mecazen-experiments", "bench": "mecazen-bench"}
+"""Projects that bring a command, and that running does without."""
 
 TrajectoryFile = Annotated[
     Path | None,
@@ -311,4 +313,7 @@ def _usage_error(error: typer.TyperException) -> str:
         return ""
     context = getattr(error, "ctx", None)  # of an error in how a command is used
     hint = "" if context is None else f"; `{context.command_path} --help` tells what is allowed"
+    for name, project in ELSEWHERE.items():
+        if told == f"No such command '{name}'":
+            hint = f"; it comes with {project}, or with `make develop`"
     return f"error: {told}{hint}\n"
