@@ -44,21 +44,20 @@ def scenario_path(name: str) -> Path:
     return named_file(name, "scenario")
 
 
-def named_file(name: str, kind: str) -> Path:
+def named_file(name: str, kind: str, where: str = "") -> Path:
     """Return a TOML file by its path, or its name in `configs/<kind>s` here, above or installed.
 
     Raises:
-        ConfigError: There is no such file.
+        ConfigError: There is no such file, `where` it is named.
     """
     if (path := Path(name)).is_file():
         return path
     above = (Path.cwd(), *Path.cwd().parents, OWN)
-    folders = (folder / "configs" / f"{kind}s" for folder in above)
-    folder = next(filter(Path.is_dir, folders))
-    if (folder / f"{name}.toml").is_file():
-        return folder / f"{name}.toml"
+    folder = next(c for folder in above if (c := folder / "configs" / f"{kind}s").is_dir())
+    if (file := folder / f"{name}.toml").is_file():
+        return file
     known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
-    raise ConfigError(f"{name}: no such {kind}; a path to a TOML file, or one of {known}")
+    raise ConfigError(f"{where}{name}: no such {kind}; a path to a TOML file, or one of {known}")
 
 
 def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
@@ -132,23 +131,23 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequence[str]] | None:
     """Read the file of a robot or a world that a table names; lay over it what else it says.
 
-    `robot` is the file, or a table with it: `{ file = "nexus.toml", payload = { … } }`.
-
-    Returns:
-        The file, and the keys that are changed; None if the table names no file.
+    It is a path, a name of ours, or a table with either: `{ file = "nexus", payload = { … } }`.
+    Returns the file, and the keys that are changed; None where the table names no file.
     """
     given = table.get(part)
     changes = dict(given) if isinstance(given, dict) else {"file": given}
     name = changes.pop("file", None)
-    below = _read_toml(path.parent / name) if isinstance(name, str) else {}
+    file: Path | None = None
+    if isinstance(name, str):
+        ours = re.fullmatch(r"[\w-]+", name)
+        file = named_file(name, part, f"{path}: {part}: ") if ours else path.parent / name
+    below = _read_toml(file) if file else {}
     if part == "world":
-        take_map(below, path.parent / str(name))
+        take_map(below, file or path)
         take_map(changes, path)
-    if isinstance(given, dict) or isinstance(name, str):
+    if isinstance(given, dict) or file:
         table[part] = _laid_over(below, changes)
-    if not isinstance(name, str):
-        return None
-    return (path.parent / name).resolve(), tuple(f"{part}.{key}" for key in changes)
+    return None if file is None else (file.resolve(), tuple(f"{part}.{key}" for key in changes))
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> None:

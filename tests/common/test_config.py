@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import pytest
 import tomli_w
-from harness import SCENARIOS, error_of
+from harness import ROOT, SCENARIOS, error_of
 from mecazen import loading
 from mecazen.bus_config import BusConfig
 from mecazen.config import Scenario
@@ -211,12 +211,20 @@ def test_when_the_robot_file_is_wrong_expect_it_named(write_scenario):
         ("robot = 5\n", "scenarios/test.toml: robot: got 5; allowed: a robot file, or a table"),
         ('[robot]\nname = "x"\n', "scenarios/test.toml: robot.base: missing; must be a table"),
         ('robot = "none.toml"\n', "scenarios/none.toml: no such file"),
+        ('robot = "none"\n', "scenarios/test.toml: robot: none: no such robot; a path"),
         ('robot = "../robots"\n', "scenarios/../robots: can't be read: Is a directory"),
         ('robot = "a\\u0000b"\n', r"scenarios/a\x00b: can't be read: embedded null byte"),
     ],
 )
 def test_when_there_is_no_robot_expect_what_is_missing(write_scenario, robot, expected):
     assert problem(write_scenario(robot=robot)).startswith(expected)
+
+
+def test_a_robot_and_a_world_that_come_with_the_package_go_by_their_names(write_scenario):
+    path = f"{ROOT}/configs/worlds/ward.toml"
+    by_path = load_scenario(write_scenario(f'world = "{path}"\n'))
+    by_name = load_scenario(write_scenario('world = "ward"\n', robot='robot = "nexus"\n'))
+    assert (by_name.robot, by_name.world) == (by_path.robot, by_path.world)
 
 
 def test_a_scenario_changes_some_of_a_robot_file(write_scenario):

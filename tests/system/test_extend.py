@@ -4,7 +4,7 @@ import re
 import shlex
 
 import pytest
-from harness import ROBOTS, ROOT, mecazen
+from harness import ROOT, mecazen
 from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import InProcess
@@ -17,9 +17,8 @@ COMMANDS = [line for kind, block in BLOCKS if kind == "sh" for line in block.spl
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """All files of the page, and the robot file that they name."""
+    """All files of the page."""
     made = tmp_path_factory.mktemp("extend")
-    (made / "nexus.toml").write_text((ROBOTS / "nexus.toml").read_text())
     for kind, block in BLOCKS:
         if kind != "sh":
             (made / block.partition("\n")[0].removeprefix("# ")).write_text(block)
