@@ -21,10 +21,12 @@ unexport PYTHONDONTWRITEBYTECODE
 ifneq ($(shell command -v uv),)
 NEW := uv venv -q -p $(PYTHON)
 INSTALL = uv pip install --no-sources -p $(1)/bin/python -b constraints.txt -c constraints.txt
+BUILD_WHEELS := uv build -q --wheel --all-packages --no-sources -b constraints.txt -o dist
 else
 PIP := .venv-pip/bin/pip
 NEW := $(PYTHON) -m venv --without-pip
 INSTALL = $(PIP) --python $(1)/bin/python install --no-compile --no-build-isolation -c constraints.txt
+BUILD_WHEELS := $(PIP) --python .venv/bin/python wheel -q --no-deps --no-build-isolation -w dist $(WORKSPACE:%=./%)
 endif
 BUILD := hatchling editables
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -45,7 +47,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose soak
+.PHONY: help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -59,6 +61,7 @@ help:
 	@echo "make graph        what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
+	@echo "make dist         wheels, to be installed elsewhere: docs/deploy.md"
 	@echo "make install      only prepare .venv for make run; make develop: for everything else too"
 
 install: .venv/ready
@@ -123,6 +126,10 @@ GYM := people tools services/physics services/controller services/target service
 run: .venv/ready
 	@.venv/bin/mecazen up $(SCENARIO)
 
+# wheels of everything, and the versions that they were tested with
+dist: .venv/ready
+	@rm -rf dist && $(BUILD_WHEELS) && cp constraints.txt dist && echo "dist: $$(ls dist/*.whl | wc -l) wheels"
+
 drawing:
 	@dpkg -s $(DRAWING) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
 		apt-get install -y -qq --no-install-recommends $(DRAWING) >/dev/null; } || \
@@ -137,7 +144,7 @@ picture: .venv/developer drawing
 notebook: .venv/developer
 	@.venv/bin/python docs/make_notebook.py
 
-test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros
+test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros test-dist
 
 test-common test-people test-tools test-gym $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
@@ -146,7 +153,9 @@ test-viewer test-system: drawing
 
 test-ros: .venv-ros/ready
 
-test-experiments test-bench test-system test-ros: test-%: .venv/developer
+test-dist: dist
+
+test-experiments test-bench test-system test-ros test-dist: test-%: .venv/developer
 	.venv/bin/python -m pytest tests/$*
 
 test-chaos: .venv/developer
@@ -187,4 +196,4 @@ bench/build/gazebo-peer: bench/gazebo/gazebo_peer.cpp
 		$$(pkg-config --cflags --libs $(GAZEBO_MODULES))
 
 clean:
-	rm -rf .venv .venv-*
+	rm -rf .venv .venv-* dist

@@ -1,0 +1,115 @@
+"""The wheels of `make dist`, installed as docs/deploy.md says, far from the clone."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+from harness import COMMAND_GUARD_S, ROOT, mecazen, options, tools
+from mecazen.loading import load_scenario, scenario_path
+from mecazen_tools.processes import private_router
+
+DIST = ROOT / "dist"
+PROJECTS = {
+    (project := tomllib.loads(path.read_text())["project"])["name"]: project
+    for path in sorted([*ROOT.glob("*/pyproject.toml"), *ROOT.glob("services/*/pyproject.toml")])
+}
+BESIDES = {"mecazen-experiments", "mecazen-bench"}
+"""What running does without."""
+SHORT = ("simulate", "back", "--set", "sim.duration_s=5", "--json")
+INSTALL_GUARD_S = 600.0
+"""It takes half a minute where what it fetches is at hand."""
+
+
+def test_all_projects_have_one_version_and_need_each_other_in_it():
+    version = PROJECTS["mecazen"]["version"]
+    for name, project in PROJECTS.items():
+        assert project["version"] == version, name
+        extras = project.get("optional-dependencies", {}).values()
+        needs = [need for listed in (project["dependencies"], *extras) for need in listed]
+        ours = [need for need in needs if need.startswith("mecazen")]
+        assert all(need.endswith(f"=={version}") for need in ours), (name, ours)
+
+
+def test_each_project_has_a_wheel():
+    wheels = {path.name.partition("-")[0] for path in DIST.glob("*.whl")}
+    assert wheels == {name.replace("-", "_") for name in PROJECTS}
+
+
+@pytest.fixture(scope="module")
+def away():
+    """Run a command of an environment with nothing but `mecazen[all]`, in an empty folder."""
+    # a gigabyte, which must not stay as pytest's folders do
+    with tempfile.TemporaryDirectory() as name:
+        folder, environment = Path(name, "empty"), Path(name, "env")
+        folder.mkdir()
+        subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True)
+        subprocess.run(
+            [sys.executable, "-m", "pip", "--python", environment, "install", "-q", "-f", DIST]
+            + ["-c", DIST / "constraints.txt", "mecazen[all]"],
+            env={**os.environ, "PIP_NO_COMPILE": "1"},
+            check=True,
+            timeout=INSTALL_GUARD_S,
+        )
+
+        def start(*arguments):
+            return subprocess.Popen(
+                [environment / "bin" / "mecazen", *arguments],
+                cwd=folder,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                text=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+
+        yield start
+
+
+def said(process: subprocess.Popen[str], code: int = 0) -> str:
+    """Return what a command printed, or its error."""
+    out, err = process.communicate(timeout=COMMAND_GUARD_S)
+    assert process.returncode == code, out + err
+    return out or err
+
+
+def test_all_brings_every_project_that_running_needs(away):
+    needs = PROJECTS["mecazen"]["optional-dependencies"]["all"]
+    named = {need.partition("==")[0].removesuffix("[keys]") for need in needs}
+    assert {*named, "mecazen", "mecazen-people"} == PROJECTS.keys() - BESIDES
+    assert said(away("--version")) == f"mecazen {PROJECTS['mecazen']['version']}\n"
+
+
+def test_a_command_that_is_not_there_says_what_it_comes_with(away):
+    assert "mecazen-experiments" in said(away("experiment", "table2"), 2)
+
+
+def test_it_simulates_as_in_the_clone_to_the_last_bit(away):
+    there, here = (msgspec.json.decode(out) for out in (said(away(*SHORT)), mecazen(*SHORT).stdout))
+    assert there["trajectory_sha256"] == here["trajectory_sha256"]
+
+
+def test_the_follower_of_the_example_runs_in_a_folder_of_ones_own(away, tmp_path):
+    for name in ("my_follower.py", "my_follower.toml"):
+        (tmp_path / name).write_text((ROOT / "examples" / name).read_text())
+    scenario = tmp_path / "my_follower.toml"
+    result = msgspec.json.decode(said(away("simulate", scenario, *SHORT[2:])))
+    # a proportional law lags by speed over gain, 0.2/1.5 m
+    assert result["d_err_m"] < 0.15
+
+
+def test_everything_starts_and_is_shown_and_ends_by_ctrl_c(away):
+    settings = (*private_router(), "viewer.web_port=0", "viewer.data_port=0")
+    bus = load_scenario(scenario_path("side"), settings).bus
+    running = away("up", "side", *options(settings))
+    try:
+        while "Watch it at" not in (line := running.stdout.readline()):
+            assert line, running.stderr.read()
+        assert "position" in said(away("echo", "odom", "--count", "1", *tools(bus)))
+    finally:
+        running.send_signal(signal.SIGINT)
+    assert said(running).endswith("all processes have ended\n")
