@@ -47,7 +47,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose test-dist dist soak
+.PHONY: docs help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -61,6 +61,7 @@ help:
 	@echo "make graph        what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
+	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
 	@echo "make dist         wheels, to be installed elsewhere: docs/deploy.md"
 	@echo "make install      only prepare .venv for make run; make develop: for everything else too"
 
@@ -117,6 +118,11 @@ GYM := people tools services/physics services/controller services/target service
 	@$(call install,.venv-gym,2/2,Gymnasium,$(call EDITABLE,common $(GYM)) --group test)
 	@touch $@
 
+.venv-docs/ready: constraints.txt pyproject.toml | .venv-pip/ready
+	@$(call make_venv,.venv-docs,1/2)
+	@$(call install,.venv-docs,2/2,what makes the site of the documentation,--group docs)
+	@touch $@
+
 # what speaks with us as ROS does: it holds nothing of ours
 .venv-ros/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-ros,1/2)
@@ -125,6 +131,10 @@ GYM := people tools services/physics services/controller services/target service
 
 run: .venv/ready
 	@.venv/bin/mecazen up $(SCENARIO)
+
+# MkDocs Material would else print a note about MkDocs' future
+docs: .venv-docs/ready
+	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
 
 # wheels of everything, and the versions that they were tested with
 dist: .venv/ready
@@ -144,7 +154,7 @@ picture: .venv/developer drawing
 notebook: .venv/developer
 	@.venv/bin/python docs/make_notebook.py
 
-test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros test-dist
+test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros test-dist docs
 
 test-common test-people test-tools test-gym $(SERVICES:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
@@ -196,4 +206,4 @@ bench/build/gazebo-peer: bench/gazebo/gazebo_peer.cpp
 		$$(pkg-config --cflags --libs $(GAZEBO_MODULES))
 
 clean:
-	rm -rf .venv .venv-* dist
+	rm -rf .venv .venv-* dist site

@@ -50,11 +50,6 @@ class Simulation:
     The same scenario, seed and commands give the same trajectory to the last bit, and the same
     as `mecazen simulate`. It is begun at once; close it, or use it in a `with` statement.
 
-    >>> with Simulation("back", duration_s=2.0) as sim:
-    ...     state = sim.run()
-    >>> round(state.robot.distance(state.person), 2)
-    1.02
-
     Args:
         scenario: A name, a TOML file, or a loaded scenario.
         seed: Of the noise; the scenario's if left out.
@@ -65,6 +60,12 @@ class Simulation:
 
     Raises:
         ConfigError: A setting can't be used; one line says what is allowed.
+
+    Examples:
+        >>> with Simulation("back", duration_s=2.0) as sim:
+        ...     state = sim.run()
+        >>> round(state.robot.distance(state.person), 2)
+        1.02
     """
 
     def __init__(
