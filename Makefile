@@ -9,7 +9,7 @@ RUN := $(SDK) $(SERVICES:%=services/%)
 MORE := experiments bench gym
 WORKSPACE := $(RUN) $(MORE)
 
-# a step that fails before a pipe fails
+# what fails in a pipe fails the step
 SHELL := bash
 .SHELLFLAGS := -o pipefail -c
 
@@ -87,7 +87,7 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
 .venv/developer: pyproject.toml $(MORE:%=%/pyproject.toml) .venv/ready
 	@$(call install,.venv,1/1,$(MORE); what tests and linters need,\
-		pip $(call EDITABLE,$(MORE)) --group test --group system --group lint --group bench)
+		$(call EDITABLE,$(MORE)) --group test --group system --group lint --group bench)
 	@touch $@
 
 # one service and nothing else: what it does not declare, it does not find
