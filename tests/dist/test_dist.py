@@ -19,7 +19,7 @@ PROJECTS = {
     (project := tomllib.loads(path.read_text())["project"])["name"]: project
     for path in sorted([*ROOT.glob("*/pyproject.toml"), *ROOT.glob("services/*/pyproject.toml")])
 }
-BESIDES = {"mecazen-experiments", "mecazen-bench"}
+BESIDES = {"mecazen-experiments", "mecazen-bench", "mecazen-gym"}
 """What running does without."""
 SHORT = ("simulate", "back", "--set", "sim.duration_s=5", "--json")
 INSTALL_GUARD_S = 600.0
