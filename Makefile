@@ -80,7 +80,7 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
 .venv/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
 	@$(call make_venv,.venv,1/4)
-	@$(call install,.venv,2/4,$(SDK),$(call EDITABLE,$(SDK:tools=tools[keys])))
+	@$(call install,.venv,2/4,$(SDK),$(call EDITABLE,$(SDK:tools=tools[keys,plot])))
 	@$(call install,.venv,3/4,$(LOOP),$(call EDITABLE,$(LOOP)))
 	@$(call install,.venv,4/4,$(SHOWING),$(call EDITABLE,$(SHOWING)))
 	@touch $@
