@@ -8,8 +8,6 @@ import queue
 import secrets
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence, Set
@@ -18,11 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-import msgspec
 from mecazen.config import Process
 from mecazen.errors import MecazenError
 from mecazen.graph import OBSERVERS
 from mecazen.runtime.report import Report
+
+from mecazen_tools.forking import Child, Parent
 
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
@@ -57,7 +56,8 @@ class Ended(NamedTuple):
     """The end of a process."""
 
     name: str
-    code: int
+    code: int | None
+    """None: it has ended because the parent of all has."""
     last_line: str
     """Of what it has logged."""
 
@@ -66,9 +66,9 @@ class Ended(NamedTuple):
 class _Part:
     """A process, and what it takes to start it again."""
 
-    process: subprocess.Popen[str]
-    arguments: Sequence[str]
-    """What says which one it is: its service, and its robot where there are several."""
+    child: Child
+    process: Process
+    """Which it is."""
     needed: bool
     error: str = ""
     """By which it said that it ends."""
@@ -89,8 +89,8 @@ class ProcessError(MecazenError):
 class Supervisor:
     """The processes of one scenario.
 
-    Each runs `python -m mecazen.runtime` in a session of its own, so that Ctrl-C reaches
-    only this process, which then ends them; and ends by itself if this process dies.
+    All are forked from one parent (see `forking`), each into a session of its own, so that Ctrl-C
+    reaches only this process, which then ends them; and end by themselves if this process dies.
 
     With `restart` a process that has ended is started again, at once, or after a pause that grows
     while it keeps ending. What fails before it has ever run is an error still.
@@ -99,6 +99,7 @@ class Supervisor:
     def __init__(self, scenario: Path, settings: Sequence[str], *, restart: bool = False) -> None:
         self._arguments = [str(scenario), *(f"--set={setting}" for setting in settings)]
         self._restart = restart
+        self._parent = Parent()
         self._parts: dict[str, _Part] = {}
         self._watchers: list[threading.Thread] = []
         self._events: queue.SimpleQueue[Line | Told | Ended] = queue.SimpleQueue()
@@ -106,7 +107,7 @@ class Supervisor:
     @property
     def pids(self) -> dict[str, int]:
         """The process of each name that was started."""
-        return {name: part.process.pid for name, part in self._parts.items()}
+        return {name: part.child.pid for name, part in self._parts.items()}
 
     def works(self, name: str) -> bool:
         """Return whether a process has reported, as of the last `poll`, that it works."""
@@ -117,26 +118,20 @@ class Supervisor:
 
         Where it is not `needed`, its end is no error.
         """
-        arguments = ("+".join(process.services), f"--robot={process.robot}")
-        self._parts[process.name] = _Part(self._spawn(process.name, arguments), arguments, needed)
+        self._parts[process.name] = _Part(self._spawn(process), process, needed)
 
-    def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "mecazen.runtime", *arguments, *self._arguments]
-        reports, report_end = os.pipe()
-        process = subprocess.Popen(
-            [*command, "--until-orphaned", f"--report={report_end}"],
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            pass_fds=(report_end,),
-        )
-        os.close(report_end)
-        watcher = threading.Thread(target=self._watch, args=(name, process, reports), daemon=True)
+    def _spawn(self, process: Process) -> Child:
+        if not self._parent.lives:
+            self._parent.close()
+            self._parent = Parent()
+        name = "+".join(process.services)
+        arguments = (name, f"--robot={process.robot}", *self._arguments)
+        child = self._parent.start(process.name, process.services, arguments)
+        watcher = threading.Thread(target=self._watch, args=(process.name, child), daemon=True)
         watcher.start()
         self._watchers = [other for other in self._watchers if other.is_alive()]
         self._watchers.append(watcher)
-        return process
+        return child
 
     def start_router(self, timeout_s: float = 10.0) -> None:
         """Start the router and wait until it listens.
@@ -185,9 +180,9 @@ class Supervisor:
     def _start_again(self) -> float:
         """Start again what is due; return when the next is [s], of the monotonic clock."""
         now = time.monotonic()
-        for name, part in self._parts.items():
+        for part in self._parts.values():
             if part.restart_s is not None and part.restart_s <= now:
-                part.process = self._spawn(name, part.arguments)
+                part.child = self._spawn(part.process)
                 part.restart_s, part.error = None, ""
         return min(
             (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf
@@ -200,7 +195,7 @@ class Supervisor:
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
         # an observer that says why it can't go on, as on a full disk, would say it again
         hopeless = not part.has_run or (not part.needed and part.error != "")
-        if not self._restart or (event.code > 0 and hopeless):
+        if not self._restart or (event.code and event.code > 0 and hopeless):
             if part.needed:
                 raise ProcessError(f"{event.name}: {how}")
             return Line(event.name, f"{event.name} has ended: {how}; the others go on")
@@ -221,46 +216,42 @@ class Supervisor:
         killed = [*self._stop(self._parts.keys() - last), *self._stop(self._parts.keys() & last)]
         for watcher in self._watchers:
             watcher.join()
+        self._parent.close()
         return killed
 
     def _stop(self, names: Set[str]) -> list[str]:
-        processes = {name: self._parts[name].process for name in sorted(names)}
-        for process in processes.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
+        children = {name: self._parts[name].child for name in sorted(names)}
+        children = {name: child for name, child in children.items() if not child.ended.is_set()}
+        for child in children.values():
+            self._parent.signal(child.pid, signal.SIGTERM)
         killed = []
-        for name, process in processes.items():
-            try:
-                process.wait(STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        for name, child in children.items():
+            if not child.ended.wait(STOP_TIMEOUT_S):
+                self._parent.signal(child.pid, signal.SIGKILL)
+                child.ended.wait()
                 killed.append(name)
         return killed
 
-    def _watch(self, name: str, process: subprocess.Popen[str], reports: int) -> None:
-        listener = threading.Thread(target=self._listen, args=(name, reports), daemon=True)
+    def _watch(self, name: str, child: Child) -> None:
+        listener = threading.Thread(target=self._listen, args=(name, child), daemon=True)
         listener.start()
         last = ""
-        if process.stderr is not None:
-            with process.stderr:
-                for line in process.stderr:
-                    last = line.rstrip()
-                    self._events.put(Line(name, last))
-        code = process.wait()
-        if process.stdin is not None:
-            process.stdin.close()
+        with child.errors:
+            for line in child.errors:
+                last = line.rstrip()
+                self._events.put(Line(name, last))
         listener.join()
-        self._events.put(Ended(name, code, last))
+        self._events.put(Ended(name, child.code, last))
 
-    def _listen(self, name: str, reports: int) -> None:
-        with open(reports, "rb") as lines:
-            for line in lines:
-                self._events.put(Told(name, msgspec.json.decode(line, type=Report)))
+    def _listen(self, name: str, child: Child) -> None:
+        while (report := child.next_report()) is not None:
+            self._events.put(Told(name, report))
 
 
 def _how(event: Ended, error: str) -> str:
     """Return in one line how a process has ended."""
+    if event.code is None:
+        return "has ended with the parent of all processes"
     if event.code < 0:
         return f"was killed by {signal.Signals(-event.code).name}"
     return error or event.last_line or f"ended with code {event.code}"

@@ -12,10 +12,12 @@ import msgspec
 class Report(msgspec.Struct, frozen=True):
     """A line on the pipe, in JSON."""
 
-    kind: Literal["started", "serving", "failed"]
-    """It works; it serves a page at an address; it ends with an error."""
+    kind: Literal["forked", "started", "serving", "failed", "ended"]
+    """It exists; it works; it serves a page at an address; it ends with an error; it has ended."""
     text: str = ""
     """The address, or the error in one line."""
+    number: int = 0
+    """Of the process that was forked, or the exit code; that of a signal is negative."""
 
 
 class Reporter:

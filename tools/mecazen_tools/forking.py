@@ -1,0 +1,247 @@
+"""Processes that are forked from one parent: `python -m mecazen_tools.forking`.
+
+The parent has imported what they run, and has opened nothing. Its forks begin at once, share its
+memory, and have the same code at the same addresses, which is what a processor's predictions go
+by. It has a single thread, since a lock that another one holds would stay locked in a fork. So it
+imports only services of the table, and no observer: all else, such as a node of one's own, is
+imported after the fork.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import selectors
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from mecazen import graph
+from mecazen.errors import MecazenError
+from mecazen.loading import installed_sections
+from mecazen.programs import installed_nodes
+from mecazen.runtime import __main__ as runtime
+from mecazen.runtime.report import Report, Reporter
+
+MAX_REQUEST_BYTES = 1 << 17
+
+
+class Start(msgspec.Struct, frozen=True, tag=True):
+    """Fork a process. Its ends of two pipes come along: for standard error, and for reports."""
+
+    name: str
+    """What the system calls it."""
+    services: tuple[str, ...]
+    arguments: tuple[str, ...]
+    """Of `mecazen.runtime`."""
+    cores: tuple[int, ...]
+    policy: int
+    """Of scheduling, and with which priority."""
+    priority: int
+
+
+class Signal(msgspec.Struct, frozen=True, tag=True):
+    """Send a process a signal, unless it has ended."""
+
+    pid: int
+    number: int
+
+
+class ForkError(MecazenError):
+    """No process could be forked."""
+
+
+class Child:
+    """A process that was forked.
+
+    Args:
+        reports: From it, and of its end from the parent.
+        errors: Its standard error.
+    """
+
+    def __init__(self, reports: int, errors: int) -> None:
+        self.reports = open(reports, "rb")  # noqa: SIM115  # until it ends
+        self.errors = open(errors, encoding="utf-8", errors="replace")  # noqa: SIM115
+        first = self.next_report()
+        if first is None or first.kind != "forked":
+            raise ForkError("their parent has ended" if first is None else first.text)
+        self.pid = first.number
+        self.code: int | None = None
+        """Its exit code, once it has ended, if the parent has told it."""
+        self.ended = threading.Event()
+
+    def next_report(self) -> Report | None:
+        """Wait for what it reports next; None: it has ended."""
+        line = self.reports.readline()
+        report = msgspec.json.decode(line, type=Report) if line else None
+        if report is not None and report.kind == "ended":
+            self.code = report.number
+        if report is None or report.kind == "ended":
+            self.reports.close()
+            self.ended.set()
+            return None
+        return report
+
+
+class Parent:
+    """The parent, and what asks it. It ends with whoever holds this, and its forks with it."""
+
+    def __init__(self) -> None:
+        self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        command = [sys.executable, "-m", "mecazen_tools.forking"]
+        with theirs:
+            self._process = subprocess.Popen(command, stdin=theirs.fileno(), start_new_session=True)
+
+    @property
+    def lives(self) -> bool:
+        """Whether it can be asked."""
+        return self._process.poll() is None
+
+    def start(self, name: str, services: Sequence[str], arguments: Sequence[str]) -> Child:
+        """Fork a process that runs where, and is scheduled as, the calling thread is.
+
+        Raises:
+            ForkError: It can't.
+        """
+        (reports, report_end), (errors, error_end) = os.pipe(), os.pipe()
+        request = Start(
+            name,
+            tuple(services),
+            tuple(arguments),
+            tuple(os.sched_getaffinity(0)),
+            os.sched_getscheduler(0),
+            os.sched_getparam(0).sched_priority,
+        )
+        self._ask(request, error_end, report_end)
+        os.close(error_end)
+        os.close(report_end)
+        return Child(reports, errors)
+
+    def signal(self, pid: int, number: int) -> None:
+        """Send a fork a signal, unless it has ended and its number may be another's."""
+        self._ask(Signal(pid, number))
+
+    def _ask(self, request: Start | Signal, *descriptors: int) -> None:
+        with suppress(BrokenPipeError, ConnectionResetError):  # what has ended is told by its pipes
+            socket.send_fds(self._requests, [msgspec.json.encode(request)], descriptors)
+
+    def close(self) -> None:
+        """End it."""
+        self._requests.close()
+        self._process.wait()
+
+
+class _Forked(NamedTuple):
+    """What a new process begins with."""
+
+    start: Start
+    errors: int
+    reports: int
+
+
+class _Forks:
+    """The processes that were forked."""
+
+    def __init__(self, requests: socket.socket) -> None:
+        self._requests = requests
+        self._ready = selectors.DefaultSelector()
+        self._ready.register(requests, selectors.EVENT_READ)
+        self._running: dict[int, tuple[int, int]] = {}
+        """Process and where to report its end, by the descriptor that can be read then."""
+
+    def serve(self) -> _Forked | None:
+        """Fork as asked; return in each fork what it begins with, and here None, at the end."""
+        while True:
+            for key, _ in self._ready.select():
+                if key.fd in self._running:
+                    self._report_end(key.fd)
+                    continue
+                data, ends, _, _ = socket.recv_fds(self._requests, MAX_REQUEST_BYTES, 2)
+                if not data:
+                    return None
+                request = msgspec.json.decode(data, type=Start | Signal)
+                if isinstance(request, Start):
+                    if self._fork(request, *ends):
+                        return _Forked(request, *ends)
+                elif any(pid == request.pid for pid, _ in self._running.values()):
+                    os.kill(request.pid, request.number)
+
+    def _fork(self, start: Start, errors: int, reports: int) -> bool:
+        """Fork, and return whether this is the new process."""
+        _import(start.services)
+        threads = len(list(Path("/proc/self/task").iterdir()))
+        if threads == 1:
+            gc.freeze()
+            pid = os.fork()
+            if not pid:
+                self._leave()
+                return True
+            ended = os.pidfd_open(pid)
+            self._running[ended] = pid, reports
+            self._ready.register(ended, selectors.EVENT_READ)
+        else:
+            failed = f"a process of {threads} threads can't be forked"
+            Reporter(reports).tell(Report("failed", failed))
+            os.close(reports)
+        os.close(errors)
+        return False
+
+    def _report_end(self, ended: int) -> None:
+        pid, reports = self._running.pop(ended)
+        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        Reporter(reports).tell(Report("ended", number=code))
+        self._ready.unregister(ended)
+        os.close(ended)
+        os.close(reports)
+
+    def _leave(self) -> None:
+        """Close in a fork what is its parent's."""
+        self._ready.close()
+        self._requests.close()
+        for ended, (_, reports) in self._running.items():
+            os.close(ended)
+            os.close(reports)
+
+
+def _import(wanted: Sequence[str]) -> None:
+    """Import what services run; what can't be imported is told by the fork that needs it."""
+    table, installed = graph.services(), installed_nodes()
+    for row in (row for name in wanted for row in table.get(name, ())):
+        if row.name in installed and not row.observes:
+            with suppress(Exception):
+                installed[row.name].load()
+
+
+def main() -> None:
+    """Fork as asked on standard input, a socket, until it closes."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # else NumPy starts threads when it is imported
+    gc.disable()  # what it writes to is no longer shared
+    installed_sections()
+    # forks end with their standard input, and nobody else has the other end of it
+    alive, living = os.pipe()
+    forked = _Forks(socket.socket(fileno=0)).serve()
+    if forked is None:
+        return
+    start, errors, reports = forked
+    Reporter(reports).tell(Report("forked", number=os.getpid()))
+    os.close(living)
+    os.dup2(alive, 0)
+    os.dup2(errors, 2)
+    os.close(alive)
+    os.close(errors)
+    os.setsid()
+    Path("/proc/self/comm").write_text(start.name, encoding="utf-8")
+    os.sched_setaffinity(0, start.cores)
+    os.sched_setscheduler(0, start.policy, os.sched_param(start.priority))
+    gc.enable()
+    runtime.main([*start.arguments, "--until-orphaned", f"--report={reports}"])
+
+
+if __name__ == "__main__":
+    main()
