@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -18,7 +17,7 @@ from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
 from mecazen.occupancy import take_map
-from mecazen.programs import find
+from mecazen.programs import find, installed
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
 
@@ -32,7 +31,7 @@ SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
 
 def installed_sections() -> dict[str, type[Section]]:
     """Return the configuration struct of every service that is installed here."""
-    return {entry.name: entry.load() for entry in entry_points(group="mecazen.configs")}
+    return {name: entry.load() for name, entry in installed("mecazen.configs").items()}
 
 
 def scenario_path(name: str) -> Path:

@@ -31,9 +31,14 @@ Kind = type[Node] | type[World] | type[Observer]
 
 
 @lru_cache
+def installed(group: str) -> dict[str, EntryPoint]:
+    """Return what is installed here under a group of entry points, by name."""
+    return {entry.name: entry for entry in entry_points(group=group)}
+
+
 def installed_nodes() -> dict[str, EntryPoint]:
     """Return the nodes that are installed here, by name."""
-    return {entry.name: entry for entry in entry_points(group=NODES)}
+    return installed(NODES)
 
 
 def find(name: str, programs: Mapping[str, str]) -> Kind:
@@ -47,14 +52,14 @@ def find(name: str, programs: Mapping[str, str]) -> Kind:
         ConfigError: There is no such class.
     """
     program = programs.get(name, name)
-    installed = installed_nodes()
-    if program in installed:
-        return _checked(installed[program].load(), program)
+    known = installed_nodes()
+    if program in known:
+        return _checked(known[program].load(), program)
     place, colon, attribute = program.partition(":")
     if not colon:
-        known = ", ".join(sorted(installed)) or "none"
+        names = ", ".join(sorted(known)) or "none"
         raise ConfigError(
-            f"{program}: no such node; installed: {known}; or file.py:Class of your own"
+            f"{program}: no such node; installed: {names}; or file.py:Class of your own"
         )
     return _checked(getattr(_import(place), attribute, None), program)
 
@@ -261,6 +266,23 @@ def _placed(row: Row, kind: Kind, scenario: Scenario) -> Row:
     return own.placed(row) if row.name in graph.TABLE else replace(own, name=row.name)
 
 
+def _nodes(service: str, scenario: Scenario) -> list[str]:
+    """Return the names of a service's nodes, but for the clock."""
+    rows = _rows(service, scenario) or (Row(service),)
+    return [row.name for row in rows if not row.owns_time]
+
+
+def refuse_missing(service: str, scenario: Scenario) -> None:
+    """Refuse a service of which a class is missing, without importing what is installed.
+
+    Raises:
+        ConfigError: There is no such class.
+    """
+    for name in _nodes(service, scenario):
+        if scenario.programs.get(name, name) not in installed_nodes():
+            find(name, scenario.programs)
+
+
 def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
     """Return the classes of a service's nodes, by the nodes' names; not the clock's.
 
@@ -268,7 +290,7 @@ def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
         ConfigError: There is no such class.
     """
     rows = _rows(service, scenario) or (Row(service),)
-    found = {row.name: find(row.name, scenario.programs) for row in rows if not row.owns_time}
+    found = {name: find(name, scenario.programs) for name in _nodes(service, scenario)}
     for name, kind in found.items():
         # a service that owns time has a world in it
         wanted: type = World if any(row.owns_time for row in rows) else Node

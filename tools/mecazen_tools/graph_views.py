@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import Any
-from xml.sax.saxutils import escape
 
 from mecazen.graph import Graph
 from mecazen.keys import DIAGNOSTICS, Topic

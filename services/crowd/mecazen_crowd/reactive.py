@@ -11,6 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.world import Box, Cylinder
 from mecazen_people.motion import Motion
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
+from numpy.random import PCG64, Generator
 
 from mecazen_crowd import forces
 from mecazen_crowd.config import Goal, Reactive
@@ -69,7 +70,7 @@ def drawn(
     errands: list[Errand] = []
     here = list(taken)
     for number in range(config.count):
-        random = np.random.Generator(np.random.PCG64([seed, number]))
+        random = Generator(PCG64([seed, number]))
         speed = config.speed_m_s + config.speed_std_m_s * float(random.standard_normal())
         for _ in range(DRAWS):
             axis, way = random.random(2).tolist()
@@ -127,9 +128,7 @@ class Pedestrians:
         self._fastest = np.array([forces.FASTEST * one.speed for one in errands])
         self._yaws = [one.start.yaw for one in errands]
         self._next = [0] * len(errands)
-        self._random = [
-            np.random.Generator(np.random.PCG64([seed, n, 1])) for n in range(len(errands))
-        ]
+        self._random = [Generator(PCG64([seed, n, 1])) for n in range(len(errands))]
         self.motions = [Motion(one.start) for one in errands]
         """Of each, now."""
 

@@ -37,6 +37,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from mecazen.robot import Robot
+from numpy.polynomial.legendre import leggauss
 
 Array = npt.NDArray[np.float64]
 
@@ -101,7 +102,7 @@ class Roller:
         Of a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
         Gauss' rule in φ (the profile is analytic: 32 points leave rounding errors only).
         """
-        nodes, weights = np.polynomial.legendre.leggauss(32)
+        nodes, weights = leggauss(32)
         phi = self.half_arc * nodes
         s, r = self.profile(phi)
         slope = np.sin(self.angle) * self.wheel_radius * np.cos(phi) + (
@@ -206,7 +207,7 @@ def yaw_gain(robot: Robot) -> float:
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
-    nodes, weights = np.polynomial.legendre.leggauss(16)
+    nodes, weights = leggauss(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
     offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
     distances = robot.half_track + np.stack([offset, -offset])

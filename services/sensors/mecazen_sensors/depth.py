@@ -8,6 +8,7 @@ from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.robot import Camera as Mount
 from mecazen.sensors import DepthConfig
+from numpy.random import PCG64, Generator
 
 from mecazen_sensors.camera import Camera, from_world
 from mecazen_sensors.scene import Floats, Scene
@@ -52,7 +53,7 @@ class DepthCamera:
         self._depths_per_range: Floats = 1.0 / lengths
         # no pixel's ray is longer than that of a corner
         self._farthest = config.max_range_m * float(np.max(lengths))
-        self._random = np.random.Generator(np.random.PCG64(seed))
+        self._random = Generator(PCG64(seed))
 
     def picture(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.Image:
         """Return the picture that the robot takes at a true pose; `header.stamp` is `time`."""

@@ -10,6 +10,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Attachment
 from mecazen.sensors import LidarConfig
 from mecazen.wire import NS_PER_S
+from numpy.random import PCG64, Generator
 
 from mecazen_sensors.scene import Floats, Scene
 
@@ -52,7 +53,7 @@ class Lidar:
         self._no_return = _single(config.max_range_m + 1.0)
         self._beams = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
         self._directions = np.empty((config.beams, 3))
-        self._random = np.random.Generator(np.random.PCG64(seed))
+        self._random = Generator(PCG64(seed))
 
     def scan(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.LaserScan:
         """Return the scan of the robot at a true pose; `header.stamp` is `time`."""

@@ -24,6 +24,7 @@ from mecazen.sensors import TrackerConfig
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.ticks import ticks_per_sample, whole_ticks
 from mecazen.wire import NS_PER_S
+from numpy.random import PCG64, Generator
 
 from mecazen_sensors.body import (
     BONES,
@@ -59,7 +60,7 @@ _ONES = np.ones(3)
 class _Track:
     """What the tracker remembers of one person, of whom its errors are drawn by `random`."""
 
-    def __init__(self, random: np.random.Generator, bias_weights: Floats) -> None:
+    def __init__(self, random: Generator, bias_weights: Floats) -> None:
         self.random = random
         self.bias: Floats = random.standard_normal((3 * COUNT, 5)) * bias_weights
         """(60, 5) over the basis of views, in base_link."""
@@ -176,8 +177,8 @@ class Tracker:
     ) -> m.Skeletons:
         while len(self._tracks) < len(people):
             number = len(self._tracks)
-            bits = np.random.PCG64([self._seed, number] if number else self._seed)
-            self._tracks.append(_Track(np.random.Generator(bits), self._bias_weights))
+            bits = PCG64([self._seed, number] if number else self._seed)
+            self._tracks.append(_Track(Generator(bits), self._bias_weights))
         camera = self._camera.position(robot)
         rays = np.concatenate(people) - camera
         distances = np.sqrt((rays * rays) @ _ONES)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.config import SensorConfig
 from mecazen.geometry import Pose2D, wrap
+from numpy.random import PCG64, Generator
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,7 +30,7 @@ class Faults:
         self._config = faults
         self._frame_s = 1.0 / config.rate_hz
         self._stand_ins = in_ticks(faults.stand_ins_s, tick_s)
-        random = np.random.Generator(np.random.PCG64([seed, FAULTS_STREAM]))
+        random = Generator(PCG64([seed, FAULTS_STREAM]))
         outlying = random.random(frames) < faults.outlier_probability
         direction = 2.0 * math.pi * random.random(frames)
         way = faults.outlier_m * np.stack((np.cos(direction), np.sin(direction)), axis=-1)

@@ -6,11 +6,11 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-import numpy as np
 from mecazen.config import SensorConfig
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, wrap
 from mecazen.ticks import whole_ticks
+from numpy.random import PCG64, Generator
 
 from mecazen_target.faults import Faults, in_ticks
 
@@ -52,7 +52,7 @@ class Sensor:
         self._occlusions = in_ticks(config.occlusions_s, tick_s)
         self._faults = Faults(config, seed, NOISE_FRAMES, tick_s)
         self._past: deque[tuple[int, Pose2D, Pose2D]] = deque(maxlen=self._latency + 1)
-        random = np.random.Generator(np.random.PCG64(seed))
+        random = Generator(PCG64(seed))
         position, yaw = config.position_std_m, math.radians(config.yaw_std_deg)
         noise = random.standard_normal((NOISE_FRAMES, 3)) * (position, position, yaw)
         self._noise = self._faults.correlated(noise)

@@ -22,7 +22,7 @@ from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
-from mecazen.programs import classes, graph_of, installed_nodes
+from mecazen.programs import graph_of, installed_nodes, refuse_missing
 from mecazen.robots import join_key
 from mecazen.row import Row
 from mecazen.wire import NS_PER_S, Stamp
@@ -90,7 +90,7 @@ def up(
         overrides = (*overrides, f"processes={json.dumps([group])}")
         loaded = load_scenario(path, overrides)
     for part in loaded.services:
-        classes(part, loaded)
+        refuse_missing(part, loaded)
     console = Console()
     supervisor = Supervisor(path, overrides, restart=restart)
     signal.signal(signal.SIGTERM, _interrupt)
