@@ -1,5 +1,6 @@
 """The command line, `mecazen` or `python -m mecazen_tools`: Ctrl-C ends it quietly at any time."""
 
+import os
 import signal
 import sys
 
@@ -12,6 +13,8 @@ def main() -> None:
     interrupt = signal.getsignal(signal.SIGINT)
     if interrupt is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # NumPy's threads would keep it from being forked; its products here are too small for them
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
 
     signal.signal(signal.SIGINT, interrupt)

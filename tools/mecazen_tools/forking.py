@@ -1,4 +1,4 @@
-"""Processes that are forked from one parent: `python -m mecazen_tools.forking`.
+"""Processes that are forked from one parent.
 
 The parent has imported what they run, and has opened nothing. Its forks begin at once, share its
 memory, and have the same code at the same addresses, which is what a processor's predictions go
@@ -9,17 +9,18 @@ imported after the fork.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import selectors
+import signal
 import socket
-import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import msgspec
 from mecazen import graph
@@ -93,15 +94,26 @@ class Parent:
     """The parent, and what asks it. It ends with whoever holds this, and its forks with it."""
 
     def __init__(self) -> None:
+        """Fork it from this process, to share its imports too; or start it, if this has threads."""
         self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [sys.executable, "-m", "mecazen_tools.forking"]
         with theirs:
-            self._process = subprocess.Popen(command, stdin=theirs.fileno(), start_new_session=True)
+            if _threads() > 1:
+                command = [sys.executable, "-m", "mecazen_tools.forking"]
+                stdin = (os.POSIX_SPAWN_DUP2, theirs.fileno(), 0)
+                self._pid = os.posix_spawn(command[0], command, os.environ, file_actions=[stdin])
+            else:
+                self._pid = os.fork()
+                if not self._pid:
+                    self._requests.close()
+                    os.dup2(theirs.fileno(), 0)
+                    _end_after(main)
+        self._ended = False
 
     @property
     def lives(self) -> bool:
         """Whether it can be asked."""
-        return self._process.poll() is None
+        self._ended = self._ended or os.waitpid(self._pid, os.WNOHANG)[0] > 0
+        return not self._ended
 
     def start(self, name: str, services: Sequence[str], arguments: Sequence[str]) -> Child:
         """Fork a process that runs where, and is scheduled as, the calling thread is.
@@ -134,7 +146,9 @@ class Parent:
     def close(self) -> None:
         """End it."""
         self._requests.close()
-        self._process.wait()
+        if self.lives:
+            os.waitpid(self._pid, 0)
+            self._ended = True
 
 
 class _Forked(NamedTuple):
@@ -175,7 +189,7 @@ class _Forks:
     def _fork(self, start: Start, errors: int, reports: int) -> bool:
         """Fork, and return whether this is the new process."""
         _import(start.services)
-        threads = len(list(Path("/proc/self/task").iterdir()))
+        threads = _threads()
         if threads == 1:
             gc.freeze()
             pid = os.fork()
@@ -209,6 +223,27 @@ class _Forks:
             os.close(reports)
 
 
+def _threads() -> int:
+    """Return how many threads this process has, Python's and others."""
+    return len(list(Path("/proc/self/task").iterdir()))
+
+
+def _end_after(work: Callable[[], None]) -> NoReturn:
+    """Work, and end this process without a return to what it was forked from."""
+    code = 0
+    try:
+        work()
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else 1
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+        code = 1
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
 def _import(wanted: Sequence[str]) -> None:
     """Import what services run; what can't be imported is told by the fork that needs it."""
     table, installed = graph.services(), installed_nodes()
@@ -220,7 +255,11 @@ def _import(wanted: Sequence[str]) -> None:
 
 def main() -> None:
     """Fork as asked on standard input, a socket, until it closes."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # else NumPy starts threads when it is imported
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    # else NumPy starts threads when it is imported; its products here are too small for them
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     gc.disable()  # what it writes to is no longer shared
     installed_sections()
     # forks end with their standard input, and nobody else has the other end of it
