@@ -8,11 +8,11 @@ import subprocess
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from itertools import combinations
-from pathlib import Path
 from typing import NamedTuple
 
+import psutil
 from harness import COMMAND_GUARD_S, Newest, command, options, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -134,14 +134,10 @@ class Up(AbstractContextManager["Up"]):
 
     def pid(self, name: str) -> int | None:
         """The process that plays a part now, or None while there is none."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
-        for pid in map(int, children.read_text().split()):
-            try:
-                command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-            except OSError:
-                continue  # it has just ended
-            if command[1:4] == [b"-m", b"mecazen.runtime", name.encode()]:
-                return pid
+        for child in psutil.Process(self.process.pid).children(recursive=True):
+            with suppress(psutil.NoSuchProcess):  # it has just ended
+                if child.name() == name:
+                    return child.pid
         return None
 
     def wait(self, condition: Callable[[], bool]) -> None:

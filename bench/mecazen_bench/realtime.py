@@ -73,8 +73,9 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
         ProcessPoolExecutor(1, get_context("spawn"), set_priority) as receiver,
     ):
         first_odom_s, _ = receiver.submit(_receive, scenario, WARM_S).result()
-        # python -m mecazen.runtime NAME …
-        usage = Usage({child.cmdline()[3]: child for child in up.children()} | {"up": up})
+        (parent,) = up.children()
+        named = {child.name(): child for child in parent.children()}
+        usage = Usage(named | {"parent": parent, "up": up})
         _, late_ms = receiver.submit(_receive, scenario, window_s).result()
         rows = usage.rows(CPU_PERCENT, MEMORY_MB)
     half, most = np.percentile(np.abs(late_ms), (50, 99)).tolist()

@@ -24,10 +24,12 @@ from typing import NamedTuple, NoReturn
 
 import msgspec
 from mecazen import graph
+from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
-from mecazen.loading import installed_sections
+from mecazen.loading import installed_sections, load_scenario
 from mecazen.programs import installed_nodes
 from mecazen.runtime import __main__ as runtime
+from mecazen.runtime.process import end_with_stdin
 from mecazen.runtime.report import Report, Reporter
 
 MAX_REQUEST_BYTES = 1 << 17
@@ -36,11 +38,7 @@ MAX_REQUEST_BYTES = 1 << 17
 class Start(msgspec.Struct, frozen=True, tag=True):
     """Fork a process. Its ends of two pipes come along: for standard error, and for reports."""
 
-    name: str
-    """What the system calls it."""
-    services: tuple[str, ...]
-    arguments: tuple[str, ...]
-    """Of `mecazen.runtime`."""
+    process: Process
     cores: tuple[int, ...]
     policy: int
     """Of scheduling, and with which priority."""
@@ -69,13 +67,15 @@ class Child:
     def __init__(self, reports: int, errors: int) -> None:
         self.reports = open(reports, "rb")  # noqa: SIM115  # until it ends
         self.errors = open(errors, encoding="utf-8", errors="replace")  # noqa: SIM115
-        first = self.next_report()
-        if first is None or first.kind != "forked":
-            raise ForkError("their parent has ended" if first is None else first.text)
-        self.pid = first.number
         self.code: int | None = None
         """Its exit code, once it has ended, if the parent has told it."""
         self.ended = threading.Event()
+        first = self.next_report()
+        if first is None or first.kind != "forked":
+            self.reports.close()
+            self.errors.close()
+            raise ForkError("the parent has ended" if first is None else first.text)
+        self.pid = first.number
 
     def next_report(self) -> Report | None:
         """Wait for what it reports next; None: it has ended."""
@@ -91,22 +91,30 @@ class Child:
 
 
 class Parent:
-    """The parent, and what asks it. It ends with whoever holds this, and its forks with it."""
+    """The parent, and what asks it. It ends with whoever holds this, and its forks with it.
 
-    def __init__(self) -> None:
-        """Fork it from this process, to share its imports too; or start it, if this has threads."""
+    It is forked from this process, if that has no threads, and shares its imports.
+
+    Args:
+        path: The scenario's file.
+        settings: Its overrides.
+        scenario: Both loaded, if that has not imported nodes of one's own: then no fork need do so.
+    """
+
+    def __init__(self, path: Path, settings: Sequence[str], scenario: Scenario | None) -> None:
         self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            if _threads() > 1:
-                command = [sys.executable, "-m", "mecazen_tools.forking"]
+            if scenario is None or _threads() > 1:
+                command = [sys.executable, "-m", "mecazen_tools.forking", str(path), *settings]
                 stdin = (os.POSIX_SPAWN_DUP2, theirs.fileno(), 0)
                 self._pid = os.posix_spawn(command[0], command, os.environ, file_actions=[stdin])
             else:
+                gc.freeze()  # a collection would write to all that is shared
                 self._pid = os.fork()
                 if not self._pid:
                     self._requests.close()
                     os.dup2(theirs.fileno(), 0)
-                    _end_after(main)
+                    _end_after(lambda: serve(lambda: scenario))
         self._ended = False
 
     @property
@@ -115,7 +123,7 @@ class Parent:
         self._ended = self._ended or os.waitpid(self._pid, os.WNOHANG)[0] > 0
         return not self._ended
 
-    def start(self, name: str, services: Sequence[str], arguments: Sequence[str]) -> Child:
+    def start(self, process: Process) -> Child:
         """Fork a process that runs where, and is scheduled as, the calling thread is.
 
         Raises:
@@ -123,9 +131,7 @@ class Parent:
         """
         (reports, report_end), (errors, error_end) = os.pipe(), os.pipe()
         request = Start(
-            name,
-            tuple(services),
-            tuple(arguments),
+            process,
             tuple(os.sched_getaffinity(0)),
             os.sched_getscheduler(0),
             os.sched_getparam(0).sched_priority,
@@ -188,7 +194,7 @@ class _Forks:
 
     def _fork(self, start: Start, errors: int, reports: int) -> bool:
         """Fork, and return whether this is the new process."""
-        _import(start.services)
+        _import(start.process.services)
         threads = _threads()
         if threads == 1:
             gc.freeze()
@@ -253,34 +259,41 @@ def _import(wanted: Sequence[str]) -> None:
                 installed[row.name].load()
 
 
-def main() -> None:
-    """Fork as asked on standard input, a socket, until it closes."""
+def serve(load: Callable[[], Scenario]) -> None:
+    """Fork as asked on standard input, a socket, until it closes; run in each fork what was asked.
+
+    Args:
+        load: Returns the scenario; called in each fork.
+    """
     os.setsid()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
-    # else NumPy starts threads when it is imported; its products here are too small for them
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    gc.disable()  # what it writes to is no longer shared
-    installed_sections()
+    gc.disable()
     # forks end with their standard input, and nobody else has the other end of it
     alive, living = os.pipe()
     forked = _Forks(socket.socket(fileno=0)).serve()
     if forked is None:
         return
     start, errors, reports = forked
-    Reporter(reports).tell(Report("forked", number=os.getpid()))
+    reporter = Reporter(reports)
+    reporter.tell(Report("forked", number=os.getpid()))
     os.close(living)
     os.dup2(alive, 0)
     os.dup2(errors, 2)
     os.close(alive)
     os.close(errors)
     os.setsid()
-    Path("/proc/self/comm").write_text(start.name, encoding="utf-8")
+    Path("/proc/self/comm").write_text(start.process.name, encoding="utf-8")
     os.sched_setaffinity(0, start.cores)
     os.sched_setscheduler(0, start.policy, os.sched_param(start.priority))
     gc.enable()
-    runtime.main([*start.arguments, "--until-orphaned", f"--report={reports}"])
+    end_with_stdin()
+    with runtime.ending_in_one_line(reporter):
+        runtime.run("+".join(start.process.services), load(), start.process.robot, reporter)
 
 
 if __name__ == "__main__":
-    main()
+    # else NumPy starts threads when it is imported; its products here are too small for them
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    installed_sections()
+    serve(lambda: load_scenario(Path(sys.argv[1]), tuple(sys.argv[2:])))

@@ -13,10 +13,11 @@ import time
 from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from mecazen.config import Process
+from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
 from mecazen.graph import OBSERVERS
 from mecazen.runtime.report import Report
@@ -94,12 +95,26 @@ class Supervisor:
 
     With `restart` a process that has ended is started again, at once, or after a pause that grows
     while it keeps ending. What fails before it has ever run is an error still.
+
+    Args:
+        path: The scenario's file.
+        settings: Its overrides.
+        scenario: Both loaded; left out, each process loads them.
+        restart: See above.
     """
 
-    def __init__(self, scenario: Path, settings: Sequence[str], *, restart: bool = False) -> None:
-        self._arguments = [str(scenario), *(f"--set={setting}" for setting in settings)]
+    def __init__(
+        self,
+        path: Path,
+        settings: Sequence[str],
+        scenario: Scenario | None = None,
+        *,
+        restart: bool = False,
+    ) -> None:
+        own = scenario is not None and scenario.programs
+        self._fork = partial(Parent, path, settings, None if own else scenario)
         self._restart = restart
-        self._parent = Parent()
+        self._parent = self._fork()
         self._parts: dict[str, _Part] = {}
         self._watchers: list[threading.Thread] = []
         self._events: queue.SimpleQueue[Line | Told | Ended] = queue.SimpleQueue()
@@ -123,10 +138,8 @@ class Supervisor:
     def _spawn(self, process: Process) -> Child:
         if not self._parent.lives:
             self._parent.close()
-            self._parent = Parent()
-        name = "+".join(process.services)
-        arguments = (name, f"--robot={process.robot}", *self._arguments)
-        child = self._parent.start(process.name, process.services, arguments)
+            self._parent = self._fork()
+        child = self._parent.start(process)
         watcher = threading.Thread(target=self._watch, args=(process.name, child), daemon=True)
         watcher.start()
         self._watchers = [other for other in self._watchers if other.is_alive()]

@@ -201,7 +201,7 @@ def simulate_distributed(
         *private_router("tls" if scenario.bus.keys else "tcp"),
     )
     scenario = load_scenario(path, settings)
-    supervisor = Supervisor(path, settings)
+    supervisor = Supervisor(path, settings, scenario)
     try:
         with on_one_core():
             supervisor.start_router()

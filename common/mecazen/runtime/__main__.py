@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
@@ -45,12 +46,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.set_inheritable(options.report, False)
     if options.until_orphaned:
         end_with_stdin()
-    try:
+    with ending_in_one_line(reporter):
         scenario = load_scenario(scenario_path(options.scenario), tuple(options.settings))
         run(options.name, scenario, options.robot, reporter)
+
+
+@contextmanager
+def ending_in_one_line(reporter: Reporter) -> Iterator[None]:
+    """End this process with what may go wrong, told to who has started it or to the user."""
+    try:
+        yield
     except MecazenError as error:
         reporter.tell(Report("failed", str(error)))
-        if options.report is None:
+        if reporter.descriptor is None:
             sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
 

@@ -24,7 +24,7 @@ from mecazen_people.motion import Driven, Motion, with_gait
 from mecazen_people.paths import make_path, start_pose
 
 from mecazen_target.config import TargetConfig
-from mecazen_target.sensor import Frame, Sensor
+from mecazen_target.sensor import Frame, Sensor, latency_ticks
 
 
 class TargetNode(Node):
@@ -40,7 +40,9 @@ class TargetNode(Node):
             self.path = None if isinstance(path, config.Driven) else make_path(path)
         except ValueError as error:
             raise ConfigError(f"target.path: {error}") from None
-        Sensor(scenario.sensor, 0, scenario.sim.tick_s)  # refuses what does not suit the tick
+        # both refuse what does not suit the tick
+        scenario.sensor.ticks_per_frame(scenario.sim.tick_s)
+        latency_ticks(scenario.sensor, scenario.sim.tick_s)
         self.sees_pose = "pose" in scenario.sensor.features
         self.walker: Walker | None = None
         if "skeleton" in scenario.sensor.features:

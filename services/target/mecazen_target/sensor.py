@@ -31,6 +31,17 @@ class Frame(NamedTuple):
     """Whether the second person is listed first: a sensor has no order."""
 
 
+def latency_ticks(config: SensorConfig, tick_s: float) -> int:
+    """Return after how many ticks a frame arrives.
+
+    Raises:
+        ConfigError: A latency is not a whole number of ticks.
+    """
+    return whole_ticks("sensor.latency_s", config.latency_s, tick_s) + whole_ticks(
+        "sensor.faults.unsaid_latency_s", config.faults.unsaid_latency_s, tick_s
+    )
+
+
 class Sensor:
     """A sensor on the true robot that measures the person's pose.
 
@@ -45,10 +56,7 @@ class Sensor:
     def __init__(self, config: SensorConfig, seed: int, tick_s: float) -> None:
         self._config = config
         self._ticks_per_frame = config.ticks_per_frame(tick_s)
-        unsaid = config.faults.unsaid_latency_s
-        self._latency = whole_ticks("sensor.latency_s", config.latency_s, tick_s) + whole_ticks(
-            "sensor.faults.unsaid_latency_s", unsaid, tick_s
-        )
+        self._latency = latency_ticks(config, tick_s)
         self._occlusions = in_ticks(config.occlusions_s, tick_s)
         self._faults = Faults(config, seed, NOISE_FRAMES, tick_s)
         self._past: deque[tuple[int, Pose2D, Pose2D]] = deque(maxlen=self._latency + 1)

@@ -92,7 +92,7 @@ def up(
     for part in loaded.services:
         refuse_missing(part, loaded)
     console = Console()
-    supervisor = Supervisor(path, overrides, restart=restart)
+    supervisor = Supervisor(path, overrides, loaded, restart=restart)
     signal.signal(signal.SIGTERM, _interrupt)
     signal.signal(signal.SIGHUP, _interrupt)
     try:
