@@ -1,17 +1,22 @@
 """The supervisor starts processes, passes on the error of one that fails, and ends all."""
 
 import os
+import re
 import secrets
 import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, is_running
 from mecazen.config import Process
+from mecazen.runtime.report import Report
 from mecazen_tools import processes
+from mecazen_tools.forking import Start
 from mecazen_tools.processes import Line, ProcessError, Supervisor
 
 TOY = """
@@ -31,6 +36,11 @@ class Toy(Node):
 
     def step(self, tick, inputs):
         return {}
+
+
+class Quiet(Toy):
+    def reset(self, seed):
+        pass
 
 
 class Fails(Toy):
@@ -60,7 +70,7 @@ class Deaf(Toy):
     def reset(self, seed):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 """
-TOYS = ("toy", "fails", "crashes", "quits", "deaf", "works_first")
+TOYS = ("toy", "quiet", "fails", "crashes", "quits", "deaf", "works_first")
 
 
 @pytest.fixture
@@ -272,3 +282,63 @@ def test_on_one_core_the_kernel_places_programs_at_random_as_ever():
     before = subprocess.check_output(show)
     with processes.on_one_core():
         assert subprocess.check_output(show) == before
+
+
+def code_at(pid):
+    """Return the addresses of the interpreter's and the libraries' code in a process."""
+    maps = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    return {line.split()[0] for line in maps if "r-xp" in line and ".so" in line}
+
+
+def test_forks_have_their_code_at_the_same_addresses_that_each_start_places_at_random(
+    make_supervisor,
+):
+    one, another = make_supervisor(), make_supervisor()
+    pids = []
+    for supervisor, name in ((one, "toy"), (one, "works_first"), (another, "quiet")):
+        start(supervisor, name)
+        pids.append(await_work(supervisor, name))
+    first, second, apart = map(code_at, pids)
+    assert first & second
+    assert not first & apart
+    assert int(Path(f"/proc/{pids[0]}/personality").read_text(), 16) == 0
+
+
+def test_a_fork_has_a_name_and_a_session_of_its_own_and_shares_memory_with_its_parent(supervisor):
+    start(supervisor, "toy")
+    pid = await_work(supervisor, "toy")
+    assert Path(f"/proc/{pid}/comm").read_text() == "toy\n"
+    assert os.getsid(pid) == pid
+    sizes = dict(re.findall(r"(\w+): +(\d+) kB", Path(f"/proc/{pid}/smaps_rollup").read_text()))
+    # a process that was started apart shares none of what is not a file's
+    assert int(sizes["Shared_Dirty"]) > int(sizes["Anonymous"]) / 3
+
+
+def test_when_the_parent_is_killed_expect_its_forks_to_end_and_to_be_started_again(restarting):
+    start(restarting, "toy")
+    pid = await_work(restarting, "toy")
+    status = Path(f"/proc/{pid}/status").read_text()
+    os.kill(int(re.search(r"PPid:\s+(\d+)", status)[1]), signal.SIGKILL)
+    line = await_line(restarting, "toy", "has ended with the parent of all processes")
+    assert line.text.endswith("; it is started again at once")
+    assert await_work(restarting, "toy") != pid
+
+
+def test_a_parent_with_another_thread_does_not_fork():
+    threaded = (
+        "import threading\n"
+        "from mecazen_tools import forking\n"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+        "forking.serve(lambda: None)\n"
+    )
+    requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    reports, report_end = os.pipe()
+    request = Start(Process(("toy",)), (0,), os.SCHED_OTHER, 0)
+    with requests, subprocess.Popen([sys.executable, "-c", threaded], stdin=theirs.fileno()):
+        theirs.close()
+        socket.send_fds(requests, [msgspec.json.encode(request)], [2, report_end])
+        os.close(report_end)
+        report = msgspec.json.decode(os.read(reports, 1000), type=Report)
+        os.close(reports)
+        requests.close()
+    assert (report.kind, report.text) == ("failed", "a process of 2 threads can't be forked")
