@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import os
+import queue
 import random
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
 from mecazen import keys
+from mecazen.bus.receiving import direct
+from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus_config import BusConfig
 from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
@@ -41,6 +47,10 @@ BUSY_P99_MS = Target(high=5.0)
 
 BLIND = "sensor.also=[]"
 """Without lidar and guard: the way to the controller alone."""
+
+TOGETHER = 'processes=[["physics","controller","target"]]'
+
+THERE, BACK = "bench/there", "bench/back"
 
 CONTAINERS = ("router", "teleop-physics", "teleop-controller", "teleop-target")
 
@@ -81,14 +91,22 @@ class Probe:
 def run(puts: int = PUTS) -> list[Group]:
     """Drive the scenario `teleop` from outside, without its guard, idle and under load."""
     cores = len(os.sched_getaffinity(0))
-    with (
-        running("teleop", BLIND) as stack,
-        ProcessPoolExecutor(1, get_context("spawn"), set_priority) as driver,
-    ):
-        idle = driver.submit(drive, stack.scenario, puts).result()
-        with _busy_processes(cores):
-            busy = driver.submit(drive, stack.scenario, puts).result()
-    rows = Row("idle", figures(idle)), Row("all cores busy", figures(busy, "less", BUSY_P99_MS))
+    with ProcessPoolExecutor(2, get_context("spawn"), set_priority) as drivers:
+        with running("teleop", BLIND) as stack:
+            idle = drivers.submit(drive, stack.scenario, puts).result()
+            with _busy_processes(cores):
+                busy = drivers.submit(drive, stack.scenario, puts).result()
+            echo = drivers.submit(send_back, stack.scenario.bus)
+            bare = drivers.submit(round_trips, stack.scenario.bus, puts).result()
+            echo.result()
+        with running("teleop", BLIND, TOGETHER) as stack:
+            together = drivers.submit(drive, stack.scenario, puts).result()
+    rows = (
+        Row("idle", figures(idle)),
+        Row("idle, all services in one process", figures(together)),
+        Row("all cores busy", figures(busy, "less", BUSY_P99_MS)),
+        Row("bytes there and back, without any of our code", figures(bare, "less")),
+    )
     how = (
         f"{puts} puts by another process at random phases of the tick, in real time; all "
         "processes with real-time priority, where that is allowed"
@@ -111,6 +129,47 @@ def run_containers(puts: int = PUTS) -> list[Group]:
         containers = figures(drive(load_scenario(SCENARIOS / "teleop.toml", reached), puts))
     rows = Row("processes", processes), Row("containers", containers)
     return [Group(title, f"`cmd_vel` to `joint_command`: {puts} puts by the host", rows)]
+
+
+def send_back(config: BusConfig) -> None:
+    """Send back what comes, until it is empty."""
+    ended = threading.Event()
+    with open_session(config, "peer") as session:
+        publisher = session.declare_publisher(BACK)
+
+        def receive(sample: Any) -> None:
+            publisher.put(sample.payload)
+            if not len(sample.payload):
+                ended.set()
+
+        session.declare_subscriber(THERE, direct(receive))
+        ended.wait()
+
+
+def round_trips(config: BusConfig, puts: int) -> list[float | None]:
+    """Return how long bytes of a command take to come back from `send_back`, each time [s]."""
+    pause, payload = random.Random(1), bytes(100)  # noqa: S311
+    back: queue.SimpleQueue[float] = queue.SimpleQueue()
+    times: list[float | None] = []
+    with open_session(config, "peer") as session:
+        session.declare_subscriber(BACK, direct(lambda _: back.put(time.perf_counter())))
+        publisher = session.declare_publisher(THERE)
+        while not times or times[-1] is None:  # until they have found each other
+            times = [_round_trip(publisher, payload, back)]
+        for _ in range(puts):
+            time.sleep(pause.uniform(*PAUSE_S))
+            times.append(_round_trip(publisher, payload, back))
+        publisher.put(b"")
+        back.get()
+    return times[1:]
+
+
+def _round_trip(publisher: Any, payload: bytes, back: queue.SimpleQueue[float]) -> float | None:
+    begin = time.perf_counter()
+    publisher.put(payload)
+    with suppress(queue.Empty):
+        return back.get(timeout=0.1) - begin
+    return None
 
 
 def set_priority() -> None:

@@ -58,8 +58,9 @@ def running(
     supervisor = Supervisor(path, settings)
     try:
         supervisor.start_router()
-        for service in scenario.services if services is None else services:
-            supervisor.start(Process((service,)))
+        apart = None if services is None else [Process((service,)) for service in services]
+        for process in scenario.process_plan if apart is None else apart:
+            supervisor.start(process)
         yield Stack(scenario, supervisor)
         supervisor.poll(0.0)
     finally:
@@ -103,8 +104,10 @@ class Usage:
         }
 
     def memory_mb(self) -> dict[str, float]:
-        """Return the resident memory of each process [MB]."""
-        return {name: process.memory_info().rss / 1e6 for name, process in self._processes.items()}
+        """Return the memory of each process [MB]; what several share is divided among them."""
+        return {
+            name: process.memory_full_info().pss / 1e6 for name, process in self._processes.items()
+        }
 
     def rows(self, cpu: Target, memory: Target | Better, total: Target | None = None) -> list[Row]:
         """Return both for each process, and for all with goals of their sums; `total` in MB."""
