@@ -33,6 +33,7 @@ from mecazen.runtime.process import end_with_stdin
 from mecazen.runtime.report import Report, Reporter
 
 MAX_REQUEST_BYTES = 1 << 17
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Start(msgspec.Struct, frozen=True, tag=True):
@@ -110,11 +111,13 @@ class Parent:
                 self._pid = os.posix_spawn(command[0], command, os.environ, file_actions=[stdin])
             else:
                 gc.freeze()  # a collection would write to all that is shared
+                signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # until the fork has its own way
                 self._pid = os.fork()
                 if not self._pid:
                     self._requests.close()
                     os.dup2(theirs.fileno(), 0)
                     _end_after(lambda: serve(lambda: scenario))
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
         self._ended = False
 
     @property
@@ -266,8 +269,9 @@ def serve(load: Callable[[], Scenario]) -> None:
         load: Returns the scenario; called in each fork.
     """
     os.setsid()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in STOPPING:
         signal.signal(number, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     gc.disable()
     # forks end with their standard input, and nobody else has the other end of it
     alive, living = os.pipe()
