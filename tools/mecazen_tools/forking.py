@@ -110,6 +110,7 @@ class Parent:
                 stdin = (os.POSIX_SPAWN_DUP2, theirs.fileno(), 0)
                 self._pid = os.posix_spawn(command[0], command, os.environ, file_actions=[stdin])
             else:
+                sys.stdout.flush()  # or a fork would write it again
                 gc.freeze()  # a collection would write to all that is shared
                 signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # until the fork has its own way
                 self._pid = os.fork()
@@ -243,7 +244,7 @@ def _end_after(work: Callable[[], None]) -> NoReturn:
     try:
         work()
     except SystemExit as ended:
-        code = ended.code if isinstance(ended.code, int) else 1
+        code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except BaseException:
         sys.excepthook(*sys.exc_info())
         code = 1
