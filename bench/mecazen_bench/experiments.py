@@ -1,17 +1,20 @@
-"""Experiments: runs per minute, and the gain of a second worker."""
+"""Experiments: runs per minute, the gain of a second worker, and what Dask's scheduler costs."""
 
 from __future__ import annotations
 
 import time
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from distributed import LocalCluster
 from mecazen.loading import load_table
+from mecazen_experiments.cluster import ClusterWorkers
 from mecazen_experiments.config import Experiment, experiment_path
-from mecazen_experiments.jobs import expand
+from mecazen_experiments.jobs import Job, expand
 from mecazen_experiments.local import LocalWorkers
-from mecazen_experiments.schedule import run_all
+from mecazen_experiments.schedule import Workers, run_all
 from mecazen_experiments.store import Store
 
 from mecazen_bench.figures import Figure, Group, Row, Target
@@ -25,28 +28,83 @@ TABLE2_MIN = Target(high=3.0)
 MEMORY_MB = Target(high=400.0)
 
 
+NOTHINGS = 1000
+"""Jobs that do nothing, which take the time that the scheduler needs."""
+MANY = 100
+EFFICIENCY = Target(low=0.9)
+
+
 def run(duration_s: float = DURATION_S) -> list[Group]:
-    """Run one case of Table II by one worker and by two."""
+    """Run one case of Table II by one worker and by two, of this machine and of Dask."""
     (series,) = expand(
         load_table(experiment_path("table2"), Experiment).cases[:1],
-        range(1, RUNS * sum(WORKERS) + 1),
+        range(1, 2 * RUNS * sum(WORKERS) + 1),
         (f"sim.duration_s={duration_s}",),
     )
     jobs = list(series.jobs)
     rows = []
+    rates = {}
     for count in WORKERS:
         todo = [jobs.pop() for _ in range(RUNS * count)]
-        with TemporaryDirectory() as folder, closing(Store(Path(folder) / "bench.sqlite")) as store:
-            begin = time.perf_counter()
-            records = run_all(todo, store, LocalWorkers(count))
-            rate = len(todo) / (time.perf_counter() - begin) * 60.0
-        peak = max(record.peak_rss_mb for record in records.values())
-        figures = {"runs/min": Figure.of(rate, "more"), "MB per worker": Figure.of(peak, MEMORY_MB)}
+        rate, peak_mb = _rate(todo, LocalWorkers(count))
+        figures = {
+            "runs/min": Figure.of(rate, "more"),
+            "MB per worker": Figure.of(peak_mb, MEMORY_MB),
+        }
         if count == max(WORKERS):
             figures[f"{TABLE2_RUNS} runs, min"] = Figure.of(TABLE2_RUNS / rate, TABLE2_MIN)
-        rows.append(Row(f"{count} worker" + "s" * (count > 1), figures))
+        rows.append(Row(_name(count), figures))
+    for count in WORKERS:
+        todo = [jobs.pop() for _ in range(RUNS * count)]
+        with _cluster(count) as workers:
+            begin = time.perf_counter()
+            for _ in workers.do(_do_nothing, todo * (NOTHINGS // len(todo))):
+                pass
+            overhead_s = (time.perf_counter() - begin) / NOTHINGS
+            rates[count], peak_mb = _rate(todo, workers)
+        one_min = 1.0 / rates[min(WORKERS)]
+        figures = {
+            "runs/min": Figure.of(rates[count], "more"),
+            "MB per worker": Figure.of(peak_mb, MEMORY_MB),
+            "efficiency": Figure.of(rates[count] * one_min / count, EFFICIENCY),
+            "scheduler ms/run": Figure.of(overhead_s * 1e3, "less"),
+        }
+        if count == max(WORKERS):
+            share = min(1.0, one_min * 60.0 / (MANY * overhead_s))
+            figures[f"modelled: {MANY} workers' efficiency"] = Figure.of(share, "more")
+        rows.append(Row(f"Dask, {_name(count)}", figures))
     how = (
-        f"back view without optimisation, {duration_s:g} s; {RUNS} runs per worker, with the "
-        "workers' start"
+        f"back view without optimisation, {duration_s:g} s; {RUNS} runs per worker, of this "
+        "machine with the workers' start; scheduler: jobs that do nothing; modelled: runs of "
+        "that length, handed out one after the other"
     )
     return [Group("Experiments", how, tuple(rows))]
+
+
+def _name(workers: int) -> str:
+    return f"{workers} worker" + "s" * (workers > 1)
+
+
+def _rate(jobs: Sequence[Job], workers: Workers) -> tuple[float, float]:
+    """Return runs a minute, and the largest peak of a worker's memory [MB]."""
+    with TemporaryDirectory() as folder, closing(Store(Path(folder) / "bench.sqlite")) as store:
+        begin = time.perf_counter()
+        records = run_all(jobs, store, workers)
+        rate = len(jobs) / (time.perf_counter() - begin) * 60.0
+    return rate, max(record.peak_rss_mb for record in records.values())
+
+
+@contextmanager
+def _cluster(workers: int) -> Iterator[ClusterWorkers]:
+    """Start Dask's scheduler, and workers of a core each."""
+    with (
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        ) as cluster,
+        closing(ClusterWorkers(cluster.scheduler_address)) as found,
+    ):
+        yield found
+
+
+def _do_nothing(job: Job) -> Job:
+    return job
