@@ -49,10 +49,8 @@ def test_experiments_run_with_one_worker_and_with_two_also_of_dask(monkeypatch):
     assert one["runs/min"].value > 0.0
     assert "120 runs, min" in two.keys() - one.keys()
     assert dask["runs/min"].value > 0.0
-    # what is modelled takes no time that was not measured
-    many, alone_s = dask["modelled: 100 workers' efficiency"].value, dask["scheduler ms/run"].value
-    assert 0.0 < many <= 1.0
-    assert alone_s > 0.0
+    assert dask["scheduler ms/run"].value > 0.0
+    assert 0.0 < dask["modelled: 100 workers' efficiency"].value <= 1.0
 
 
 def test_commands_are_answered_before_the_next_tick_would_repeat_them():
