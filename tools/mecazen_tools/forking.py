@@ -57,6 +57,10 @@ class ForkError(MecazenError):
     """No process could be forked."""
 
 
+class ParentEndedError(ForkError):
+    """The parent has ended, and could not fork."""
+
+
 class Child:
     """A process that was forked.
 
@@ -75,7 +79,9 @@ class Child:
         if first is None or first.kind != "forked":
             self.reports.close()
             self.errors.close()
-            raise ForkError("the parent has ended" if first is None else first.text)
+            if first is None:
+                raise ParentEndedError("the parent of all processes has ended")
+            raise ForkError(first.text)
         self.pid = first.number
 
     def next_report(self) -> Report | None:
@@ -121,17 +127,12 @@ class Parent:
                 signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
         self._ended = False
 
-    @property
-    def lives(self) -> bool:
-        """Whether it can be asked."""
-        self._ended = self._ended or os.waitpid(self._pid, os.WNOHANG)[0] > 0
-        return not self._ended
-
     def start(self, process: Process) -> Child:
         """Fork a process that runs where, and is scheduled as, the calling thread is.
 
         Raises:
-            ForkError: It can't.
+            ParentEndedError: The parent has ended.
+            ForkError: It can't fork.
         """
         (reports, report_end), (errors, error_end) = os.pipe(), os.pipe()
         request = Start(
@@ -156,7 +157,7 @@ class Parent:
     def close(self) -> None:
         """End it."""
         self._requests.close()
-        if self.lives:
+        if not self._ended:
             os.waitpid(self._pid, 0)
             self._ended = True
 

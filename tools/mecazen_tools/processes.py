@@ -22,7 +22,7 @@ from mecazen.errors import MecazenError
 from mecazen.graph import OBSERVERS
 from mecazen.runtime.report import Report
 
-from mecazen_tools.forking import Child, Parent
+from mecazen_tools.forking import Child, Parent, ParentEndedError
 
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
@@ -136,10 +136,12 @@ class Supervisor:
         self._parts[process.name] = _Part(self._spawn(process), process, needed)
 
     def _spawn(self, process: Process) -> Child:
-        if not self._parent.lives:
+        try:
+            child = self._parent.start(process)
+        except ParentEndedError:
             self._parent.close()
             self._parent = self._fork()
-        child = self._parent.start(process)
+            child = self._parent.start(process)
         watcher = threading.Thread(target=self._watch, args=(process.name, child), daemon=True)
         watcher.start()
         self._watchers = [other for other in self._watchers if other.is_alive()]
