@@ -18,6 +18,7 @@ from mecazen.wire import Stamp
 from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
+from mecazen_bench.physics import peer_rtf
 from mecazen_bench.stack import SCENARIOS
 
 PATH = SCENARIOS / "back.toml"
@@ -30,6 +31,7 @@ GROUPED = f"processes={json.dumps([GROUP])}"
 REAL_TIMES = Target(low=25.0)
 DISTRIBUTED_REAL_TIMES = Target(low=12.0)
 OF_ONE_PROCESS, OF_ONE_PROCESS_GROUPED = Target(low=0.6), Target(low=0.75)
+OF_MUJOCO = Target(low=1.0)
 MESSAGING_TICKS = Target(low=4000.0)
 SHARE = Target(high=10.0)
 
@@ -51,26 +53,32 @@ def _ways(settings: tuple[str, ...], duration_s: float) -> Group:
         ticks: Target | Better = "more",
         real_time: Target | Better = "more",
         share: Target | Better = "more",
+        of_peer: Target | Better = "more",
     ) -> Row:
         figures = {
             "ticks/s": Figure.of(result.ticks / result.wall_s, ticks),
             "× real time": Figure.of(result.rtf, real_time),
             "of one process": Figure.of(result.rtf / one.rtf, share),
         }
+        if peer is not None:
+            figures["of MuJoCo"] = Figure.of(result.rtf / peer, of_peer)
         return Row(name, figures)
 
-    name = PATH.stem
+    name, peer = PATH.stem, peer_rtf()
     one, _ = simulate(load_scenario(PATH, settings), name)
     distributed, _ = simulate_distributed(PATH, settings, name)
     grouped, _ = simulate_distributed(PATH, (*settings, GROUPED), name)
     messages, _ = simulate_distributed(PATH, (*settings, NULL_PHYSICS), name)
     rows = (
-        row("in one process", one, real_time=REAL_TIMES),
+        row("in one process", one, real_time=REAL_TIMES, of_peer=OF_MUJOCO),
         row("distributed", distributed, real_time=DISTRIBUTED_REAL_TIMES, share=OF_ONE_PROCESS),
         row("physics, and the others in one", grouped, share=OF_ONE_PROCESS_GROUPED),
         row("distributed, without physics", messages, MESSAGING_TICKS),
     )
-    how = f"lockstep; {duration_s:g} s, without the start"
+    how = (
+        f"lockstep; {duration_s:g} s, without the start; MuJoCo: its physics alone, of the robot "
+        "with capsules at 1 ms"
+    )
     return Group("Whole loop: scenario back", how, rows)
 
 
@@ -89,7 +97,7 @@ def parts(settings: tuple[str, ...], duration_s: float) -> Group:
         rows.append(Row(part, figures))
     rows.append(Row("all", {"µs/tick": Figure.of(total / 1e3, "less")}))
     how = (
-        f"in one process, physics at 1 ms; means over {duration_s:g} s of a part's handlers with "
+        f"in one process; means over {duration_s:g} s of a part's handlers with "
         "the messages that they make, and the stopwatch's own time"
     )
     of_kind = "" if scenario.sensor.kind == "pose" else f", sensor {scenario.sensor.kind}"

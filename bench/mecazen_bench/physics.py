@@ -114,6 +114,16 @@ def peers(robots: Sequence[Robot]) -> Iterator[tuple[list[Engine], list[str]]]:
         yield engines, missing
 
 
+def peer_rtf() -> float | None:
+    """Return the real-time factor of MuJoCo's capsules at 1 ms; None where it is not installed."""
+    if importlib.util.find_spec("mujoco") is None:
+        return None
+    from mecazen_bench.mujoco_peer import MujocoEngine  # noqa: PLC0415
+
+    (seconds,) = measure_speed([MujocoEngine(robot("nexus"), PEERS_STEP_S, "capsule")], BLOCKS)
+    return PEERS_STEP_S / statistics.median(seconds)
+
+
 def measure(title: str, engines: Sequence[Engine], blocks: int = BLOCKS) -> Group:
     """Measure engines, interleaved."""
     accuracy = [measure_accuracy(engine) for engine in engines]
