@@ -179,6 +179,8 @@ class ViewerService(Observer):
 
     def end(self) -> None:
         """End the recording of a run."""
+        if self.recording is not None and self.send is None:
+            self.recording.flush()  # a widget has all of it then
         self.recording, self.logged_ns = None, -1
         # an orphaned recording keeps its threads until this call, which raises if any recording of
         # this process has lost its server: `run` says so of its own
