@@ -266,7 +266,7 @@ class _Commanded:
         if person is None:
             return None
         pose = person.pose.pose.to_planar()
-        if self.seen.refuses(np.array((pose.x, pose.y)), inputs.gap_s(TARGET_ODOM)):
+        if self.seen.refuses([(pose.x, pose.y)], inputs.gap_s(TARGET_ODOM)):
             inputs.refuse(TARGET_ODOM, TOO_FAR)
             return None
         return MovingPerson.upright(pose, _slowed(person.twist.twist))
@@ -279,7 +279,7 @@ class _Commanded:
         if body is None:
             return None
         joints = _positions(body.joints)
-        if self.seen.refuses(joints, inputs.gap_s(TARGET_SKELETON)):
+        if self.seen.refuses(joints.tolist(), inputs.gap_s(TARGET_SKELETON)):
             inputs.refuse(TARGET_SKELETON, TOO_FAR)
             return None
         return self.motion.person(joints, body.header.stamp.ns / 1e9, body.height)

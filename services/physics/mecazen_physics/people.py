@@ -98,18 +98,18 @@ class Seen:
     """Where somebody was last, so that nobody who jumps shoves a robot."""
 
     def __init__(self) -> None:
-        self._points: Floats | None = None
+        self._points: Sequence[Sequence[float]] | None = None
 
-    def refuses(self, points: Floats, gap_s: float) -> bool:
+    def refuses(self, points: Sequence[Sequence[float]], gap_s: float) -> bool:
         """Return whether they can't be there `gap_s` after they were seen; else note them.
 
         Args:
-            points: One of them, or their joints [m], as many as before.
+            points: Points of them [m], as many as before.
             gap_s: Time since the last that was not refused; infinite before the first [s].
         """
         if self._points is not None:
-            steps = np.linalg.norm(points - self._points, axis=-1)
-            if not np.max(steps) <= FASTEST_M_S * gap_s:
+            steps = map(math.dist, points, self._points)
+            if not all(step <= FASTEST_M_S * gap_s for step in steps):  # nor one that is NaN
                 return True
         self._points = points
         return False
