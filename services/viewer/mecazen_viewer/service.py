@@ -177,6 +177,10 @@ class ViewerService(Observer):
                 recording.log(of_robot(path, robot), archetype, static=True)
         return recording
 
+    def close(self) -> None:
+        """End the recording."""
+        self.end()
+
     def end(self) -> None:
         """End the recording of a run."""
         if self.recording is not None and self.send is None:
