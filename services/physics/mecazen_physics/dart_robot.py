@@ -210,19 +210,19 @@ class DartRobot:
         touches = not self.isolated and self.body.world.touches_more_than_the_ground()
         strict = touches or not self._upright
         speeds, push = self._motors.apply(command, self.body, self._state, steps, strict=strict)
-        stands = self._upright and self._ridges_in is None
-        steps = self.body.prepare(speeds, steps, upright=stands)
-        return Prepared(steps, self._pushes(push), self._check(stands=stands))
+        return self._prepared(self.body.prepare(speeds, steps, upright=self._stands), push)
 
-    def _pushes(self, push: Push | None) -> list[Push]:
+    @property
+    def _stands(self) -> bool:
+        """Whether its wheels stand on the plane of the ground."""
+        return self._upright and self._ridges_in is None
+
+    def _prepared(self, steps: int, push: Push | None) -> Prepared:
         pushes = [] if push is None else [push]
         if self._ridges_in is not None:
             pushes.append(partial(self._all.ridges.lay, self._ridges_in))
-        return pushes
-
-    def _check(self, *, stands: bool) -> Check:
         limit = self._max_torque if self.body.drive == "speed" else math.inf
-        return partial(self.body.after_step, limit, stands=stands)
+        return Prepared(steps, pushes, partial(self.body.after_step, limit, stands=self._stands))
 
     def take_back(self, command: WheelCommand, steps: int) -> Prepared:
         """Go back by `steps` steps to the last call of `prepare`, to simulate them strictly."""
@@ -230,8 +230,7 @@ class DartRobot:
         for number, person in self._people.items():
             self.body.world.place_person(number, person)
         push = self._motors.apply(command, self.body, self._state, steps, strict=True)[1]
-        stands = self._upright and self._ridges_in is None
-        return Prepared(steps, self._pushes(push), self._check(stands=stands))
+        return self._prepared(steps, push)
 
     def settle(self, steps: int) -> None:
         """Take over the state after `steps` steps that were simulated.

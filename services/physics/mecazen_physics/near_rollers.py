@@ -32,8 +32,6 @@ CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
 PULL_RAD_S2 = 200.0
 """Acceleration of a wheel by weight and grip beside its motor: 1 g at R = 50 mm."""
-SMALL_NM = 1e-6
-"""Changes of an airborne roller's torque on its wheel that are neglected."""
 SLACK_RAD = 0.02
 """How far beyond its range a wheel may be expected before it is brought back: one that rests
 on the border is not brought back and forth."""
@@ -79,8 +77,6 @@ class NearRollersBody(RobotBody):
         self._order = self._columns.reshape(_WHEELS, count)
         """A view of them, by wheel."""
         self._pitches = [0] * _WHEELS
-        self._pushed = [(0.0, 0.0, 0.0)] * _WHEELS
-        """The airborne rollers' torques on the wheels, as DART knows them [N·m]."""
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
 
@@ -90,7 +86,7 @@ class NearRollersBody(RobotBody):
         pull = PULL_RAD_S2 * self._dt * steps
         ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
         ahead_s = SPEED_MARGIN * self._dt
-        widest = ahead_s * max([high - low for low, high in ahead])
+        widest = ahead_s * max(high - low for low, high in ahead)
         if steps * widest > self._travel:
             steps = max(1, int(self._travel / widest))
         moved = False
@@ -105,11 +101,8 @@ class NearRollersBody(RobotBody):
                 moved = True
         if moved:
             self._write_bodies()
-        for wheel, torque in enumerate(self.airborne.torques(steps)):
-            # DART keeps them; most of the time they are hardly another
-            if math.dist(torque, self._pushed[wheel]) > SMALL_NM:
-                self._pushed[wheel] = torque
-                self._hubs[wheel].setExtTorque(torque, True)
+        for hub, torque in zip(self._hubs, self.airborne.torques(steps), strict=True):
+            hub.setExtTorque(torque, True)
         return steps
 
     def settle(self, steps: int) -> None:
