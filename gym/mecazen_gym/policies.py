@@ -19,7 +19,7 @@ from mecazen_gym.follow import Array, FollowEnv, Observation
 
 
 class Policy(Protocol):
-    """Of one episode, which it sees from the start."""
+    """Takes each observation of one episode, from the start, and returns an action."""
 
     def __call__(self, observation: Array) -> Array:
         """Return the action."""
@@ -83,9 +83,9 @@ class Follower:
         self._robot = self._robot.integrate(twist, dt)
         self._time_s += dt
         frame = None
-        if (
-            seen.age_s < dt - self._env.scenario.sim.tick_s / 2
-        ):  # float32: not that of the last step
+        # half a tick: ages are rounded to 32 bits
+        is_new = seen.age_s < dt - self._env.scenario.sim.tick_s / 2
+        if is_new:
             at_capture = self._robot.integrate(twist, -seen.age_s)
             measured = Measurement(at_capture.compose(seen.person), self._covariance)
             frame = Frame(self._time_s - seen.age_s, [measured])

@@ -49,7 +49,7 @@ class RobotBody(ABC):
         world: Where the robot is at first.
         skeleton: The robot's.
         joints: Of its wheels and of those of its rollers that are bodies.
-        robot: What it is a body of.
+        robot: Its dimensions.
         dt: The length of a step [s].
 
     Raises:
@@ -110,11 +110,11 @@ class RobotBody(ABC):
         root.setVelocities(motion.velocity[:ROOT_DOFS])
 
     def after_step(self, limit: float, *, stands: bool) -> bool:
-        """Look at a step, and put the robot onto the ground.
+        """Check the motors after a step, and project the robot onto the plane of the ground.
 
         Args:
             limit: Of a motor's torque [N·m].
-            stands: Whether it may stand on the plane.
+            stands: Whether its wheels stand on that plane.
 
         Returns:
             Whether no motor that holds a speed exceeded its torque.
@@ -128,14 +128,14 @@ class RobotBody(ABC):
         return True
 
     def _stand(self) -> None:
-        """Put the robot onto the plane again that its wheels stand on.
+        """Project positions onto the plane that the wheels stand on.
 
         Wheels are round, so on a plane the four of them leave nothing open: height, two tilts, and
         the front axle's angle. DART keeps them up by velocities alone. A wheel whose roller leaves
         the ground within a step falls freely for as long, g·dt² deep, is pushed out by the next
-        roller, and loses grip and energy each time. So positions are projected onto the plane
-        (E. Eich, "Convergence results for a coordinate projection method", 1993), velocities are
-        not touched. Where a wheel rises faster than `LIFT_M_S`, or is deeper than `DEEPEST_M`,
+        roller, and loses grip and energy each time. Hence this projection after each step
+        (E. Eich, "Convergence results for a coordinate projection method", 1993); velocities
+        stay. Where a wheel rises faster than `LIFT_M_S`, or is deeper than `DEEPEST_M`,
         nothing is done.
         """
         position = self.skeleton.getPositions()
