@@ -99,7 +99,10 @@ def _cluster(workers: int) -> Iterator[ClusterWorkers]:
     """Start Dask's scheduler, and workers of a core each."""
     with (
         LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",  # None is the one known port
         ) as cluster,
         closing(ClusterWorkers(cluster.scheduler_address)) as found,
     ):

@@ -127,8 +127,9 @@ def workers(request):
     if request.param == "processes":
         yield "--jobs", 2
         return
+    # without an address of its own, the dashboard warns where another has the known port
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
     ) as cluster:
         yield "--scheduler", cluster.scheduler_address
 
