@@ -33,6 +33,7 @@ from rich.table import Table
 
 from mecazen_tools.cli.options import ScenarioArgument, Settings
 from mecazen_tools.cli.status import number
+from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Supervisor
 from mecazen_tools.strays import Strays
 
@@ -93,8 +94,7 @@ def up(
         refuse_missing(part, loaded)
     console = Console()
     supervisor = Supervisor(path, overrides, loaded, restart=restart)
-    signal.signal(signal.SIGTERM, _interrupt)
-    signal.signal(signal.SIGHUP, _interrupt)
+    interrupts = Interrupts()
     try:
         console.print(f"[bold]mecazen[/] starts scenario [bold]{path.stem}[/] ({path})")
         supervisor.start_router()
@@ -108,7 +108,7 @@ def up(
             if shown and VIEWER not in loaded.services:
                 supervisor.start(Process((VIEWER,)), needed=False)
             _introduce(console, loaded, supervisor, path)
-            _watch(console, supervisor, bus, status)
+            _watch(console, supervisor, bus, status, interrupts)
     except KeyboardInterrupt:
         console.print("stopping …")
     finally:
@@ -118,17 +118,42 @@ def up(
     console.print("all processes have ended")
 
 
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
+class Interrupts:
+    """Raises KeyboardInterrupt at each signal that asks this process to end, and remembers it.
+
+    Python drops an exception that is raised in a destructor or in a callback: a Ctrl-C that comes
+    just then is only remembered.
+    """
+
+    def __init__(self) -> None:
+        self._has_come = False
+        for asks_to_end in STOPPING:
+            signal.signal(asks_to_end, self._interrupt)
+
+    def _interrupt(self, *_: object) -> None:
+        self._has_come = True
+        raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal has come."""
+        if self._has_come:
+            raise KeyboardInterrupt
 
 
 def _warn(console: Console, told: str) -> None:
     console.print(f"warning: {told}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
-def _watch(console: Console, supervisor: Supervisor, bus: ZenohBus, status: Status) -> None:
+def _watch(
+    console: Console,
+    supervisor: Supervisor,
+    bus: ZenohBus,
+    status: Status,
+    interrupts: Interrupts,
+) -> None:
     with Live(status.text, console=console, auto_refresh=False, transient=True) as live:
         while True:
+            interrupts.check()
             line = supervisor.poll(REFRESH_S)
             while line is not None:
                 if line.is_address:
