@@ -9,15 +9,20 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from distributed import LocalCluster
-from mecazen.loading import load_table
+from mecazen.loading import load_scenario, load_table
 from mecazen_experiments.cluster import ClusterWorkers
 from mecazen_experiments.config import Experiment, experiment_path
 from mecazen_experiments.jobs import Job, expand
 from mecazen_experiments.local import LocalWorkers
 from mecazen_experiments.schedule import Workers, run_all
+from mecazen_experiments.scores import score
 from mecazen_experiments.store import Store
+from mecazen_experiments.table import Table
+from mecazen_follower.config import FollowerConfig
+from mecazen_tools.simulate import InProcess, result
 
 from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.loop import BUS, Stopwatch
 
 DURATION_S = 85.0
 WORKERS = 1, 2
@@ -38,7 +43,7 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
     """Run one case of Table II by one worker and by two, of this machine and of Dask."""
     (series,) = expand(
         load_table(experiment_path("table2"), Experiment).cases[:1],
-        range(1, 2 * RUNS * sum(WORKERS) + 1),
+        range(1, 2 * RUNS * sum(WORKERS) + 2),
         (f"sim.duration_s={duration_s}",),
     )
     jobs = list(series.jobs)
@@ -78,7 +83,40 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
         "machine with the workers' start; scheduler: jobs that do nothing; modelled: runs of "
         "that length, handed out one after the other"
     )
-    return [Group("Experiments", how, tuple(rows))]
+    return [Group("Experiments", how, tuple(rows)), _profile(jobs.pop())]
+
+
+def _profile(job: Job) -> Group:
+    """Divide a run, from its job to its scores, into its parts."""
+    watch = Stopwatch()
+    watch.turn_to("scenario loaded")
+    scenario = load_scenario(job.scenario, job.settings)
+    watch.turn_to("services made")
+    with closing(InProcess(scenario, watch.seen_by)) as loop:
+        for _ in loop.ticks():
+            watch.turn_to("physics")
+    watch.turn_to("trajectory: arrays and hash")
+    result(loop.scenario, job.row, loop.trajectory, 1.0)
+    watch.turn_to("scores")
+    score(Table.of(loop.trajectory), scenario.section(FollowerConfig, "follower").standoff)
+    watch.turn_to(BUS)
+    total_ns = sum(watch.ns.values())
+    rows = [
+        Row(
+            part,
+            {
+                "ms": Figure.of(ns / 1e6, "less"),
+                "% of the run": Figure.of(100.0 * ns / total_ns, "less"),
+            },
+        )
+        for part, ns in watch.ns.items()
+    ]
+    rows.append(Row("all", {"ms": Figure.of(total_ns / 1e6, "less")}))
+    how = (
+        f"the same case, {scenario.sim.duration_s:g} s, in a process that has made runs before; "
+        "with the stopwatch's own time"
+    )
+    return Group("Parts of a run of Table II", how, tuple(rows))
 
 
 def _name(workers: int) -> str:

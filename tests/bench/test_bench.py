@@ -45,12 +45,17 @@ def test_our_physics_is_smooth_and_has_the_predicted_gains(name, rollers):
 
 def test_experiments_run_with_one_worker_and_with_two_also_of_dask(monkeypatch):
     monkeypatch.setattr(experiments, "NOTHINGS", 60)
-    one, two, _, dask = figures(experiments.run(duration_s=0.5)).values()
+    groups = experiments.run(duration_s=0.5)
+    one, two, _, dask = figures(groups[:1]).values()
     assert one["runs/min"].value > 0.0
     assert "120 runs, min" in two.keys() - one.keys()
     assert dask["runs/min"].value > 0.0
     assert dask["scheduler ms/run"].value > 0.0
     assert 0.0 < dask["modelled: 100 workers' efficiency"].value <= 1.0
+    *parts, whole = figures(groups[1:]).items()
+    assert {"scenario loaded", "physics", "follower", "scores"} <= {name for name, _ in parts}
+    assert sum(part["ms"].value for _, part in parts) == pytest.approx(whole[1]["ms"].value)
+    assert sum(part["% of the run"].value for _, part in parts) == pytest.approx(100.0)
 
 
 def test_commands_are_answered_before_the_next_tick_would_repeat_them():
