@@ -1,10 +1,11 @@
 """Parameters that change while it runs: the same bits however they are changed, and anew."""
 
 import json
+import threading
 from contextlib import closing
 
 import pytest
-from harness import SCENARIOS, tools
+from harness import COMMAND_GUARD_S, SCENARIOS, tools
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -70,16 +71,25 @@ def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tic
     services = ("physics", "controller", "target", "follower")
     listed = f"services={json.dumps([*services, COLLECTOR])}"
     running = stack(SCENARIOS / "back.toml", "sim.duration_s=3.0", "sim.mode=lockstep", listed)
-    running.launch(*services)
+    running.launch("physics")
+    running.wait(lambda: "physics" in running.bus.presence.names)
+    running.bus.call(keys.SIM_PAUSE, m.Empty())
+    running.launch(*services[1:])
     begins_s = []
 
-    def progress(ticks):
-        if not begins_s:
+    def change():
+        try:
+            running.bus.call(keys.SIM_STEP, m.StepRequest(ticks=100), COMMAND_GUARD_S)
             begins_s.append(set_all(running.bus, FARTHER))
+        finally:
+            running.bus.call(keys.SIM_RESUME, m.Empty())
 
-    result, _ = collect(running.scenario, "back", progress)
-    assert 0.0 < begins_s[0] < 3.0
-    assert result.trajectory_sha256 == sha256("back", "sim.duration_s=3.0", script(begins_s[0]))
+    changer = threading.Thread(target=change)
+    changer.start()
+    result, _ = collect(running.scenario, "back")
+    changer.join()
+    assert begins_s == [1.01]
+    assert result.trajectory_sha256 == sha256("back", "sim.duration_s=3.0", script(1.01))
 
 
 def test_from_the_first_tick_on_a_change_is_as_if_the_scenario_said_so():
