@@ -15,8 +15,10 @@ from mecazen.config import Scenario
 from mecazen.keys import MessageT, Topic
 from mecazen.loading import load_scenario
 from mecazen.wire import Stamp
+from mecazen_tools.processes import Supervisor, on_one_core, private_router
 from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed
 
+from mecazen_bench import hops
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.physics import peer_rtf
 from mecazen_bench.stack import SCENARIOS
@@ -74,12 +76,32 @@ def _ways(settings: tuple[str, ...], duration_s: float) -> Group:
         row("distributed", distributed, real_time=DISTRIBUTED_REAL_TIMES, share=OF_ONE_PROCESS),
         row("physics, and the others in one", grouped, share=OF_ONE_PROCESS_GROUPED),
         row("distributed, without physics", messages, MESSAGING_TICKS),
+        _bare("bare Zenoh, distributed", settings, one),
+        _bare("bare Zenoh, physics and the others", (*settings, GROUPED), one),
     )
     how = (
         f"lockstep; {duration_s:g} s, without the start; MuJoCo: its physics alone, of the robot "
-        "with capsules at 1 ms"
+        "with capsules at 1 ms; bare Zenoh: processes that pass on bytes, as many and as long, and "
+        "how fast, of one process, that and its tick would be together"
     )
     return Group("Whole loop: scenario back", how, rows)
+
+
+def _bare(name: str, settings: tuple[str, ...], one: Result) -> Row:
+    """Return how fast a distributed run could be at most."""
+    settings = (*settings, *private_router())
+    supervisor = Supervisor(PATH, settings)
+    try:
+        with on_one_core():
+            supervisor.start_router()
+        ticks_s = hops.rate(load_scenario(PATH, settings), one.ticks)
+    finally:
+        supervisor.stop()
+    share = ticks_s / (ticks_s + one.ticks / one.wall_s)
+    return Row(
+        name,
+        {"ticks/s": Figure.of(ticks_s, "more"), "of one process": Figure.of(share, "more")},
+    )
 
 
 def parts(settings: tuple[str, ...], duration_s: float) -> Group:

@@ -6,9 +6,10 @@ import time
 import pytest
 from mecazen import keys
 from mecazen.bus import LocalBus
+from mecazen.loading import load_scenario
 from mecazen.messages import Clock
 from mecazen.wire import Stamp
-from mecazen_bench import loop, safety, senses
+from mecazen_bench import hops, loop, safety, senses
 from mecazen_bench.loop import BUS, Stopwatch, TimedBus
 
 PARTS = ["physics", "controller", "target", "follower", "trajectory", BUS]
@@ -16,8 +17,11 @@ PARTS = ["physics", "controller", "target", "follower", "trajectory", BUS]
 
 def test_the_loop_runs_in_all_ways_and_a_tick_has_all_its_parts():
     ways, parts = loop.run(duration_s=1.0)
-    assert len(ways.rows) == 4
-    for row in ways.rows:
+    assert len(ways.rows) == 6
+    for row in ways.rows[4:]:  # with the work of a process beside them, whatever passes bytes on
+        assert row.figures["ticks/s"].value > 1.0
+        assert 0.0 < row.figures["of one process"].value < 1.0
+    for row in ways.rows[:4]:
         assert row.figures["ticks/s"].value == pytest.approx(
             100.0 * row.figures["× real time"].value
         )
@@ -60,3 +64,15 @@ def test_guard_and_planner_share_what_they_take_of_a_core():
     guard, planner, both = (row.figures["% of a core"].value for row in group.rows)
     assert min(guard, planner) > 0.0
     assert both == pytest.approx(guard + planner)
+
+
+def test_processes_that_pass_bytes_on_do_so_as_the_nodes_of_the_scenario_do():
+    first, *others = hops.relays_of(load_scenario(loop.PATH))
+    assert [relay.inputs for relay in first] == [("joint_command", "target/odom")]
+    assert [set(relay.outputs) for relays in others for relay in relays] == [
+        {"odom"},
+        {"joint_command"},
+        {"target/odom"},
+        {"follower/state", "cmd_vel"},
+    ]
+    assert min(min(r.outputs.values()) for rs in (first, *others) for r in rs) > 50  # of JSON
