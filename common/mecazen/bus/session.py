@@ -28,7 +28,7 @@ Mode = Literal["router", "peer", "client"]
 
 RUNTIME_THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
 """Zenoh's threads: a service receives little, in turns, and more threads only wake each other: with
-Zenoh's own number a distributed run of `back` makes 8 % fewer ticks a second."""
+Zenoh's own number a distributed run of `back` makes 11 % fewer ticks a second."""
 
 ROUTER_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
 """A router's: one that waits for room on a link must not keep the others from reading. With one
