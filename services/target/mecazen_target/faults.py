@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,25 +24,44 @@ def in_ticks(intervals_s: Sequence[tuple[float, float]], tick_s: float) -> list[
     return [(round(begin / tick_s), round(end / tick_s)) for begin, end in intervals_s]
 
 
+class _Drawn(NamedTuple):
+    """What chance decides, with a row for each frame."""
+
+    offsets: Floats
+    """Of outliers (n, 2) [m]; 0 of other frames."""
+    flipped: npt.NDArray[np.bool_]
+    other_noise: Floats
+    """Of the second person (n, 3)."""
+    other_first: npt.NDArray[np.bool_]
+    """Whether a frame names the second person before the first."""
+
+
 class Faults:
-    """The faults of a sensor, drawn in advance from `seed`, with a row for each frame."""
+    """The faults of a sensor; those by chance repeat after `frames` frames."""
 
     def __init__(self, config: SensorConfig, seed: int, frames: int, tick_s: float) -> None:
-        faults = config.faults
-        self._config = faults
-        self._frame_s = 1.0 / config.rate_hz
+        self._sensor = config
+        self._config = faults = config.faults
+        self._seed, self._frames = seed, frames
         self._stand_ins = in_ticks(faults.stand_ins_s, tick_s)
-        random = Generator(PCG64([seed, FAULTS_STREAM]))
+        self._distorts = faults.outlier_probability > 0.0 or faults.flip_probability > 0.0
+
+    @cached_property
+    def _drawn(self) -> _Drawn:
+        """What chance decides: megabytes, which a sensor without such faults does without."""
+        faults, frames = self._config, self._frames
+        random = Generator(PCG64([self._seed, FAULTS_STREAM]))
         outlying = random.random(frames) < faults.outlier_probability
         direction = 2.0 * math.pi * random.random(frames)
         way = faults.outlier_m * np.stack((np.cos(direction), np.sin(direction)), axis=-1)
-        self._offsets = np.where(outlying[:, None], way, 0.0)
-        self._flipped = random.random(frames) < faults.flip_probability
-        position, yaw = config.position_std_m, math.radians(config.yaw_std_deg)
-        self.other_noise: Floats = random.standard_normal((frames, 3)) * (position, position, yaw)
-        """Of the second person (frames, 3)."""
-        self.other_first: npt.NDArray[np.bool_] = random.random(frames) < 0.5
-        """Whether a frame names the second person before the first."""
+        flipped = random.random(frames) < faults.flip_probability
+        position, yaw = self._sensor.position_std_m, math.radians(self._sensor.yaw_std_deg)
+        return _Drawn(
+            np.where(outlying[:, None], way, 0.0),
+            flipped,
+            random.standard_normal((frames, 3)) * (position, position, yaw),
+            random.random(frames) < 0.5,
+        )
 
     def correlated(self, noise: Floats) -> Floats:
         """Return white noise (n, 3) correlated over time, of the same variance.
@@ -49,7 +70,7 @@ class Faults:
         """
         if not self._config.noise_correlation_s:
             return noise
-        keep = math.exp(-self._frame_s / self._config.noise_correlation_s)
+        keep = math.exp(-1.0 / self._sensor.rate_hz / self._config.noise_correlation_s)
         fresh = math.sqrt(1.0 - keep * keep)
         coloured = noise.copy()
         for row in range(1, len(noise)):
@@ -67,6 +88,17 @@ class Faults:
 
     def distorted(self, row: int, pose: Pose2D) -> Pose2D:
         """Return the first person's pose with the outliers and flips of a frame."""
-        x, y = self._offsets[row].tolist()
-        yaw = wrap(pose.yaw + math.pi) if self._flipped[row] else pose.yaw
+        if not self._distorts:
+            return pose
+        x, y = self._drawn.offsets[row].tolist()
+        yaw = wrap(pose.yaw + math.pi) if self._drawn.flipped[row] else pose.yaw
         return Pose2D(pose.x + x, pose.y + y, yaw)
+
+    def noisy(self, row: int, other: Pose2D) -> Pose2D:
+        """Return the second person's pose with the noise of a frame."""
+        x, y, yaw = self._drawn.other_noise[row].tolist()
+        return Pose2D(other.x + x, other.y + y, wrap(other.yaw + yaw))
+
+    def names_other_first(self, row: int) -> bool:
+        """Return whether a frame names the second person before the first."""
+        return bool(self._drawn.other_first[row])

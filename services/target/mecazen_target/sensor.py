@@ -62,7 +62,8 @@ class Sensor:
         self._past: deque[tuple[int, Pose2D, Pose2D]] = deque(maxlen=self._latency + 1)
         random = Generator(PCG64(seed))
         position, yaw = config.position_std_m, math.radians(config.yaw_std_deg)
-        noise = random.standard_normal((NOISE_FRAMES, 3)) * (position, position, yaw)
+        noise = random.standard_normal((NOISE_FRAMES, 3))
+        noise *= position, position, yaw
         self._noise = self._faults.correlated(noise)
         self._dropped = random.random(NOISE_FRAMES) < config.dropout_probability
         position, yaw = (std * config.faults.reported_noise_ratio for std in (position, yaw))
@@ -90,9 +91,8 @@ class Sensor:
             noisy = Pose2D(first.x + x, first.y + y, wrap(first.yaw + yaw))
             first = self._faults.distorted(row, noisy)
         if other is not None:
-            x, y, yaw = self._faults.other_noise[row].tolist()
-            other = Pose2D(other.x + x, other.y + y, wrap(other.yaw + yaw))
-        other_first = other is not None and bool(self._faults.other_first[row])
+            other = self._faults.noisy(row, other)
+        other_first = other is not None and self._faults.names_other_first(row)
         return Frame(capture, first, other, other_first)
 
     def _seen(self, tick: int, robot: Pose2D, person: Pose2D | None) -> Pose2D | None:
