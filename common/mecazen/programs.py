@@ -55,13 +55,22 @@ def find(name: str, programs: Mapping[str, str]) -> Kind:
     known = installed_nodes()
     if program in known:
         return _checked(known[program].load(), program)
-    place, colon, attribute = program.partition(":")
-    if not colon:
+    if ":" not in program:
         names = ", ".join(sorted(known)) or "none"
         raise ConfigError(
             f"{program}: no such node; installed: {names}; or file.py:Class of your own"
         )
-    return _checked(getattr(_import(place), attribute, None), program)
+    return _checked(imported(program), program)
+
+
+def imported(program: str) -> object:
+    """Return what `file.py:Name` or `module:Name` says; None: there is nothing of that name.
+
+    Raises:
+        ConfigError: The file or module can't be imported.
+    """
+    place, _, attribute = program.partition(":")
+    return getattr(_import(place), attribute, None)
 
 
 def _import(place: str) -> ModuleType:

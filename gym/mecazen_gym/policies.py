@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, cast
 
 from mecazen.drive import Drive
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.programs import imported
 from mecazen_follower.association import Measurement
 from mecazen_follower.config import PidControl
 from mecazen_follower.following import Following
@@ -98,3 +100,18 @@ POLICIES: dict[str, Callable[[FollowEnv, int], Policy]] = {
     "follower": Follower,
 }
 """Each is made for an episode, with a seed of its own."""
+
+
+def policy(name: str) -> Callable[[FollowEnv, int], Policy]:
+    """Return what makes a policy: one of `POLICIES`, or `file.py:Class` of one's own.
+
+    Raises:
+        ConfigError: There is no such policy.
+    """
+    if name in POLICIES:
+        return POLICIES[name]
+    found = imported(name) if ":" in name else None
+    if not callable(found):
+        allowed = ", ".join(POLICIES)
+        raise ConfigError(f"{name}: no policy; allowed: {allowed}, or file.py:Class of your own")
+    return cast(Callable[[FollowEnv, int], Policy], found)

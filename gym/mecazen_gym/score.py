@@ -17,6 +17,7 @@ from mecazen_tools.cli import main
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from rich.table import Table
 
+from mecazen_gym import policies
 from mecazen_gym.follow import FollowEnv
 from mecazen_gym.policies import POLICIES
 
@@ -42,7 +43,7 @@ class Score(msgspec.Struct, frozen=True):
 def episode(scenario: Scenario, policy: str, seed: int) -> Score:
     """Return the score of a policy in one episode."""
     env = FollowEnv(scenario)
-    act = POLICIES[policy](env, seed)
+    act = policies.policy(policy)(env, seed)
     observation, info = env.reset(seed=seed)
     total, terminated, truncated = 0.0, False, False
     while not (terminated or truncated):
@@ -79,6 +80,14 @@ def _spread(values: Iterable[float | None], digits: int) -> str:
 @app.command()
 def score(
     scenario: ScenarioArgument = "back",
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help=f"{', '.join(POLICIES)}, or file.py:Class of your own; repeatable.",
+            show_default="the three",
+        ),
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Episodes of each: seeds 1, 2, …")] = 5,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes.", show_default="one for each core")
@@ -86,12 +95,15 @@ def score(
     as_json: Annotated[bool, typer.Option("--json", help="Print every score as JSON.")] = False,
     settings: Settings = None,
 ) -> None:
-    """Score a random policy, a PID and the follower in the environment mecazen/Follow-v0.
+    """Score policies in the environment mecazen/Follow-v0.
 
-    Example: python -m mecazen_gym.score side --seeds 20
+    Example: python -m mecazen_gym.score side --policy follower --policy mine.py:Mine --seeds 20
     """
+    names = dict.fromkeys(policy or POLICIES)
+    for name in names:
+        policies.policy(name)  # refuses what is none
     run = partial(episode, load(scenario, settings))
-    work = [(policy, 1 + n) for policy in POLICIES for n in range(seeds)]
+    work = [(name, 1 + n) for name in names for n in range(seeds)]
     # Ctrl-C ends the workers at once and without a word
     quiet = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with ProcessPoolExecutor(jobs or os.cpu_count(), initializer=quiet) as pool:
