@@ -85,7 +85,7 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
     """Return the ground and the obstacles: one skeleton, so they never collide.
 
     Raises:
-        UnsupportedError: if an obstacle is so low that the robot could drive onto it.
+        UnsupportedError: as of `reachable`.
     """
     skeleton = dart.dynamics.Skeleton("surroundings")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
@@ -94,12 +94,6 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
     _collide(ground, plane, max(_ground_frictions(robot, world)))
     for obstacle in reachable(robot, world):
         height, bottom = obstacle.size_m[-1], getattr(obstacle, "bottom_m", 0.0)
-        if bottom == 0.0 and height < robot.wheels.radius_m:
-            # On a face of a box the rollers' contacts jump: only the plane is smooth.
-            raise UnsupportedError(
-                f"an obstacle {height} m high is lower than the wheels' axles "
-                f"({robot.wheels.radius_m} m): driving onto one cannot be simulated"
-            )
         joint, body = skeleton.createWeldJointAndBodyNodePair()
         if isinstance(obstacle, Box):
             shape = dart.dynamics.BoxShape(list(obstacle.size_m))
@@ -115,8 +109,21 @@ def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
 
 
 def reachable(robot: Robot, world: WorldConfig) -> list[Box | Cylinder]:
-    """Return what stands in the world, without what the robot passes below."""
-    return [one for one in world.solids if getattr(one, "bottom_m", 0.0) < robot.height]
+    """Return what stands in the world, without what the robot passes below.
+
+    Raises:
+        UnsupportedError: if something is so low that the robot could drive onto it.
+    """
+    found = [one for one in world.solids if getattr(one, "bottom_m", 0.0) < robot.height]
+    for solid in found:
+        height = solid.size_m[-1]
+        if getattr(solid, "bottom_m", 0.0) == 0.0 and height < robot.wheels.radius_m:
+            # On a face of a box the rollers' contacts jump: only the plane is smooth.
+            raise UnsupportedError(
+                f"an obstacle {height} m high is lower than the wheels' axles "
+                f"({robot.wheels.radius_m} m): driving onto one cannot be simulated"
+            )
+    return found
 
 
 def build_planes(count: int, friction: float) -> tuple[Any, list[Any]]:

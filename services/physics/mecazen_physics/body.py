@@ -181,11 +181,20 @@ class RobotBody(ABC):
     def move_to(self, world: DartWorld) -> None:
         """Go on in another world of DART, in the same motion."""
         if world is not self.world:
-            motion = self.read()
-            self.world.remove(self._bodies)
-            world.add(self._bodies)
-            self.world = world
-            self.write(motion)
+            motion = self.leave()
+            self.enter(world, motion)
+
+    def leave(self) -> Motion:
+        """Leave the world of DART; return the motion."""
+        motion = self.read()
+        self.world.remove(self._bodies)
+        return motion
+
+    def enter(self, world: DartWorld, motion: Motion) -> None:
+        """Go on in a world of DART."""
+        world.add(self._bodies)
+        self.world = world
+        self.write(motion)
 
     def use(self, drive: Drive) -> None:
         """Take the wheels' commands as speeds [rad/s] or as torques [N·m]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import msgspec
@@ -77,14 +77,11 @@ class DartRobot:
         """A robot that is faster [m/s] has diverged."""
         bare = msgspec.structs.replace(world, obstacles=(), walls=(), tables=(), ramps=())
         self._alone = DartWorld(robot, physics, bare, alone=True)
-        self._among_others = DartWorld(robot, physics, world)
-        # what is not simulated stands here: anywhere else it would be in the way
-        self._store = DartWorld(robot, physics, bare)
-        is_near = physics.rollers == "near"
-        at_first = self._store if is_near else self._alone
-        self._all = AllRollersBody(robot, start, physics, world, at_first)
+        self._build_among_others = partial(DartWorld, robot, physics, world)
+        self._all = AllRollersBody(robot, start, physics, world, self._alone)
         self._upright_body: RobotBody = self._all
-        if is_near:
+        if physics.rollers == "near":
+            self._all.leave()
             self._upright_body = NearRollersBody(robot, start, physics, world, self._alone)
         self._solids = bodies.reachable(robot, world)
         if self._solids:
@@ -111,6 +108,11 @@ class DartRobot:
         """Those who may touch the robot soon, by their numbers."""
         self._steps = 0
         self._state = self._read()
+
+    @cached_property
+    def _among_others(self) -> DartWorld:
+        """Where it may touch more than the ground: 7 MB, which many a robot never needs."""
+        return self._build_among_others()
 
     def state(self) -> RobotState:
         """Return the present state."""
@@ -165,8 +167,8 @@ class DartRobot:
         body = self._all if near_ridge or not self._upright else self._upright_body
         home = self._alone if self.isolated else self._shared_world or self._among_others
         if body is not self.body:
-            body.write(self.body.read())
-            self.body.move_to(self._store)
+            # a body that is not simulated is in no world: anywhere it would be in the way
+            body.enter(home, self.body.leave())
             self.body = body
         body.move_to(home)
         body.align(self._state.yaw, self._state.angular[2])
