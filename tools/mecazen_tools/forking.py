@@ -17,6 +17,7 @@ import signal
 import socket
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -123,7 +124,7 @@ class Parent:
                 if not self._pid:
                     self._requests.close()
                     os.dup2(theirs.fileno(), 0)
-                    _end_after(lambda: serve(lambda: scenario))
+                    _end_after(lambda: serve(lambda: scenario, scenario.services))
                 signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
         self._ended = False
 
@@ -171,10 +172,16 @@ class _Forked(NamedTuple):
 
 
 class _Forks:
-    """The processes that were forked."""
+    """The processes that were forked.
 
-    def __init__(self, requests: socket.socket) -> None:
+    Args:
+        requests: What to do.
+        services: What will probably be asked for: imported while nothing is to be done.
+    """
+
+    def __init__(self, requests: socket.socket, services: Sequence[str]) -> None:
         self._requests = requests
+        self._to_import = deque(services)
         self._ready = selectors.DefaultSelector()
         self._ready.register(requests, selectors.EVENT_READ)
         self._running: dict[int, tuple[int, int]] = {}
@@ -183,7 +190,10 @@ class _Forks:
     def serve(self) -> _Forked | None:
         """Fork as asked; return in each fork what it begins with, and here None, at the end."""
         while True:
-            for key, _ in self._ready.select():
+            ready = self._ready.select(0.0 if self._to_import else None)
+            if not ready:
+                _import([self._to_import.popleft()])
+            for key, _ in ready:
                 if key.fd in self._running:
                     self._report_end(key.fd)
                     continue
@@ -264,11 +274,12 @@ def _import(wanted: Sequence[str]) -> None:
                 installed[row.name].load()
 
 
-def serve(load: Callable[[], Scenario]) -> None:
+def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
     """Fork as asked on standard input, a socket, until it closes; run in each fork what was asked.
 
     Args:
         load: Returns the scenario; called in each fork.
+        services: Of which most will be asked for.
     """
     os.setsid()
     for number in STOPPING:
@@ -277,7 +288,7 @@ def serve(load: Callable[[], Scenario]) -> None:
     gc.disable()
     # forks end with their standard input, and nobody else has the other end of it
     alive, living = os.pipe()
-    forked = _Forks(socket.socket(fileno=0)).serve()
+    forked = _Forks(socket.socket(fileno=0), services).serve()
     if forked is None:
         return
     start, errors, reports = forked
