@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +41,7 @@ class Link:
 class Tree(NamedTuple):
     """The links of a model of the robot but for its base, in the order of `links`."""
 
-    links: list[Link]
+    links: Sequence[Link]
     lumped: list[list[Link]]
     """For each wheel what is lumped with it, in its frame; empty where every roller is a link."""
 
@@ -58,7 +60,8 @@ def base(robot: Robot) -> Link:
     return Link("base_link", "", "", (0.0, 0.0, 0.0), identity, None, box.mass_kg, moments, centre)
 
 
-def links(robot: Robot) -> list[Link]:
+@lru_cache
+def links(robot: Robot) -> tuple[Link, ...]:
     """Return all links but the base: wheels, rollers, then camera, lidar and payload.
 
     Wheels and rollers come in the order of the joint states.
@@ -75,7 +78,7 @@ def links(robot: Robot) -> list[Link]:
     fixed = [_camera(robot), _lidar(robot)]
     if robot.payload is not None:
         fixed.append(_payload(robot.payload))
-    return [*wheels, *rollers, *fixed]
+    return (*wheels, *rollers, *fixed)
 
 
 def lump(parts: list[Link]) -> tuple[float, Array, Array]:
