@@ -176,7 +176,7 @@ class _Forks:
 
     Args:
         requests: What to do.
-        services: What will probably be asked for: imported while nothing is to be done.
+        services: What will be asked for after the first: imported while nothing is to be done.
     """
 
     def __init__(self, requests: socket.socket, services: Sequence[str]) -> None:
@@ -190,7 +190,7 @@ class _Forks:
     def serve(self) -> _Forked | None:
         """Fork as asked; return in each fork what it begins with, and here None, at the end."""
         while True:
-            ready = self._ready.select(0.0 if self._to_import else None)
+            ready = self._ready.select(0.0 if self._running and self._to_import else None)
             if not ready:
                 _import([self._to_import.popleft()])
             for key, _ in ready:
