@@ -71,6 +71,8 @@ class World:
         """The numbers of the robots that are simulated together."""
         self._groups = [[number] for number in range(len(robots))]
         """The numbers of the robots of each group; the coupled ones are the last."""
+        self._clear_steps = 0
+        """So long no two robots can come close that are not."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Simulate `steps` steps of `dt_s`, with a command for each robot.
@@ -80,10 +82,13 @@ class World:
         """
         left = steps
         while left > 0:
-            chunk = min(left, max(self._horizon, self._update_groups()))
+            if self._coupled or self._clear_steps <= 0:
+                self._clear_steps = self._update_groups()
+            chunk = min(left, max(self._horizon, self._clear_steps))
             for group in self._groups:
                 _advance_group([(self.robots[n], commands[n]) for n in group], chunk)
             left -= chunk
+            self._clear_steps -= chunk
 
     def place_person(self, number: int, person: MovingPerson) -> None:
         """Put the person `number` into the world; each is always one with legs or without.
