@@ -2,14 +2,13 @@
 
 import shutil
 import signal
-import socket
 
 import pytest
 from harness import ROBOTS
 from hypothesis import HealthCheck, settings
+from mecazen.bus import ports
 from mecazen.bus.session import open_session
 from mecazen.bus_config import BusConfig
-from mecazen.errors import BusError
 from mecazen.loading import load_scenario
 
 # a shared core may be slow: examples are limited in number, not in time; and the same each time,
@@ -47,24 +46,15 @@ def scenario(write_scenario):
 
 @pytest.fixture
 def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
+    return ports.free_port()
 
 
 @pytest.fixture(scope="session")
 def router():
     """A Zenoh router on loopback; its endpoint."""
-    for _ in range(10):
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        try:
-            session = open_session(BusConfig(connect=(endpoint,)), "router")
-        except BusError:
-            continue  # another process was faster on this port
-        with session:
-            yield endpoint
-        return
-    pytest.fail("no free port")
+    endpoint = f"tcp/127.0.0.1:{ports.free_port()}"
+    with open_session(BusConfig(connect=(endpoint,)), "router"):
+        yield endpoint
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any, NamedTuple
 
-import zenoh
 from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
 from mecazen.bus_config import BusConfig
@@ -108,21 +107,17 @@ def rate(scenario: Scenario, ticks: int) -> float:
 class _Passing:
     """The relays of a process, on a session."""
 
-    def __init__(self, session: zenoh.Session, relays: Sequence[Relay]) -> None:
+    def __init__(self, session: Any, relays: Sequence[Relay]) -> None:
         self._relays = relays
         self._queue: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._newest = {key: -1 for relay in relays for key in relay.inputs}
-        block = zenoh.CongestionControl.BLOCK
         self._publishers = {
-            key: session.declare_publisher(key, congestion_control=block)
-            for relay in relays
-            for key in relay.outputs
+            key: session.declare_publisher(key) for relay in relays for key in relay.outputs
         }
-        for key in self._newest:
-            take = direct(partial(self._receive, key))
-            session.declare_subscriber(key, take, allowed_origin=zenoh.Locality.REMOTE)
+        for key in self._newest.keys() - self._publishers.keys():
+            session.declare_subscriber(key, direct(partial(self._receive, key)))
 
-    def _receive(self, key: str, sample: zenoh.Sample) -> None:
+    def _receive(self, key: str, sample: Any) -> None:
         self._queue.put((key, sample.payload.to_bytes()))
 
     def whole(self, timeout_s: float | None = None) -> Iterator[tuple[Relay, int]]:

@@ -49,6 +49,7 @@ class Shown:
 
     def _has_url(self) -> bool:
         line = self.running.supervisor.poll(0.0)
+        assert line is None or "viewer has ended" not in line.text, line
         if line is not None and line.is_address:
             self.url = line.text
         return bool(self.url)

@@ -7,7 +7,6 @@ import os
 import queue
 import secrets
 import signal
-import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence, Set
@@ -17,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from mecazen.bus.ports import LOOPBACK, free_port
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
 from mecazen.graph import OBSERVERS
@@ -277,10 +277,8 @@ def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
 
     Several runs, and one that is `up`, then do not hear each other.
     """
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
     return (
-        f'bus.connect=["{protocol}/127.0.0.1:{port}"]',
+        f'bus.connect=["{protocol}/{LOOPBACK}:{free_port()}"]',
         f"bus.namespace=run{secrets.token_hex(4)}",
     )
 

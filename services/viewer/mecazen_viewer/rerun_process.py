@@ -17,12 +17,13 @@ from pathlib import Path
 from urllib.parse import urlencode
 
 import rerun_cli
+from mecazen.bus import ports
+from mecazen.bus.ports import LOOPBACK
 from mecazen.errors import MecazenError
 from rerun.experimental import ViewerClient
 
 PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
 """The executable; terminating its Python wrapper would leave it running."""
-LOOPBACK = "127.0.0.1"
 SERVES, SHOWS, HEADLESS = "Hosting a web-viewer", "wgpu adapter", "Headless viewer running"
 """Log lines that show that it serves, that its window is open, and that it runs without one."""
 STOP_TIMEOUT_S = 3.0
@@ -114,10 +115,11 @@ def free_port(key: str, wanted: int) -> int:
     Raises:
         RerunError: It is taken; the message names `key`.
     """
+    if not wanted:
+        return ports.free_port()
     try:
-        with socket.create_server((LOOPBACK, wanted)) as server:
-            port: int = server.getsockname()[1]
-            return port
+        with socket.create_server((LOOPBACK, wanted)):
+            return wanted
     except OSError as error:
         reason = os.strerror(error.errno or 0).lower()
         raise RerunError(
