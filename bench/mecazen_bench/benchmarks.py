@@ -13,6 +13,7 @@ from mecazen.errors import MecazenError
 from mecazen_bench import (
     experiments,
     flood,
+    intruder,
     latency,
     loop,
     malformed,
@@ -41,6 +42,16 @@ class Benchmark(NamedTuple):
     """Whether it is measured only on request: it takes minutes."""
 
 
+def _malformed(
+    payloads: int = malformed.PAYLOADS,
+    over_zenoh: int = intruder.PAYLOADS,
+    minutes: float = math.inf,
+) -> list[Group]:
+    """Fuzz services in this process, an open and a secured stack, each for so long at most."""
+    in_process = malformed.run(payloads, minutes=minutes)
+    return [*in_process, intruder.run(over_zenoh, minutes=minutes)]
+
+
 def _ros2() -> list[Group]:
     return [*ros2.run(), *ros2_loop.run()]
 
@@ -60,7 +71,7 @@ BENCHMARKS = {
     "steps": Benchmark(steps.run, rounds=1, on_demand=True),
     "experiments": Benchmark(experiments.run, rounds=2, on_demand=True),
     "flood": Benchmark(flood.run, on_demand=True),
-    "malformed": Benchmark(malformed.run_all, rounds=1, on_demand=True),
+    "malformed": Benchmark(_malformed, rounds=1, on_demand=True),
     "containers": Benchmark(latency.run_containers, on_demand=True),
 }
 
@@ -84,7 +95,7 @@ def select(
     if payloads is not None or minutes < math.inf:
         if "malformed" not in only:
             raise MecazenError("--payloads and --minutes go with --only malformed")
-        fuzz = partial(malformed.run_all, minutes=minutes)
+        fuzz = partial(_malformed, minutes=minutes)
         if payloads is not None:
             fuzz = partial(fuzz, payloads=payloads, over_zenoh=payloads)
         benchmarks = benchmarks | {"malformed": benchmarks["malformed"]._replace(measure=fuzz)}

@@ -26,11 +26,13 @@ from mecazen_tools import certificates
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
-from mecazen_bench.figures import Figure, Row, Target
+from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.flood import SECURE
-from mecazen_bench.malformed import CALLS, NONE, SEED, Budget, Malformed
+from mecazen_bench.malformed import CALLS, NONE, SEED, TICKS, Budget, Malformed, sample_messages
 from mecazen_bench.stack import SCENARIOS, Usage, running, spin_until
 
+PAYLOADS = 100_000
+"""Payloads sent to each stack, where the option does not say another number."""
 BATCH = 200
 POOL = 50_000
 """Malformed payloads that are made beforehand, and sent again and again in a random order."""
@@ -123,6 +125,19 @@ class Intruder:
             replies, malformed = self._asked.popleft()
             for reply in replies:
                 self.accepted += malformed and reply.ok is not None
+
+
+def run(payloads: int = PAYLOADS, ticks: int = TICKS, minutes: float = math.inf) -> Group:
+    """Fuzz an open and a secured stack of processes over Zenoh."""
+    scenario = load_scenario(SCENARIOS / "back.toml", ("sim.duration_s=1.0",))
+    good = sample_messages(scenario)
+    rows = [measure(good, payloads, ticks, minutes, secure=secure) for secure in (False, True)]
+    how = (
+        f"one client, with a viewer's certificate on the secured stack, during {ticks} ticks of "
+        f"lockstep and after them, seed {SEED}; memory of all processes after a quarter of the "
+        "payloads and at the end, then tools ask for the state"
+    )
+    return Group("Intruder: scenario back as processes", how, tuple(rows))
 
 
 def measure(

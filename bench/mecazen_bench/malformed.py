@@ -37,8 +37,6 @@ from mecazen_bench.figures import Figure, Group, Row, Target
 from mecazen_bench.stack import SCENARIOS
 
 PAYLOADS = 1_000_000
-OVER_ZENOH = 100_000
-"""Sent to each stack of processes, where the option does not say another number."""
 TICKS = 500
 REPORT_S = 60.0
 SEED = 20
@@ -181,33 +179,6 @@ def _subscribe(bus: LocalBus, scenario: Scenario) -> dict[Topic[Any], list[Messa
         keep = received.setdefault(topic, []).append
         bus.subscribe(topic, lambda message, _, keep=keep: keep(message))  # type: ignore[misc]
     return received
-
-
-def run_all(
-    payloads: int = PAYLOADS, over_zenoh: int = OVER_ZENOH, minutes: float = math.inf
-) -> list[Group]:
-    """Fuzz the services in this process, and then an open and a secured stack of processes.
-
-    Each of the three for so many `minutes` at most.
-    """
-    return [*run(payloads, minutes=minutes), run_stacks(over_zenoh, minutes=minutes)]
-
-
-def run_stacks(payloads: int, ticks: int = TICKS, minutes: float = math.inf) -> Group:
-    """Fuzz an open and a secured stack of processes over Zenoh."""
-    from mecazen_bench import intruder  # noqa: PLC0415  # it needs this module
-
-    scenario = load_scenario(SCENARIOS / "back.toml", ("sim.duration_s=1.0",))
-    good = sample_messages(scenario)
-    rows = [
-        intruder.measure(good, payloads, ticks, minutes, secure=secure) for secure in (False, True)
-    ]
-    how = (
-        f"one client, with a viewer's certificate on the secured stack, during {ticks} ticks of "
-        f"lockstep and after them, seed {SEED}; memory of all processes after a quarter of the "
-        "payloads and at the end, then tools ask for the state"
-    )
-    return Group("Intruder: scenario back as processes", how, tuple(rows))
 
 
 def run(payloads: int = PAYLOADS, ticks: int = TICKS, minutes: float = math.inf) -> list[Group]:

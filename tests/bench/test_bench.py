@@ -6,6 +6,7 @@ import pytest
 from mecazen_bench import (
     experiments,
     flood,
+    intruder,
     latency,
     malformed,
     physics,
@@ -98,7 +99,7 @@ def test_malformed_payloads_on_every_key_are_refused_and_change_no_trajectory():
 
 
 def test_an_intruder_changes_nothing_in_an_open_and_in_a_secured_stack():
-    rows = figures([malformed.run_stacks(4_000, ticks=100)])
+    rows = figures([intruder.run(4_000, ticks=100)])
     assert list(rows) == ["open stack", "secured stack"]
     for row in rows.values():
         assert row["payloads"].value == 4_000
