@@ -159,15 +159,6 @@ def test_a_robot_does_not_see_itself_but_others_see_it():
     assert np.all(np.isfinite(scene.cast(origin, rays, robot=1, level=True)[0]))
 
 
-def test_a_person_without_a_skeleton_is_an_upright_cylinder():
-    scene = Scene(WorldConfig())
-    scene.place_person(0, body(), HEIGHT)
-    scene.place_upright(0, 2.0, 0.0)
-    for height, distance in ((0.05, 1.8), (1.74, 1.8), (1.76, math.inf)):
-        found, _ = scene.cast(np.array((0.0, 0.0, height)), np.array([[1.0, 0.0, 0.0]]), level=True)
-        assert found[0] == pytest.approx(distance, abs=EXACT_M)
-
-
 def test_who_is_not_placed_is_not_there():
     scene = Scene(WorldConfig(), [NEXUS], people=1)
     rays = np.random.default_rng(1).normal(size=(500, 3))

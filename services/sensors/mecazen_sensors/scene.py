@@ -50,7 +50,7 @@ class Scene:
     """Ground, obstacles, robots and people; the latter are nowhere until they are placed.
 
     Args:
-        world: The obstacles, and the size of people without a skeleton.
+        world: The obstacles.
         robots: The robot file of each robot.
         people: How many there are.
     """
@@ -65,8 +65,7 @@ class Scene:
                 shapes.append(_geom("box", half, middle, thing.yaw_deg))
             else:
                 shapes.append(_geom("cylinder", (thing.size_m[0], height / 2), (x, y, height / 2)))
-        upright = world.person.radius_m, world.person.height_m / 2
-        person = "".join(_geom("capsule", (0.1, 0.1)) for _ in LIMBS) + _geom("cylinder", upright)
+        person = "".join(_geom("capsule", (0.1, 0.1)) for _ in LIMBS)
         bodies = [_robot(robot) for robot in robots] + [person] * people
         text = "".join(f'<body mocap="true">{body}</body>' for body in bodies)
         self._model = mujoco.MjModel.from_xml_string(
@@ -75,25 +74,23 @@ class Scene:
         self._data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, self._data)
         first, number = self._model.body_geomadr[1:].tolist(), self._model.body_geomnum[1:].tolist()
-        self._robots = [
-            slice(at, at + n) for at, n in zip(first, number[: len(robots)], strict=False)
-        ]
-        self._people = [slice(at, at + len(LIMBS)) for at in first[len(robots) :]]
+        geoms = [slice(at, at + n) for at, n in zip(first, number, strict=True)]
+        self._robots, self._people = geoms[: len(robots)], geoms[len(robots) :]
         self._bodies = range(1, 1 + len(robots))  # after the world, before people
         moving = len(shapes)
         self._model.body_bvhadr[1:] = -1
         self._positions: Floats = self._data.geom_xpos
         self._rotations: Floats = self._data.geom_xmat.reshape(-1, 3, 3)
         self._sizes: Floats = self._model.geom_size
-        self._robot_positions = [self._positions[geoms].copy() for geoms in self._robots]
-        self._robot_rotations = [self._rotations[geoms].copy() for geoms in self._robots]
+        self._robot_positions = [self._positions[robot].copy() for robot in self._robots]
+        self._robot_rotations = [self._rotations[robot].copy() for robot in self._robots]
         self._positions[moving:, 2] = NOWHERE_M
         # half the height of each: upright boxes and cylinders have it in their size
         self._reach: Floats = np.where(
             self._model.geom_type == mujoco.mjtGeom.mjGEOM_BOX, self._sizes[:, 2], self._sizes[:, 1]
         )
-        for geoms in self._robots:
-            self._reach[geoms] = np.max(self._model.geom_rbound[geoms])
+        for robot in self._robots:
+            self._reach[robot] = np.max(self._model.geom_rbound[robot])
         self._heights = [0.0] * people
 
     @property
@@ -127,7 +124,6 @@ class Scene:
         lengths = np.sqrt((along * along) @ _ONES)
         axes = along / lengths[:, None]
         self._positions[geoms] = _MIDDLES @ joints
-        self._positions[geoms.stop, 2] = NOWHERE_M
         _set_frames(self._rotations[geoms], axes)
         if height != self._heights[person]:
             self._heights[person] = height
@@ -135,12 +131,6 @@ class Scene:
         half = lengths / 2
         self._sizes[geoms, 1] = half
         self._reach[geoms] = self._sizes[geoms, 0] + half * np.abs(axes[:, 2])
-
-    def place_upright(self, person: int, x: float, y: float) -> None:
-        """Put a person without a skeleton, an upright cylinder, on the ground of the world."""
-        geoms = self._people[person]
-        self._positions[geoms, 2] = NOWHERE_M
-        self._positions[geoms.stop] = x, y, self._sizes[geoms.stop, 1]
 
     def cast(
         self,
