@@ -250,13 +250,6 @@ def test_planar_odometry_expect_frames_pose_twist_and_covariances():
     assert odometry.twist.covariance == (0.0,) * 36
 
 
-def test_a_world_twist_is_the_body_twist_turned_by_the_heading():
-    odometry = messages.planar_odometry(
-        messages.Time(), "world", "base_link", Pose2D(yaw=math.pi / 2), Twist2D(0.2, 0.1, 0.5)
-    )
-    assert messages.world_twist(odometry) == pytest.approx((-0.1, 0.2, 0.5), abs=1e-15)
-
-
 def test_every_topic_and_call_is_in_the_table_once():
     names = [topic.key for topic in keys.TOPICS] + [call.key for call in keys.CALLS]
     assert len(set(names)) == len(names)

@@ -1,7 +1,6 @@
 """How classes are found: installed ones, and those of one's own in a scenario."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -52,8 +51,6 @@ class Untyped(Mine):
 
 NOT_A_CLASS = 3
 """
-
-WriteScenario = Callable[..., Path]
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, dataclass_transform
 
 import msgspec
 
-from mecazen.geometry import Pose2D, Twist2D, of_three, rotate
+from mecazen.geometry import Pose2D, Twist2D, of_three
 
 # msgspec's JSON refuses NaN and Infinity, its MessagePack does not: the bounds refuse both.
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
@@ -313,9 +313,3 @@ def planar_odometry(
         pose=PoseWithCovariance(pose=Pose.planar(pose), covariance=pose_covariance),
         twist=TwistWithCovariance(twist=Twist.planar(twist), covariance=twist_covariance),
     )
-
-
-def world_twist(odometry: Odometry) -> Twist2D:
-    """Return the planar velocity of an Odometry, turned from its child frame to its frame."""
-    twist = odometry.twist.twist.to_planar()
-    return Twist2D(*rotate(twist.x, twist.y, odometry.pose.pose.to_planar().yaw), twist.yaw)

@@ -42,7 +42,6 @@ BESIDE_M = 0.15
 UNLIMITED = 1e6
 """[m/s²], [rad/s²]: what has no limit is as fast."""
 NONE = np.empty((0, 2))
-AT_REST = (LimiterState(), LimiterState(), LimiterState())
 
 
 class Points(NamedTuple):

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from mecazen_follower.planner.rollout import Array, Rollout
 
@@ -28,8 +27,6 @@ TEMPERATURE = 0.5
 
 LOYALTY = 0.5
 """A way must be cheaper by this to take the place of the last one."""
-
-Floats32 = npt.NDArray[np.float32]
 
 
 class Problem(NamedTuple):
