@@ -71,10 +71,42 @@ def secure_json5() -> str:
     return HEADER + "  access_control: {\n" + "\n".join(lines) + "\n  },\n}\n"
 
 
+def access_table() -> str:
+    """Return who may do what, by the plain keys, in Markdown."""
+    reads, rules = _queries()
+    lines = [
+        "| certificate | may put | may answer | may query |",
+        "| --- | --- | --- | --- |",
+        *(
+            _line(
+                service,
+                [t.key for row in rows for t in (*row.outputs, *_handed_on(row))],
+                _plain([call for row in rows for call in row.calls]),
+            )
+            for service, rows in services().items()
+        ),
+        _line(OPERATOR, [topic.key for topic in keys.TOPICS if topic.open], [], _plain(rules)),
+        _line("each service", ["diagnostics/<its name>"]),
+        _line("anyone admitted", [], [], _plain(reads)),
+        "| router | what it relays | what it relays | what it relays |",
+    ]
+    return "\n".join(lines)
+
+
+def _line(who: str, *cells: Sequence[str]) -> str:
+    filled = [", ".join(f"`{key}`" for key in dict.fromkeys(cell)) for cell in (*cells, [], [])]
+    return f"| {' | '.join([who, *filled[:3]])} |"
+
+
+def _queries() -> tuple[list[keys.Call[Any, Any]], list[keys.Call[Any, Any]]]:
+    """Return the queries that only tell, and those that change something."""
+    calls = [call for row in GRAPH for call in row.calls]
+    return [c for c in calls if not c.changes], [c for c in calls if c.changes]
+
+
 def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     """Yield each rule with the subject that it is for."""
-    reads = [call for row in GRAPH for call in row.calls if not call.changes]
-    rules = [call for row in GRAPH for call in row.calls if call.changes]
+    reads, rules = _queries()
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
     yield ANYONE, _rule("anyone subscribes to everything", hears, EVERYTHING)
@@ -162,8 +194,12 @@ def _token(name: str) -> str:
     return f"**/{LIVELINESS}/{name}/**"
 
 
+def _plain(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
+    return [f"{call.key}{'/**' if call.files else ''}" for call in calls]
+
+
 def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
-    plain = [f"**/{call.key}{'/**' if call.files else ''}" for call in calls]
+    plain = [f"**/{key}" for key in _plain(calls)]
     services: tuple[Service | ParameterService, ...] = (*SERVICES, *PARAMETER_SERVICES)
     asked = [one for one in services if one.call in calls]
     return [*plain, *(any_key(one.name, dds_type(one.kind)) for one in asked)]

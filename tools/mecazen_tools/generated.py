@@ -14,17 +14,17 @@ from mecazen.config import Process
 from mecazen.graph import COLLECTOR, GRAPH, Graph, services
 
 from mecazen_tools import ros_package
-from mecazen_tools.access import secure_json5
+from mecazen_tools.access import access_table, secure_json5
 from mecazen_tools.graph_views import keys_table, nodes_table, svg
 
-DOCUMENTS = ("README.md", "docs/architecture.md")
+DOCUMENTS = ("README.md", "docs/architecture.md", "docs/deploy.md")
 _REGION = re.compile(r"(<!-- graph: (\w+) -->\n).*?(<!-- /graph -->)", re.DOTALL)
 
 
 def files(root: Path) -> Iterator[tuple[Path, str]]:
     """Yield each file that is made from the graph, and what it must hold."""
     graph = Graph(GRAPH)
-    tables = {"keys": keys_table(graph), "nodes": nodes_table(graph)}
+    tables = {"keys": keys_table(graph), "nodes": nodes_table(graph), "access": access_table()}
     yield root / "configs" / "zenoh" / "secure.json5", secure_json5()
     yield root / "docs" / "dataflow.svg", svg(graph, one_process_each())
     yield from ros_package.files(root / "ros2" / ros_package.NAME)
