@@ -224,7 +224,7 @@ class Rig:
         return self.heard.take()
 
     def put_wrong(self, wrong: Sequence[Put]) -> list[Sample]:
-        """Publish what an outsider does, and return what the service says: all of it sendable."""
+        """Publish what an external program does; return what the service says, all sendable."""
         put_all(self.bus, wrong)
         heard = self.take()
         for sample in heard + self.health.take():

@@ -15,7 +15,7 @@ from mecazen.wire import ENCODINGS, encode
 
 
 class Put(NamedTuple):
-    """What an outsider puts on a key."""
+    """What an external program puts on a key."""
 
     key: str
     payload: bytes

@@ -79,7 +79,7 @@ class Probe:
         return self._received_s - begin
 
     def put(self, twist: Twist) -> None:
-        """Put a command, as any outsider does."""
+        """Put a command, as any external program does."""
         self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
 
     def _on_joint_command(self, joints: JointState, _: Stamp | None) -> None:

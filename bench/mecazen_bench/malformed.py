@@ -52,7 +52,7 @@ ODD = (
     b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\x81\xd9\xff", b"\x81\xa6header" * 3000,
     b" " * MAX_SAMPLE_BYTES,
 )  # fmt: skip
-"""Wrong values, numbers that are none, no UTF-8, bombs in JSON, MessagePack and CDR, too much."""
+"""Wrong values, NaN, no UTF-8, bombs in JSON, MessagePack and CDR, too much."""
 LABELS = (
     "", *ENCODINGS.values(), CDR_ENCODING, "text/json", "text/plain", "zenoh/bytes",
     "application/json;é", "\x00", "/", "a" * 200,

@@ -1,4 +1,4 @@
-"""One run as an onlooker sees it: where everybody truly was, and when the robot saw its person."""
+"""One run as an observer sees it: where everybody truly was, and when the robot saw its person."""
 
 from __future__ import annotations
 

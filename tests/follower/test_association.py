@@ -91,7 +91,7 @@ def test_who_stands_in_for_2_s_is_not_followed(ids, aside):
         stands_in = begin <= number < end
         pose = stranger_at(number, aside) if stands_in else person_at(number)
         estimate = seen.frame(number, pose, ids=ids)
-        # a straight walk is foretold for 2 s by its speed, which is known to a few cm/s
+        # a straight walk is predicted for 2 s by its speed, which is known to a few cm/s
         assert error(estimate, number) < 0.3
     assert seen.tracker.tracker.state == "following"
 

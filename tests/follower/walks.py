@@ -1,4 +1,4 @@
-"""Estimators, the persons whom they see, and a controller that is easily foretold."""
+"""Estimators, the persons whom they see, and a controller that is easily predicted."""
 
 import math
 

@@ -27,7 +27,7 @@ RequestT = TypeVar("RequestT", bound=Message)
 AnswerT = TypeVar("AnswerT", bound=Message)
 
 Handler = Callable[[MessageT, Stamp | None], None]
-"""Takes a message and the stamp of its tick; no stamp where an outsider sent none."""
+"""Takes a message and the stamp of its tick; no stamp where an external publisher sent none."""
 
 DRAINED_AT_MOST = 1000
 """Much more than ever waits where nobody floods."""
@@ -48,7 +48,7 @@ class Publisher(Protocol[Message_contra]):
     """Puts messages on one key."""
 
     def put(self, message: Message_contra, stamp: Stamp | None) -> None:
-        """Publish `message` as of the tick of `stamp`; without one as an outsider would."""
+        """Publish `message` as of the tick of `stamp`; without one, as external programs do."""
 
 
 class Reply(Protocol[Message_contra]):

@@ -48,7 +48,7 @@ class LocalBus(Bus):
     def put_bytes(
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
-        """Publish bytes on `key`, with the namespace in it if any, as an outsider would."""
+        """Publish bytes on `key`, with the namespace in it if any, as an external program would."""
 
         def deliver(*_: object) -> None:
             self._deliver_bytes(key, payload, encoding, attachment)
@@ -85,7 +85,7 @@ class LocalBus(Bus):
         return self._ask(call, request)
 
     def call_bytes(self, call: Call[RequestT, AnswerT], payload: bytes) -> AnswerT:
-        """Query a key with bytes, as an outsider would."""
+        """Query a key with bytes, as an external program would."""
         try:
             return self.call(call, self._decode_request(call, payload))
         except RefusedError as refusal:

@@ -3,7 +3,7 @@
 A Zenoh session of its own, since a namespace would hide it from ROS, and a client, so that it can
 be one of `rmw_zenohd` as well as of mecazen's router. It hears what the services of the process
 publish as another of them would, but only while somebody in ROS subscribes; else it costs
-nothing. What it takes from ROS it publishes on the plain key, as any outsider would.
+nothing. What it takes from ROS it publishes on the plain key, as any external publisher would.
 """
 
 from __future__ import annotations

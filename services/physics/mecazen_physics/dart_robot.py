@@ -76,13 +76,13 @@ class DartRobot:
         self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         """A robot that is faster [m/s] has diverged."""
         bare = msgspec.structs.replace(world, obstacles=(), walls=(), tables=(), ramps=())
-        self._alone = DartWorld(robot, physics, bare, alone=True)
+        self._isolated_world = DartWorld(robot, physics, bare, isolated=True)
         self._build_among_others = partial(DartWorld, robot, physics, world)
-        self._all = AllRollersBody(robot, start, physics, world, self._alone)
+        self._all = AllRollersBody(robot, start, physics, world, self._isolated_world)
         self._upright_body: RobotBody = self._all
         if physics.rollers == "near":
             self._all.leave()
-            self._upright_body = NearRollersBody(robot, start, physics, world, self._alone)
+            self._upright_body = NearRollersBody(robot, start, physics, world, self._isolated_world)
         self._solids = bodies.reachable(robot, world)
         if self._solids:
             self._add_rims()
@@ -143,7 +143,7 @@ class DartRobot:
         """Find what may touch the robot soon, and take the body that suits it."""
         lean = self._state.tilt if self._upright else HYSTERESIS * self._state.tilt
         self._upright = lean < MAX_TILT_RAD
-        near_ridge, alone = False, self._shared_world is None
+        near_ridge, isolated = False, self._shared_world is None
         if self._people or self._solids or self._ridges:
             footprint = self.footprint()
             # With hysteresis the robot does not switch back and forth at the border.
@@ -157,15 +157,15 @@ class DartRobot:
                 self._add_rims()
             near_ridge = any(footprint.may_touch(ridge, margin) for ridge in self._ridges)
             solids = self._nearby(footprint)
-            alone = alone and not (
+            isolated = isolated and not (
                 self.close_people
                 or near_ridge
                 or any(footprint.may_touch(solid, margin) for solid in solids)
             )
-        self.isolated = self._upright and alone
+        self.isolated = self._upright and isolated
         before = self.body.world
         body = self._all if near_ridge or not self._upright else self._upright_body
-        home = self._alone if self.isolated else self._shared_world or self._among_others
+        home = self._isolated_world if self.isolated else self._shared_world or self._among_others
         if body is not self.body:
             # a body that is not simulated is in no world: anywhere it would be in the way
             body.enter(home, self.body.leave())

@@ -46,8 +46,8 @@ class DartWorld:
     Args:
         robot: One of the robots.
         physics: How they are simulated.
-        world: What surrounds them; without obstacles where a robot is alone.
-        alone: Whether it is for one robot that nothing but the ground can touch.
+        world: What surrounds them; without obstacles where a robot is isolated.
+        isolated: Whether it is for one robot that nothing but the ground can touch.
         max_sweeps: The most that the solver of the cone takes in a step.
 
     Raises:
@@ -60,7 +60,7 @@ class DartWorld:
         physics: PhysicsConfig,
         world: WorldConfig,
         *,
-        alone: bool = False,
+        isolated: bool = False,
         max_sweeps: int = 100,
     ) -> None:
         self._shape = world.person
@@ -68,7 +68,7 @@ class DartWorld:
         self._friction = bodies.least_friction(robot, world)
         self.simulation = dart.simulation.World()
         self.simulation.setTimeStep(physics.dt_s)
-        self.aligned = alone and robot.rollers.angle_deg == 45.0
+        self.aligned = isolated and robot.rollers.angle_deg == 45.0
         """Whether DART's axes are turned so that those of the rollers are along them."""
         self._has_ridges = bool(world.ridges)
         self.turn(0.0)
