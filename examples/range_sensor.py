@@ -1,4 +1,4 @@
-"""A sensor of one's own: the distance from the robot's front to the person, ten times a second."""
+"""A sensor of one's own: the distance from the robot to the person, ten times a second."""
 
 import numpy as np
 from mecazen.config import Scenario
@@ -24,7 +24,7 @@ class RangeConfig(Section):
     std_m: NonNegative = 0.01
 
 
-RANGE = Topic("range", Range, "distance from the robot's front to the person")
+RANGE = Topic("range", Range, "distance from the robot to the person")
 
 
 class RangeSensor(Node):
