@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen.robot import Camera as Mount
+from mecazen.sensors import DepthConfig, TrackerConfig
 
 from mecazen_sensors.scene import Floats
 
@@ -17,24 +18,16 @@ class Camera:
 
     Args:
         mount: Where it sits and looks.
-        horizontal_deg: Field of view from edge to edge, less than 180° as `vertical_deg`.
-        min_depth: Along its axis [m], as `max_depth`.
+        config: Its field of view from edge to edge, and its range of depths along its axis.
     """
 
-    def __init__(
-        self,
-        mount: Mount,
-        horizontal_deg: float,
-        vertical_deg: float,
-        min_depth: float,
-        max_depth: float,
-    ) -> None:
+    def __init__(self, mount: Mount, config: TrackerConfig | DepthConfig) -> None:
         self._place = mount.position_m
         self.axes = np.array(mount.axes)
         """Unit vectors in base_link (3, 3): its rows point ahead, to the left and up."""
-        self.wide = math.tan(math.radians(horizontal_deg) / 2)
+        self.wide = math.tan(math.radians(config.horizontal_fov_deg) / 2)
         """Half the width of what is seen at a depth of 1."""
-        self.high = math.tan(math.radians(vertical_deg) / 2)
+        self.high = math.tan(math.radians(config.vertical_fov_deg) / 2)
         """Half the height."""
         # a vector in base_link is in view if its products with six columns ...
         ahead, left, up = self.axes
@@ -42,7 +35,7 @@ class Camera:
         planes = ahead, -ahead, wide + left, wide - left, high + up, high - up
         self._planes = np.stack(planes, axis=-1)
         # ... are at least
-        self._least = np.array((min_depth, -max_depth, 0.0, 0.0, 0.0, 0.0))
+        self._least = np.array((config.min_range_m, -config.max_range_m, 0.0, 0.0, 0.0, 0.0))
 
     def position(self, robot: Pose2D) -> Floats:
         """Return the optical centre in the world (3,) [m], of a robot at a pose there."""

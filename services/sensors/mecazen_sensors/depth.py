@@ -11,7 +11,7 @@ from mecazen.sensors import DepthConfig
 from numpy.random import PCG64, Generator
 
 from mecazen_sensors.camera import Camera, from_world
-from mecazen_sensors.scene import Floats, Scene
+from mecazen_sensors.scene import CARRIER, Floats, Scene
 
 FRAME = "camera_depth_optical_frame"
 """z ahead, x to the right, y down (REP-103)."""
@@ -28,20 +28,13 @@ class DepthCamera:
 
     Args:
         config: Its figures.
-        mount: Where it sits on the robot, which is the one of number `robot` in the scene.
+        mount: Where it sits on the robot, which is `CARRIER` in the scene.
         seed: Of its noise.
-        robot: That number.
     """
 
-    def __init__(self, config: DepthConfig, mount: Mount, seed: int, *, robot: int = 0) -> None:
-        self._config, self._robot = config, robot
-        self._camera = Camera(
-            mount,
-            config.horizontal_fov_deg,
-            config.vertical_fov_deg,
-            config.min_range_m,
-            config.max_range_m,
-        )
+    def __init__(self, config: DepthConfig, mount: Mount, seed: int) -> None:
+        self._config = config
+        self._camera = Camera(mount, config)
         width, height = config.width, config.height
         self._focal = width / 2 / self._camera.wide, height / 2 / self._camera.high
         left = (width / 2 - 0.5 - np.arange(width)) / self._focal[0]
@@ -63,7 +56,7 @@ class DepthCamera:
         chance: Floats = self._random.random(shape)
         directions = self._rays @ from_world(-robot.yaw)
         camera = self._camera.position(robot)
-        ranges, _ = scene.cast(camera, directions, self._robot, self._farthest)
+        ranges, _ = scene.cast(camera, directions, CARRIER, self._farthest)
         depths = (ranges * self._depths_per_range).reshape(shape)
         far = 2.0 * config.max_range_m  # stands for what returns nothing
         depths[depths > far] = far

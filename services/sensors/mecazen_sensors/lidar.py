@@ -12,7 +12,7 @@ from mecazen.sensors import LidarConfig
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
-from mecazen_sensors.scene import Floats, Scene
+from mecazen_sensors.scene import CARRIER, Floats, Scene
 
 STEPS_PER_M = 1024.0
 """Ranges are whole numbers of these: a millimetre, as such sensors resolve, but exact in ROS's
@@ -35,15 +35,12 @@ class Lidar:
 
     Args:
         config: Its figures.
-        mount: Where it sits on the robot, which is the one of number `robot` in the scene.
-        robot: That number.
+        mount: Where it sits on the robot, which is `CARRIER` in the scene.
         seed: Of its noise.
     """
 
-    def __init__(
-        self, config: LidarConfig, mount: Attachment, seed: int, *, robot: int = 0
-    ) -> None:
-        self._config, self._mount, self._robot = config, mount, robot
+    def __init__(self, config: LidarConfig, mount: Attachment, seed: int) -> None:
+        self._config, self._mount = config, mount
         fov = math.radians(config.fov_deg)
         gaps = config.beams if config.fov_deg == 360.0 else config.beams - 1  # the ends are one
         self._first, self._step = _single(-fov / 2), _single(fov / gaps)
@@ -64,9 +61,7 @@ class Lidar:
         np.matmul(self._beams, ((c, s, 0.0), (-s, c, 0.0)), out=self._directions)
         noise: Floats = self._random.standard_normal(config.beams)
         lost = self._random.random(config.beams) < config.dropout_probability
-        ranges, hits = scene.cast(
-            origin, self._directions, self._robot, config.max_range_m, level=True
-        )
+        ranges, hits = scene.cast(origin, self._directions, CARRIER, config.max_range_m, level=True)
         ranges += config.range_std_m * noise
         ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
         ranges[lost | (ranges < config.min_range_m)] = INVALID

@@ -23,7 +23,7 @@ from mecazen.ticks import whole_ticks
 
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar
-from mecazen_sensors.scene import Floats, Scene
+from mecazen_sensors.scene import CARRIER, Floats, Scene
 from mecazen_sensors.tracker import Tracker
 
 
@@ -58,7 +58,7 @@ class _Sensor(Node):
         people = [np.array([(p.x, p.y, p.z) for p in joints]) for joints, _ in bodies]
         if len(people) > self.scene.people:
             self.scene = Scene(self.scenario.world, self.robots, len(people))
-        self.scene.place_robot(0, robot)
+        self.scene.place_robot(CARRIER, robot)
         places = {one.name: one.pose.to_planar() for one in around.robots}
         for number, name in enumerate(self.others, 1):
             if name in places:

@@ -32,6 +32,8 @@ Ints = npt.NDArray[np.int32]
 
 NOWHERE_M = -1e6
 """Height of what is not there: below the ground, beyond every range."""
+CARRIER = 0
+"""The number of the robot that carries the sensor."""
 HIDDEN = 1
 """The geom group of what a level ray can't hit."""
 SHOW_ALL = np.ones(mujoco.mjNGROUP, np.uint8)

@@ -38,7 +38,7 @@ from mecazen_sensors.body import (
     scales,
 )
 from mecazen_sensors.camera import Camera, from_world
-from mecazen_sensors.scene import Floats, Scene
+from mecazen_sensors.scene import CARRIER, Floats, Scene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
 """Of white noise and drift, by joint; 1 for others. Far from the trunk less is certain."""
@@ -94,32 +94,17 @@ class Tracker:
 
     Args:
         config: Its figures.
-        mount: Where its camera sits on the robot, which is the one of number `robot` in the scene.
+        mount: Where its camera sits on the robot, which is `CARRIER` in the scene.
         seed: Of its errors.
         tick_s: The control period.
-        robot: That number.
 
     Raises:
         ConfigError: The rate does not divide the tick rate, or the latency is not whole ticks.
     """
 
-    def __init__(
-        self,
-        config: TrackerConfig,
-        mount: Mount,
-        seed: int,
-        tick_s: float,
-        *,
-        robot: int = 0,
-    ) -> None:
-        self._config, self._robot, self._seed = config, robot, seed
-        self._camera = Camera(
-            mount,
-            config.horizontal_fov_deg,
-            config.vertical_fov_deg,
-            config.min_range_m,
-            config.max_range_m,
-        )
+    def __init__(self, config: TrackerConfig, mount: Mount, seed: int, tick_s: float) -> None:
+        self._config, self._seed = config, seed
+        self._camera = Camera(mount, config)
         self._place = np.array(mount.position_m)
         self._tick_ns = round(tick_s * 1e9)
         self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
@@ -182,7 +167,7 @@ class Tracker:
         camera = self._camera.position(robot)
         rays = np.concatenate(people) - camera
         distances = np.sqrt((rays * rays) @ _ONES)
-        ways, hits = scene.cast(camera, rays / distances[:, None], self._robot)
+        ways, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
         vectors = rays @ from_world(robot.yaw)
         depths, inside = self._camera.look(vectors)
         time = m.Time.from_ns(tick * self._tick_ns)
