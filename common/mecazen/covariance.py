@@ -7,12 +7,13 @@ from operator import itemgetter
 PlanarCovariance = tuple[tuple[float, ...], ...]
 """3x3 over x [m], y [m] and yaw [rad], row by row."""
 
-_planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+"""Takes the entries of x, y and yaw from a row-major 6x6; others may say "unknown" by 1e99."""
 
 
 def planar_covariance(covariance: tuple[float, ...]) -> PlanarCovariance:
     """Return the 3x3 over (x, y, yaw) of ROS's row-major 6x6."""
-    xx, xy, xw, yx, yy, yw, wx, wy, ww = _planar_entries(covariance)
+    xx, xy, xw, yx, yy, yw, wx, wy, ww = planar_entries(covariance)
     return (xx, xy, xw), (yx, yy, yw), (wx, wy, ww)
 
 

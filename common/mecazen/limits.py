@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from mecazen import keys
 from mecazen import messages as m
+from mecazen.covariance import planar_entries
 from mecazen.wire import RefusedError
 
 FARTHEST_M = 1e6
@@ -39,10 +40,6 @@ class Limit(NamedTuple):
 
 def _xyz(vector: m.Vector3 | m.Point) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
-
-
-_planar = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
-"""Takes the entries of x, y and yaw from a row-major 6x6; others may say "unknown" by 1e99."""
 
 
 def _position(path: str, farthest_m: float = FARTHEST_M) -> Limit:
@@ -74,7 +71,10 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
     m.JointState: (Limit("joint velocity", "rad/s", FASTEST, attrgetter("velocity"), tuple),),
     m.Observation: (
         _each("poses", _position("pose.")),
-        _each("poses", Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), _planar)),
+        _each(
+            "poses",
+            Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), planar_entries),
+        ),
     ),
     m.Skeleton: (_JOINTS, _DEVIATIONS),
     m.Skeletons: (_each("skeletons", _JOINTS), _each("skeletons", _DEVIATIONS)),
