@@ -105,10 +105,10 @@ class Budget:
 class Malformed:
     """Generates payloads that are refused, from `good` messages that each key carries."""
 
-    def __init__(self, good: Mapping[str, Sequence[Message]], seed: int = SEED) -> None:
+    def __init__(self, good: Mapping[str, Sequence[Message]]) -> None:
         self.well_formed: Counter[str] = Counter()
         """Payloads that happened to be valid and were discarded, by key."""
-        self._random = random.Random(seed)  # noqa: S311
+        self._random = random.Random(SEED)  # noqa: S311
         self._kinds = {key: type(messages[0]) for key, messages in good.items()}
         self._good = {
             key: [payload for message in messages for payload in _well_formed(message)]
