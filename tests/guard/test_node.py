@@ -3,12 +3,11 @@
 import math
 
 import pytest
-from harness import SCENARIOS
+from harness import SCENARIOS, Steps
 from mecazen import messages as m
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.loading import load_scenario
-from mecazen.node import Inputs, Tick
 from mecazen_guard.node import GuardNode
 
 TELEOP = SCENARIOS / "teleop.toml"
@@ -18,18 +17,17 @@ def teleop(*settings):
     return load_scenario(TELEOP, settings)
 
 
-class Rig:
+class Guard(Steps):
     """A guard that is given its inputs by hand."""
 
     def __init__(self, *settings):
         self.scenario = teleop(*settings)
-        self.node = GuardNode(self.scenario)
-        self.node.reset(1)
-        self.tick, self.age_s = -1, math.inf
+        self.tick = -1
+        super().__init__(GuardNode, self.scenario)
 
     def scan(self, ranges=None, ahead_ns=0):
         config = self.scenario.sensors.lidar
-        stamp = m.Time.from_ns(self.tick * 10_000_000 + 10_000_000 + ahead_ns)
+        stamp = m.Time.from_ns((self.tick + 1) * self.tick_ns + ahead_ns)
         return m.LaserScan(
             header=m.Header(stamp=stamp),
             angle_min=-math.pi,
@@ -39,16 +37,12 @@ class Rig:
             ranges=tuple(ranges or [config.max_range_m + 1.0] * config.beams),
         )
 
-    def step(self, command=None, scan=None, again=False):
+    def drive(self, command=None, scan=None, again=False):
         self.tick += not again
-        time = m.Time.from_ns(self.tick * 10_000_000)
+        time = m.Time.from_ns(self.tick * self.tick_ns)
         odom = m.planar_odometry(time, "odom", "base_link", Pose2D(), Twist2D())
         samples = {ODOM: odom, CMD_VEL: command, SCAN: scan}
-        self.age_s = 0.0 if command else self.age_s + 0.01
-        inputs = Inputs({k: v for k, v in samples.items() if v}, {CMD_VEL: self.age_s})
-        period = 0.0 if again else 0.01
-        outputs = self.node.step(Tick(self.tick, time.ns, period), inputs)
-        self.refused = inputs.refused
+        outputs = self.step(self.tick, {k: v for k, v in samples.items() if v})
         return outputs[GUARD_CMD_VEL], outputs[GUARD_STATE]
 
 
@@ -56,34 +50,35 @@ FORWARD = m.Twist.planar(Twist2D(x=0.5))
 
 
 def test_nothing_is_let_through_before_the_first_scan_and_after_three_that_are_missing():
-    rig = Rig()
-    let_through, state = rig.step(FORWARD)
+    guard = Guard()
+    let_through, state = guard.drive(FORWARD)
     assert (let_through, state.state, state.reason) == (m.Twist(), "blind", "no scan yet")
-    let_through, state = rig.step(FORWARD, rig.scan())
+    let_through, state = guard.drive(FORWARD, guard.scan())
     assert (let_through, state.state) == (FORWARD, "clear")
-    states = [rig.step(FORWARD)[1] for _ in range(31)]
+    states = [guard.drive(FORWARD)[1] for _ in range(31)]
     assert [state.state for state in states] == ["clear"] * 30 + ["blind"]
     assert states[-1].reason == "the lidar has been silent for 0.3 s"
-    assert rig.step(FORWARD, rig.scan())[1].state == "clear"
+    assert guard.drive(FORWARD, guard.scan())[1].state == "clear"
 
 
 @pytest.mark.parametrize("what", ["invalid", "few", "ahead"])
 def test_an_implausible_scan_is_refused_and_stops_the_robot(what):
-    rig = Rig()
-    rig.step(FORWARD, rig.scan())
+    guard = Guard()
+    guard.drive(FORWARD, guard.scan())
     ranges = {"invalid": [0.0] * 720, "few": [1.0] * 90}.get(what)
-    let_through, state = rig.step(FORWARD, rig.scan(ranges, 50_000_000 if what == "ahead" else 0))
+    scan = guard.scan(ranges, ahead_ns=50_000_000 if what == "ahead" else 0)
+    let_through, state = guard.drive(FORWARD, scan)
     assert (let_through, state.state) == (m.Twist(), "blind")
     assert state.reason
-    assert rig.refused[0][0] is SCAN
+    assert guard.refused == [SCAN.key]
 
 
 def test_a_late_command_corrects_its_tick():
-    rig = Rig()
-    assert rig.step(FORWARD, rig.scan())[0] == FORWARD
+    guard = Guard()
+    assert guard.drive(FORWARD, guard.scan())[0] == FORWARD
     late = m.Twist.planar(Twist2D(y=-0.5))
-    assert rig.step(late, again=True)[0] == late
-    assert rig.step()[0] == late
+    assert guard.drive(late, again=True)[0] == late
+    assert guard.drive()[0] == late
 
 
 def test_it_listens_to_the_key_that_the_controller_names():
@@ -92,14 +87,14 @@ def test_it_listens_to_the_key_that_the_controller_names():
 
 
 def test_another_margin_counts_from_the_next_scan_on_and_what_was_seen_stays():
-    rig = Rig()
-    wall = [0.5] * rig.scenario.sensors.lidar.beams
+    guard = Guard()
+    wall = [0.5] * guard.scenario.sensors.lidar.beams
     for _ in range(50):
-        let_through, state = rig.step(FORWARD, rig.scan(wall))
+        let_through, state = guard.drive(FORWARD, guard.scan(wall))
     assert let_through.linear.x > 0.1
-    rig.node.configure(teleop("guard.margin_m=0.3"))
-    _, still = rig.step(FORWARD)
+    guard.node.configure(teleop("guard.margin_m=0.3"))
+    _, still = guard.drive(FORWARD)
     assert still.state == state.state != "blind"
     for _ in range(50):
-        let_through, state = rig.step(FORWARD, rig.scan(wall))
+        let_through, state = guard.drive(FORWARD, guard.scan(wall))
     assert (let_through, state.state) == (m.Twist(), "stop")
