@@ -288,8 +288,9 @@ def on_one_core() -> Iterator[None]:
     """Let processes that are started meanwhile share one core, and take turns on it.
 
     The parts of a tick in lockstep come one after the other: on one core none has to be
-    woken on another, which is the larger part of a hop's time. As batch processes they let
-    a sender finish what it sends before a receiver takes over. docs/performance.md has the gains.
+    woken on another, which is the larger part of a hop's time: without it a distributed run of
+    `back` makes 29 % fewer ticks a second. As batch processes they let a sender finish what it
+    sends before a receiver takes over: without that it makes 17 % fewer.
     """
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
