@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import statistics
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from itertools import product
 from typing import Any, Literal
@@ -90,19 +90,15 @@ def run_peers() -> list[Group]:
         slides = [measure_slide(engine) for engine in engines]
     with peers(robots) as (engines, missing):
         group = measure("Physics engines", engines)
-    rows = (
-        Row(row.subject, row.figures | _slide_figures(slide))
-        for row, slide in zip(group.rows, slides, strict=True)
+    rows = tuple(
+        Row(row.subject, row.figures | {f"slide {a:g}°": Figure.of(r, 1.0) for a, r in of.items()})
+        for row, of in zip(group.rows, slides, strict=True)
     )
     how = (
         f"{group.how}; slide: deceleration with locked wheels and a friction of "
         f"{SLIDE_FRICTION:g} over that of Coulomb's law, at three yaw angles"
     )
-    return [Group(group.title, "; ".join([how, *missing]), tuple(rows))]
-
-
-def _slide_figures(slide: Mapping[float, float]) -> dict[str, Figure]:
-    return {f"slide {yaw:g}°": Figure.of(ratio, 1.0) for yaw, ratio in slide.items()}
+    return [Group(group.title, "; ".join([how, *missing]), rows)]
 
 
 @contextmanager

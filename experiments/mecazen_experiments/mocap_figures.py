@@ -90,7 +90,9 @@ def views(rows: Sequence[Row]) -> Figure:
     """Return the knee's error by bearing and standoff about the person, raw and refined."""
     found = {stage: _mean_by_place(rows, f"{stage}_knee_deg") for stage in STAGES}
     most = max(value for of in found.values() for value in of.values())
-    edges = _edges(sorted({row.standoff_m for row in rows}))
+    standoffs = sorted({row.standoff_m for row in rows})
+    # the rings of all standoffs are as wide
+    edges = {standoff: (n + 1.0, n + 2.0) for n, standoff in enumerate(standoffs)}
     with style.context(STYLE):
         figure = Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
         both = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
@@ -154,11 +156,6 @@ def _mean_by_place(rows: Sequence[Row], name: str) -> dict[tuple[float, float], 
             place = math.radians(row.bearing_deg), row.standoff_m
             values.setdefault(place, []).append(row.means[name].mean)
     return {place: fmean(of) for place, of in values.items()}
-
-
-def _edges(standoffs: Sequence[float]) -> dict[float, tuple[float, float]]:
-    """Return where the ring of each standoff begins and ends: all are as wide."""
-    return {standoff: (n + 1.0, n + 2.0) for n, standoff in enumerate(standoffs)}
 
 
 def _colour(share: float) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -85,7 +86,7 @@ def draw(ways: Sequence[Course], scenario: Scenario, title: str) -> Figure:
         above = figure.add_subplot(grid[0])
         panels = list(grid[1].subgridspec(len(names), 1).subplots(sharex=True, squeeze=False)[:, 0])
         _draw_world(above, scenario)
-        for colour, way in zip(_colours(len(ways)), ways, strict=True):
+        for colour, way in zip(cycle(PALETTE), ways, strict=False):
             of = scenario.of(way.name)
             _draw_way(above, way, of, colour, follows=follows)
             if follows:
@@ -112,10 +113,6 @@ def draw_arrows(
     arrows = length * np.cos(yaw), length * np.sin(yaw)
     scale: dict[str, Any] = {"angles": "xy", "units": "xy", "scale": 1.0, "width": width}
     axes.quiver(x, y, *arrows, color=colour, zorder=4.0, **scale)
-
-
-def _colours(count: int) -> list[str]:
-    return [PALETTE[number % len(PALETTE)] for number in range(count)]
 
 
 def _draw_world(axes: Axes, scenario: Scenario) -> None:
