@@ -128,7 +128,7 @@ class Row:
             rates={key: rate for key, rate in self.rates.items() if key not in left_out},
         )
 
-    def beside(self, robots: Iterable[str]) -> Row:
+    def namespaced(self, robots: Iterable[str]) -> Row:
         """Return it with its inputs of each of several robots, where there is one for all."""
         return replace(
             self,

@@ -139,7 +139,7 @@ class _Stepped:
     def __init__(self, name: str, kind: type[Node], service: Service, graph: Graph) -> None:
         scenario = service.scenario
         row = graph.row(name)
-        self.row = row = row.beside(scenario.names) if scenario.robots else row
+        self.row = row = row.namespaced(scenario.names) if scenario.robots else row
         self._service = service
         self.changes: deque[tuple[Stamp, Scenario]] = deque()
         """Of parameters: from which tick on, and what then counts."""
