@@ -59,3 +59,10 @@ def test_the_containers_of_each_profile_are_the_services_of_its_scenario():
     paths = (ROOT / "configs" / "scenarios" / f"{name}.toml" for name in ("back", "teleop"))
     back, teleop = (set(load_scenario(path).services) for path in paths)
     assert by_profile == {"": back, "teleop": teleop, "lockstep": back}
+
+
+def test_the_architecture_names_the_room_of_every_project():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    for pattern in ("*/pyproject.toml", "services/*/pyproject.toml"):
+        for project in ROOT.glob(pattern):
+            assert f"| `{project.parent.relative_to(ROOT)}/` |" in text
