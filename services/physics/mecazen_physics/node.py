@@ -23,6 +23,7 @@ from mecazen.keys import (
     Call,
     Topic,
 )
+from mecazen.limits import FASTEST_PERSON
 from mecazen.messages import (
     Header,
     JointState,
@@ -48,14 +49,7 @@ from mecazen.world import Box
 from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.contacts import Footprint
 from mecazen_physics.motors import WheelCommand
-from mecazen_physics.people import (
-    FASTEST_M_S,
-    TOO_FAR,
-    Floats,
-    JointMotion,
-    MovingPerson,
-    Seen,
-)
+from mecazen_physics.people import TOO_FAR, Floats, JointMotion, MovingPerson, Seen
 from mecazen_physics.urdf import build_urdf, meshes
 from mecazen_physics.world import World as SimulatedWorld
 
@@ -218,7 +212,7 @@ def _steps(tick_s: float, dt_s: float) -> int:
 def _slowed(twist: Twist) -> Twist2D:
     """Return the velocity of somebody, as far as it counts."""
     x, y, _ = twist.to_planar()
-    slower = FASTEST_M_S / max(math.hypot(x, y), FASTEST_M_S)
+    slower = FASTEST_PERSON / max(math.hypot(x, y), FASTEST_PERSON)
     return Twist2D(x * slower, y * slower)
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.limits import FASTEST_PERSON
 from mecazen.skeleton import INDEX, LIMBS
 
 from mecazen_physics.contacts import Footprint
@@ -22,10 +23,7 @@ _ENDS = [INDEX[limb.end] for limb in LEGS]
 RADII = np.array([limb.radius for limb in LEGS])
 """Of `LEGS`, as shares of the body's height."""
 
-
-FASTEST_M_S = 10.0
-"""At most this fast a person moves or pushes the robot, however fast they are said to be."""
-TOO_FAR = f"farther from where they were than {FASTEST_M_S:g} m/s take one"
+TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
 
 
 class Legs(NamedTuple):
@@ -109,7 +107,7 @@ class Seen:
         """
         if self._points is not None:
             steps = map(math.dist, points, self._points)
-            if not all(step <= FASTEST_M_S * gap_s for step in steps):  # nor one that is NaN
+            if not all(step <= FASTEST_PERSON * gap_s for step in steps):  # nor one that is NaN
                 return True
         self._points = points
         return False
@@ -131,7 +129,7 @@ class JointMotion:
         if self._before is not None and time > self._before[1]:
             velocities = (joints - self._before[0]) / (time - self._before[1])
             speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
-            velocities *= FASTEST_M_S / np.maximum(speeds, FASTEST_M_S)
+            velocities *= FASTEST_PERSON / np.maximum(speeds, FASTEST_PERSON)
         self._before = joints, time
         return MovingPerson.of_joints(joints, velocities, height or self._height)
 
