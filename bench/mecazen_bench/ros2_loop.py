@@ -12,7 +12,6 @@ from multiprocessing import get_context
 from statistics import median
 from typing import Any
 
-import psutil
 from mecazen import keys
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -26,7 +25,7 @@ from mecazen.ros.types import dds_type, type_hash
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.latency import ANSWER_S, BLIND, PAUSE_S, PUTS, Probe, figures, set_priority
-from mecazen_bench.stack import Stack, running, spin, spin_until
+from mecazen_bench.stack import Stack, running, spent_s, spin, spin_until
 
 SERVICES = ("physics", "controller", "target", "follower")
 LOCKSTEP = 'sim.mode="lockstep"', "bus.ros2=true"
@@ -109,14 +108,10 @@ def _measure(stack: Stack, bus: ZenohBus, window_s: float) -> float:
     """Return the processor time of a tick within a window [µs]."""
     (process,) = (p for name, p in stack.processes().items() if name != "router")
     first = bus.call(keys.SIM_RESUME, Empty()).tick
-    begin = _spent_s(process)
+    begin = spent_s(process)
     spin(bus, window_s)
     last = bus.call(keys.SIM_PAUSE, Empty()).tick
-    return 1e6 * (_spent_s(process) - begin) / (last - first)
-
-
-def _spent_s(process: psutil.Process) -> float:
-    return float(sum(process.cpu_times()[:2]))
+    return 1e6 * (spent_s(process) - begin) / (last - first)
 
 
 def _latency(puts: int) -> Group:

@@ -93,13 +93,13 @@ class Usage:
     def __init__(self, processes: Mapping[str, psutil.Process]) -> None:
         self._processes = processes
         self._begin_s = time.perf_counter()
-        self._before = {name: _spent_s(process) for name, process in processes.items()}
+        self._before = {name: spent_s(process) for name, process in processes.items()}
 
     def core_percent(self) -> dict[str, float]:
         """Return how much of a core each process has taken so far [%]."""
         elapsed = time.perf_counter() - self._begin_s
         return {
-            name: 100.0 * (_spent_s(process) - self._before[name]) / elapsed
+            name: 100.0 * (spent_s(process) - self._before[name]) / elapsed
             for name, process in self._processes.items()
         }
 
@@ -122,5 +122,6 @@ class Usage:
         return [*rows, Row("all", sums)]
 
 
-def _spent_s(process: psutil.Process) -> float:
+def spent_s(process: psutil.Process) -> float:
+    """Return the processor time that a process has taken [s]."""
     return float(sum(process.cpu_times()[:2]))

@@ -23,10 +23,9 @@ from mecazen_experiments.capture import capture
 from mecazen_experiments.config import BaseCase, Name, Runs, Settings
 from mecazen_experiments.jobs import Job, Key, Series, series
 from mecazen_experiments.quality import MEASURED, Curves, Quality, numbers, quality
-from mecazen_experiments.report import show
+from mecazen_experiments.report import CAPTION, show
 from mecazen_experiments.statistics import Interval, mean_interval
 
-CAPTION = "means over the runs, below each its 95 % interval"
 Column = tuple[str, str, int]
 """Heading, name in `quality.numbers`, and digits to show."""
 ANGLE_COLUMNS: tuple[Column, ...] = (
