@@ -12,8 +12,9 @@ from typing import Any, cast
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.base import Handler, Publisher
 from mecazen.config import Scenario
-from mecazen.keys import MessageT, Topic
+from mecazen.keys import Topic
 from mecazen.loading import load_scenario
+from mecazen.messages import MessageT
 from mecazen.wire import Stamp
 from mecazen_tools.processes import Supervisor, on_one_core, private_router
 from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed

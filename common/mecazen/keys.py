@@ -10,9 +10,9 @@ from functools import cache
 from typing import Generic, TypeVar
 
 from mecazen import messages as m
+from mecazen.messages import MessageT
 from mecazen.wire import MAX_PAYLOAD_BYTES, MAX_SAMPLE_BYTES
 
-MessageT = TypeVar("MessageT", bound=m.Message)
 RequestT = TypeVar("RequestT", bound=m.Message)
 AnswerT = TypeVar("AnswerT", bound=m.Message)
 

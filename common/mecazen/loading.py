@@ -6,13 +6,13 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, cast
 
 import msgspec
 import tomli_w
 
 from mecazen.bus_config import BusConfig
-from mecazen.config import FLEET, RESERVED, Scenario, features, with_guard
+from mecazen.config import FLEET, RESERVED, Scenario, SectionT, features, with_guard
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
@@ -20,8 +20,6 @@ from mecazen.occupancy import take_map
 from mecazen.programs import find, installed
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
-
-SectionT = TypeVar("SectionT", bound=Section)
 
 OWN = Path(__file__).parent
 """Where the scenarios, robots and worlds are that come with the package, in `configs`."""

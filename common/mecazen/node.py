@@ -9,17 +9,16 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 from mecazen.config import Scenario
 from mecazen.keys import Call, Topic
-from mecazen.messages import Message, Time
+from mecazen.messages import Message, MessageT, Time
 from mecazen.row import Row, due, every, latest
 from mecazen.schema import Section
 
 __all__ = ["Inputs", "Node", "Outputs", "Row", "Tick", "World", "due", "every", "latest"]
 
-MessageT = TypeVar("MessageT", bound=Message)
 
 Outputs = Mapping[Topic[Any], Message]
 """What a step gives, by topic, in the order in which it is published."""

@@ -11,12 +11,12 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 import msgspec.inspect as mi
 
-from mecazen.config import Scenario
+from mecazen.config import Scenario, SectionT
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, one_line, show
 from mecazen.graph import SERVICES
@@ -42,7 +42,6 @@ UNITS = {
 """Units by the ends of names."""
 
 Path = tuple[str, ...]
-SectionT = TypeVar("SectionT", bound=Section)
 
 
 class Live(NamedTuple):

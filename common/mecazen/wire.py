@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import struct
 from functools import cache
-from typing import Literal, NamedTuple, TypeVar, cast
+from typing import Literal, NamedTuple, cast
 
 import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
-from mecazen.messages import Message, Time
+from mecazen.messages import Message, MessageT, Time
 from mecazen.ros import cdr
 
-MessageT = TypeVar("MessageT", bound=Message)
 Format = Literal["json", "msgpack"]
 
 NS_PER_S = 10**9

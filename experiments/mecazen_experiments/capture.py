@@ -10,8 +10,9 @@ import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.errors import ConfigError
-from mecazen.keys import SKELETONS, TARGET_SKELETON, MessageT, Topic
+from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
 from mecazen.loading import load_scenario
+from mecazen.messages import MessageT
 from mecazen.skeleton import JOINTS
 from mecazen_people.body.posture import sagittal_angles
 from mecazen_tools.simulate import InProcess

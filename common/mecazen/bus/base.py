@@ -14,17 +14,14 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import msgspec
 
 from mecazen.errors import BusError
-from mecazen.keys import Call, Topic
+from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.limits import refuse_implausible
-from mecazen.messages import Message
+from mecazen.messages import Message, MessageT
 from mecazen.suggest import unknown_fields
 from mecazen.text import printable
 from mecazen.wire import RefusedError, Stamp, decode, format_of
 
-MessageT = TypeVar("MessageT", bound=Message)
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
-RequestT = TypeVar("RequestT", bound=Message)
-AnswerT = TypeVar("AnswerT", bound=Message)
 
 Handler = Callable[[MessageT, Stamp | None], None]
 """Takes a message and the stamp of its tick; no stamp where an external publisher sent none."""

@@ -6,17 +6,13 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from threading import Event
-from typing import Any, TypeVar
+from typing import Any
 
 from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError
 from mecazen.errors import BusError
-from mecazen.keys import Call, Topic
-from mecazen.messages import Message
+from mecazen.keys import AnswerT, Call, RequestT, Topic
+from mecazen.messages import MessageT
 from mecazen.wire import RefusedError, Stamp
-
-MessageT = TypeVar("MessageT", bound=Message)
-RequestT = TypeVar("RequestT", bound=Message)
-AnswerT = TypeVar("AnswerT", bound=Message)
 
 Sample = tuple[list[Handler[Any]], Any, Stamp | None]
 """The handlers of a message, the message, and its stamp."""

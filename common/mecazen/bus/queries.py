@@ -7,15 +7,13 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
-from typing import TypeVar
 
 import zenoh
 
 from mecazen.bus.base import Reply
 from mecazen.bus.inbox import Queue
 from mecazen.errors import BusError
-from mecazen.keys import Call
-from mecazen.messages import Message
+from mecazen.keys import AnswerT, Call, RequestT
 from mecazen.text import printable
 from mecazen.wire import (
     ENCODINGS,
@@ -26,9 +24,6 @@ from mecazen.wire import (
     decode,
     encode,
 )
-
-RequestT = TypeVar("RequestT", bound=Message)
-AnswerT = TypeVar("AnswerT", bound=Message)
 
 WAITING_QUERIES = 100
 """So many wait at most of a key that is queried."""

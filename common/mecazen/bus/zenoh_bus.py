@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import zenoh
 
@@ -17,14 +17,10 @@ from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_o
 from mecazen.bus_config import BusConfig
 from mecazen.config import LIVELINESS
 from mecazen.errors import BusError
-from mecazen.keys import Call, Topic
-from mecazen.messages import Message
+from mecazen.keys import AnswerT, Call, RequestT, Topic
+from mecazen.messages import MessageT
 from mecazen.ros.protocol import is_data_key
 from mecazen.wire import ENCODINGS, MAX_ENVELOPE_BYTES, Format, RefusedError, Stamp, encode
-
-MessageT = TypeVar("MessageT", bound=Message)
-RequestT = TypeVar("RequestT", bound=Message)
-AnswerT = TypeVar("AnswerT", bound=Message)
 
 Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""

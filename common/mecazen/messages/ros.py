@@ -8,7 +8,7 @@ The bounds of a field also tell its type in ROS: see `mecazen.ros.fields`.
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, dataclass_transform
+from typing import Annotated, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
 
@@ -41,6 +41,9 @@ class Message(msgspec.Struct, frozen=True):
     ROS_TYPE: ClassVar[str]
     ROS_CONSTANTS: ClassVar[tuple[str, ...]] = ()
     """Lines of ROS's definition: the values that a field may have."""
+
+
+MessageT = TypeVar("MessageT", bound=Message)
 
 
 class Time(Message):

@@ -10,18 +10,16 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
 from mecazen.errors import RefusedError
-from mecazen.messages import Message
+from mecazen.messages import Message, MessageT
 from mecazen.ros.decoder import MAX_PADDING, Decoder
 from mecazen.ros.encoder import Encoder
 from mecazen.ros.fields import RosTypeError
 from mecazen.ros.layouts import HEADER as HEADER  # noqa: PLC0414  # cdr is what others import
-
-MessageT = TypeVar("MessageT", bound=Message)
 
 _ORDERS = {
     bytes((0, number, 0, padding)): order

@@ -7,7 +7,7 @@ A node has the parameters of its service's section under names without the secti
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from mecazen import keys
 from mecazen import messages as m
@@ -27,9 +27,6 @@ ARRAYS = {1: 6, 2: 7, 3: 8, 4: 9}
 """Types of arrays by those of their items."""
 FIELDS = rcl.ParameterValue.__struct_fields__
 """Of a value, by the type's number."""
-
-RequestT = TypeVar("RequestT", bound=Message)
-AnswerT = TypeVar("AnswerT", bound=Message)
 
 
 class NodeParameters:

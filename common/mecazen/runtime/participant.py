@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.bus.base import Handler
 from mecazen.config import Scenario
 from mecazen.keys import Topic
-from mecazen.messages import DiagnosticArray, DiagnosticStatus, Header, KeyValue, Message
+from mecazen.messages import DiagnosticArray, DiagnosticStatus, Header, KeyValue, MessageT
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S, Stamp
-
-MessageT = TypeVar("MessageT", bound=Message)
-
 
 EARLY_AT_MOST = 16
 """Samples that are kept for a run that has not begun here: of each topic one may be ahead."""

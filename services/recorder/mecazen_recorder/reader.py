@@ -20,9 +20,9 @@ from mecazen.description import RobotDescription
 from mecazen.errors import ConfigError
 from mecazen.explain import one_line
 from mecazen.graph import SERVICES
-from mecazen.keys import TOPICS, MessageT
+from mecazen.keys import TOPICS
 from mecazen.loading import from_tables, installed_sections, robots_in
-from mecazen.messages import Message
+from mecazen.messages import Message, MessageT
 from mecazen.robots import split_key
 from mecazen.ros import cdr
 from mecazen.text import printable

@@ -17,7 +17,8 @@ from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.description import ask_description
 from mecazen.errors import BusError, MecazenError
-from mecazen.keys import MessageT, Topic
+from mecazen.keys import Topic
+from mecazen.messages import MessageT
 from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
 from mecazen.wire import NS_PER_S, Stamp
