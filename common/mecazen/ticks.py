@@ -6,6 +6,9 @@ import math
 
 from mecazen.errors import ConfigError
 
+ROUNDING_S = 1e-9
+"""Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
+
 
 def ticks_per_sample(key: str, rate_hz: float, tick_s: float) -> int:
     """Return the ticks from one sample to the next at a rate.

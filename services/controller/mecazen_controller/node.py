@@ -25,13 +25,11 @@ from mecazen.keys import (
 from mecazen.limiter import LimiterState, limit_twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, every
+from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
 from mecazen_controller.config import ControllerConfig
 from mecazen_controller.kinematics import DeadReckoning, WheelSpeeds
-
-ROUNDING_S = 1e-9
-"""Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
 
 
 class OdometryNode(Node):

@@ -14,6 +14,7 @@ from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.row import Row
+from mecazen.ticks import ROUNDING_S
 
 from mecazen_guard.guard import Guard, Verdict
 from mecazen_guard.surroundings import Surroundings
@@ -22,7 +23,6 @@ HISTORY_NS = 10**9
 """For so long poses are kept: a scan that is older is refused."""
 JUMP_M = 0.5
 """Odometry that moves farther in a tick was set."""
-ROUNDING_S = 1e-9
 STOPPED = 0.02
 """With a smaller factor the robot stands."""
 SIDES = "ahead", "to the left", "behind", "to the right"
