@@ -9,7 +9,7 @@ from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.bus_config import BusConfig
 from mecazen.keys import CALLS, TOPICS
-from mecazen_tools.strays import KEYS, OPEN, Strays, likes, slips, unknown_key
+from mecazen_tools.strays import KEYS, OPEN, Strays, asked_only, likes, slips, unknown_key
 
 
 def hears(expressions, key):
@@ -50,6 +50,8 @@ def test_what_is_said_of_a_key_and_of_which_nothing_is():
         key = one.key.replace("*", "physics")
         assert unknown_key(key) is None
         assert unknown_key(f"two/{key}") is None
+    assert asked_only("sim/pause").startswith("sim/pause: answers queries")
+    assert asked_only("odom") is asked_only("my/key") is None
 
 
 def test_each_key_is_told_of_once_and_not_more_than_so_many(router):

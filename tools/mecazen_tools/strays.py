@@ -93,3 +93,11 @@ def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
     close = difflib.get_close_matches(name, known, n=1)
     meant = f"did you mean {join_key(close[0], robot)}?" if close else "`mecazen topics` shows all"
     return f"{shortened(key)}: no key of mecazen; {meant}"
+
+
+def asked_only(key: str) -> str | None:
+    """Return in a line that a key answers queries and carries no samples; None where it does."""
+    if all(call.key != key for call in CALLS):
+        return None
+    asks = "`mecazen sim`, `mecazen param` or a Zenoh tool's get"
+    return f"{key}: answers queries and carries no samples; it is asked by {asks}"

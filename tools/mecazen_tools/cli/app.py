@@ -14,7 +14,7 @@ from typing import Annotated
 import msgspec
 import typer
 from mecazen.config import Scenario
-from mecazen.errors import MecazenError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import one_line
 from mecazen.loading import scenario_path, to_toml
 from mecazen.runtime import __main__ as runtime
@@ -297,6 +297,9 @@ def create(
 def main(commands: typer.Typer = app) -> None:
     """Run a command line; what may go wrong ends in one line."""
     try:
+        for argument in sys.argv[1:]:
+            if argument != argument.encode(errors="replace").decode():
+                raise ConfigError(f"{argument!r}: not UTF-8, as all arguments must be")
         sys.exit(commands(standalone_mode=False))
     except typer.TyperException as error:
         sys.stderr.write(_usage_error(error))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import msgspec
 import typer
+from mecazen.bus.session import includes
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
@@ -21,7 +22,7 @@ from rich.table import Column, Table
 from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
 from mecazen_tools.generated import one_process_each
-from mecazen_tools.strays import unknown_key
+from mecazen_tools.strays import asked_only, unknown_key
 
 LIVE_S = 1.0
 
@@ -160,6 +161,8 @@ def pub(
 
     Example: mecazen pub cmd_vel '{"linear":{"x":0.3}}' --rate 20 --duration 3
     """
+    if includes(key, key) and "*" in key:
+        raise ConfigError(f"{key}: an expression; a message goes to one key, such as cmd_vel")
     payload = message.encode()
     try:
         read = _read(key, payload, JSON_ENCODING)
@@ -189,7 +192,7 @@ def _read(key: str, payload: bytes, encoding: str) -> Any:
 
 
 def _warn_of_typo(key: str) -> None:
-    """Say on standard error that no node of ours takes or gives a key, and which one is like it."""
-    told = None if "*" in key else unknown_key(key)
+    """Say on standard error that nothing comes or goes on a key, and what may be meant."""
+    told = None if "*" in key else asked_only(key) or unknown_key(key)
     if told is not None:
         typer.echo(f"warning: {told}", err=True)
