@@ -13,6 +13,7 @@ from typing import Annotated
 import msgspec
 import typer
 from mecazen.config import Scenario
+from mecazen.errors import NodeError, told
 from mecazen_tools.cli import main
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from rich.table import Table
@@ -41,14 +42,21 @@ class Score(msgspec.Struct, frozen=True):
 
 
 def episode(scenario: Scenario, policy: str, seed: int) -> Score:
-    """Return the score of a policy in one episode."""
+    """Return the score of a policy in one episode.
+
+    Raises:
+        NodeError: A policy of one's own failed, or its action is none.
+    """
     env = FollowEnv(scenario)
-    act = policies.policy(policy)(env, seed)
-    observation, info = env.reset(seed=seed)
     total, terminated, truncated = 0.0, False, False
-    while not (terminated or truncated):
-        observation, reward, terminated, truncated, info = env.step(act(observation))
-        total += reward
+    try:
+        act = policies.policy(policy)(env, seed)
+        observation, info = env.reset(seed=seed)
+        while not (terminated or truncated):
+            observation, reward, terminated, truncated, info = env.step(act(observation))
+            total += reward
+    except Exception as error:
+        raise NodeError(f"{policy}: {told(error)}") from error
     measures = env.sim.scores()
     return Score(
         policy, seed, total, info["time_s"], terminated, measures.d_err_m, measures.theta_err_deg

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 from harness import SCENARIOS
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, NodeError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen_gym.follow import FollowEnv, Observation
@@ -110,3 +110,10 @@ def test_what_is_no_policy_is_refused_in_one_line(tmp_path, name):
     with pytest.raises(ConfigError) as refused:
         score("back", [name.replace("FILE", str(file))])
     assert "\n" not in str(refused.value)
+
+
+def test_what_fails_in_a_policy_of_one_s_own_is_told_in_one_line_with_the_place(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(STANDING.replace("[0.0, 0.0, 0.0]", "1 / 0"))
+    with pytest.raises(NodeError, match=r"Standing: ZeroDivisionError: .* mine\.py:7 __call__\)$"):
+        score("back", [f"{file}:Standing"], 1, 1)
