@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from harness import ROOT, SCENARIOS, Command, Newest, mecazen, options
 from mecazen import keys
+from mecazen.errors import ConfigError
 from mecazen.messages import ResetRequest, SpeedRequest
 from mecazen_tools.processes import private_router
 from mecazen_viewer.entities import of_robot
 from mecazen_viewer.plots import LINES
-from mecazen_viewer.recorded import draw
+from mecazen_viewer.recorded import draw, open_file
 from PIL import Image
 from viewer_stage import paths_of
 
@@ -306,3 +307,10 @@ def test_a_recording_that_is_not_there_is_one_line():
     view = mecazen("view", "nowhere.rrd")
     assert (view.returncode, view.stdout) == (2, "")
     assert view.stderr == "error: nowhere.rrd: no such file\n"
+
+
+def test_a_recording_in_name_only_is_one_line(tmp_path):
+    file = tmp_path / "empty.mcap"
+    file.touch()
+    with pytest.raises(ConfigError, match=r"empty\.mcap: not an MCAP file$"):
+        open_file(file, native=False)

@@ -23,6 +23,8 @@ from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import SERVES, SHOWS, RerunProcess, free_port, page, uri
 from mecazen_viewer.service import FRAME_NS, ViewerService
 
+MAGIC = b"\x89MCAP0\r\n"
+"""With this an MCAP file begins; Rerun shows an empty page of what doesn't."""
 SECTIONS = ("physics", "follower")
 """Sections of a scenario that the scene needs."""
 
@@ -55,8 +57,16 @@ def open_file(file: Path, *, native: bool) -> None:
     """Show a file until its window is closed or until Ctrl-C.
 
     Raises:
+        ConfigError: It can't be read, or is no recording in spite of its name.
         RerunError: Rerun can't show it here.
     """
+    try:
+        with file.open("rb") as content:
+            begin = content.read(len(MAGIC))
+    except OSError as error:
+        raise ConfigError(f"{file}: can't be read: {error.strerror}") from None
+    if file.suffix == ".mcap" and begin != MAGIC:
+        raise ConfigError(f"{file}: not an MCAP file")
     with TemporaryDirectory(prefix="mecazen-view-") as folder:
         shown = [file]
         if file.suffix == ".mcap":
