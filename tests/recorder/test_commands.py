@@ -186,6 +186,14 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
     assert_one_line(alone, 2, "--through")
 
 
+def test_a_replay_does_not_mix_with_a_simulation_that_runs_but_may_drive_it(net, make_recording):
+    net.bus.declare_alive("physics")
+    path = make_recording()
+    for chosen in ((), ("--keys", "odom"), ("--keys", "*")):
+        assert_one_line(net.run("replay", path, *chosen), 1, "a simulation runs there", "cmd_vel")
+    assert "20 samples" in net.run("replay", path, "--keys", "cmd_vel").stdout
+
+
 @pytest.mark.parametrize("names", [("",), ("one", "two")], ids=["one robot", "several robots"])
 def test_a_replay_tells_what_robots_look_like(net, tmp_path, names):
     path = tmp_path / "described.mcap"

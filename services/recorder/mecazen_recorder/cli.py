@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.explain import one_line
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools.strays import OPEN
 from rich.console import Console
 from rich.table import Column, Table
 
@@ -150,8 +151,15 @@ def replay(
         raise ConfigError(f"--robot goes with --through; --keys '{robot}/**' takes all of {robot}")
     begin_ns = round(begin_s * NS_PER_S)
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
+    descriptions = recording.descriptions()
     with tool_bus(connect, namespace, tls) as bus:
-        for name, description in recording.descriptions().items():
+        driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
+        if not driving.issuperset(keys or ["**"]) and "physics" in bus.alive():
+            raise BusError(
+                "a simulation runs there, and what it publishes would mix with the recording: end "
+                f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"
+            )
+        for name, description in descriptions.items():
             serve_description(bus.namespaced(name), description)
         for turn in count() if loop else range(1):
             times = {"begin_ns": begin_ns, "end_ns": end_ns}
