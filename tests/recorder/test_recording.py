@@ -194,7 +194,7 @@ def test_a_sync_that_fails_leaves_what_was_synced_before(tmp_path, monkeypatch):
     sink.sync()
     monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
     sink.write(b"lost")
-    with pytest.raises(RecordingError, match="No space left; what was recorded before"):
+    with pytest.raises(RecordingError, match="No space left"):
         sink.sync()
     sink.close()
     assert (tmp_path / "a").read_bytes() == b"good"
@@ -205,10 +205,19 @@ def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(tmp_path, monke
     writer.write("cmd_vel", Twist(), stamp_of(0), 0)
     writer._sync()
     monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
-    with pytest.raises(RecordingError, match="No space left"):
+    with pytest.raises(RecordingError, match="No space left; what was recorded before can be read"):
         writer.close()
     writer.close()  # as a service does that has failed
     assert [sample.key for sample in read(tmp_path / "a.mcap")] == ["cmd_vel"]
+
+
+def test_when_the_disk_is_full_from_the_start_expect_no_file(tmp_path, monkeypatch):
+    writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
+    writer.write("cmd_vel", Twist(), stamp_of(0), 0)
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(RecordingError, match=r"No space left$"):
+        writer.close()
+    assert not list(tmp_path.iterdir())
 
 
 def test_info_counts_rates_and_gaps(tmp_path):

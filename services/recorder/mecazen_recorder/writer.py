@@ -79,10 +79,7 @@ class Sink:
             os.fsync(self._file)
         except OSError as error:
             os.ftruncate(self._file, self._synced)
-            raise RecordingError(
-                f"{self._path}: can't be written on: {error.strerror}; "
-                "what was recorded before can be read"
-            ) from None
+            raise RecordingError(f"{self._path}: can't be written on: {error.strerror}") from None
         self._synced += written
         self._waiting.clear()
 
@@ -112,12 +109,16 @@ def schema_of(kind: type[Message], encoding: Encoding) -> Schema:
 class RecordingWriter:
     """Writes an MCAP file, which must not exist, with messages in an encoding.
 
+    If the disk is full before the first of them is on it, no file is left.
+
     Raises:
         RecordingError: The file can't be created.
     """
 
     def __init__(self, path: Path, encoding: Encoding) -> None:
         self.count = 0
+        self._synced_count = 0
+        self._path = path
         self._encoding = encoding
         self._channels: dict[tuple[str, Stamp | None, type[Message] | str], int] = {}
         self._other_channels = 0
@@ -183,10 +184,14 @@ class RecordingWriter:
         self._mcap.flush()  # type: ignore[no-untyped-call]
         try:
             self._sink.sync()
-        except RecordingError:
+        except RecordingError as error:
             self._sink.close()
             self._sink = None
+            if self._synced_count:
+                raise RecordingError(f"{error}; what was recorded before can be read") from None
+            self._path.unlink(missing_ok=True)
             raise
+        self._synced_count = self.count
         self._synced_s = time.monotonic()
 
     def _channel(self, key: str, stamp: Stamp | None, kind: type[Message] | str) -> int:
