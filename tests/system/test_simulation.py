@@ -115,9 +115,27 @@ def test_what_is_wrong_is_said_in_one_line():
             sim.command_person(0.1)
         with pytest.raises(ConfigError, match="no robot 'two'"):
             sim.state_of("two")
+        for seconds in (-1.0, math.nan, math.inf):
+            with pytest.raises(ConfigError, match="finite number >= 0"):
+                sim.run(seconds)
         sim.run()
         with pytest.raises(MecazenError, match=r"the run is over after 0\.1 s"):
             sim.step()
+    with (
+        Simulation("teleop", duration_s=0.1) as sim,
+        pytest.raises(ConfigError, match="finite numbers"),
+    ):
+        sim.command(wz=math.nan)
+
+
+def test_numbers_of_numpy_are_numbers():
+    settings = {"follower.standoff_m": np.float32(1.5)}
+    with Simulation("back", seed=np.int64(3), **settings) as sim:
+        assert (sim.scenario.seed, sim.scenario.sections["follower"].standoff_m) == (3, 1.5)
+        sim.reset(seed=np.uint32(4))
+    with Simulation("teleop", duration_s=0.1) as sim:
+        sim.command(np.float32(0.5))
+        assert sim.run().command.x == 0.5
 
 
 def test_the_examples_in_the_docstrings_are_true():

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
+from numbers import Integral
+from operator import index
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -122,8 +125,7 @@ class Simulation:
         Raises:
             ConfigError: It is no seed.
         """
-        if seed is None:
-            seed = self.scenario.seed
+        seed = self.scenario.seed if seed is None else index(seed)
         if not 0 <= seed < 2**32:
             raise ConfigError(f"seed = {seed} must be between 0 and {2**32 - 1}")
         self._run.reset(seed)
@@ -152,8 +154,11 @@ class Simulation:
         """Simulate some seconds, or all that are left; return the state after them.
 
         Raises:
+            ConfigError: It is no time that passes.
             MecazenError: As of `step`.
         """
+        if seconds is not None and not 0.0 <= seconds < math.inf:
+            raise ConfigError(f"seconds = {seconds} must be a finite number >= 0")
         sim, now = self.scenario.sim, self._run.clock.tick
         left = sim.ticks - 1 - now if seconds is None else round(seconds / sim.tick_s)
         for _ in range(left):
@@ -174,9 +179,10 @@ class Simulation:
         0.5
 
         Raises:
-            ConfigError: A node of the scenario drives the robot, or there is none of this name.
+            ConfigError: A node of the scenario drives the robot, there is none of this name, or a
+                velocity is not finite.
         """
-        self._hold(keys.CMD_VEL, robot, Twist.planar(Twist2D(vx, vy, wz)))
+        self._hold(keys.CMD_VEL, robot, Twist2D(vx, vy, wz))
 
     def command_person(
         self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""
@@ -184,12 +190,13 @@ class Simulation:
         """Walk the person from now on, in their own frame; their `target.path` must be driven.
 
         Raises:
-            ConfigError: The path is known in advance, or there is no robot of this name.
+            ConfigError: The path is known in advance, there is no robot of this name, or a velocity
+                is not finite.
         """
         path = getattr(self.scenario.of(robot).sections.get("target"), "path", None)
         if not hasattr(path, "timeout_s"):
             raise ConfigError("command_person needs target.path = { kind = 'driven' }")
-        self._hold(keys.TARGET_CMD_VEL, robot, Twist.planar(Twist2D(vx, vy, wz)))
+        self._hold(keys.TARGET_CMD_VEL, robot, Twist2D(vx, vy, wz))
 
     @property
     def state(self) -> State:
@@ -279,7 +286,7 @@ class Simulation:
             return None
         return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()
 
-    def _hold(self, topic: Topic[Twist], robot: str, twist: Twist) -> None:
+    def _hold(self, topic: Topic[Twist], robot: str, velocity: Twist2D) -> None:
         if robot not in self.scenario.names:
             known = ", ".join(self.scenario.names) or "one without a name"
             raise ConfigError(f"no robot {robot!r}; there is {known}")
@@ -288,7 +295,10 @@ class Simulation:
             raise ConfigError(
                 f"{giver.name} drives: leave it out of services, as the scenario teleop does"
             )
-        self._held[_key(topic, robot)] = encode(twist, "json")
+        velocity = Twist2D(*map(float, velocity))  # NumPy's numbers as well
+        if not all(map(math.isfinite, velocity)):
+            raise ConfigError(f"{velocity} must be finite numbers [m/s, m/s, rad/s]")
+        self._held[_key(topic, robot)] = encode(Twist.planar(velocity), "json")
 
 
 def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) -> Scenario:
@@ -309,7 +319,12 @@ def _toml(value: Any) -> str:
         return "{" + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(fspath(value) if isinstance(value, PathLike) else value)
+    return json.dumps(fspath(value) if isinstance(value, PathLike) else value, default=_number)
+
+
+def _number(value: Any) -> float:
+    """Return a number that JSON doesn't know, such as NumPy's, as one of Python."""
+    return int(value) if isinstance(value, Integral) else float(value)
 
 
 def _key(topic: Topic[Any], robot: str) -> str:
