@@ -33,3 +33,27 @@ def test_ctrl_c_while_a_command_starts_says_nothing(importing, code):
         capture_output=True, text=True, check=False, timeout=COMMAND_GUARD_S,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (code, "")
+
+
+IN_A_CLASS = """
+import sys, types
+from mecazen_tools.__main__ import main
+
+class Interrupt:
+    def __set_name__(self, *_):
+        raise KeyboardInterrupt
+
+def run():
+    type("Made", (), {"attribute": Interrupt()})
+
+sys.modules["mecazen_tools.cli"] = types.SimpleNamespace(main=run)
+main()
+"""
+
+
+def test_ctrl_c_while_a_class_is_made_says_nothing():
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_CLASS],
+        capture_output=True, text=True, check=False, timeout=COMMAND_GUARD_S,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (130, "")
