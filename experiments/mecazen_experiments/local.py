@@ -51,10 +51,14 @@ class LocalWorkers:
         outcomes: Outcomes[T] | None = None
         try:
             with parallel_config(backend="loky", inner_max_num_threads=1), as_workers():
+                # jobs beyond the workers' queue would make loky's thread fail after Ctrl-C
                 parallel = Parallel(
-                    self._count, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
+                    self._count,
+                    return_as="generator_unordered",
+                    batch_size=1,
+                    pre_dispatch="2 * n_jobs",
                 )
-                outcomes = parallel(delayed(attempt)(work, job) for job in jobs)
+                outcomes = parallel(delayed(attempt)(work, job) for job in tuple(jobs))
             yield from outcomes
         finally:
             if outcomes is not None:

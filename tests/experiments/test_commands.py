@@ -121,6 +121,14 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed, job
     assert held.runs("out.json") == undisturbed
 
 
+def test_after_ctrl_c_nothing_is_said_of_runs_that_wait_for_a_worker(held):
+    process = held.popen("run", "short_experiment.toml", "--jobs", 2, "--runs", 10)
+    (held.path / "pid").read_text()
+    os.killpg(process.pid, signal.SIGINT)
+    out, errors = held.finish(process, code=130)
+    assert (out, len(errors.splitlines())) == ("", 1), errors
+
+
 @pytest.fixture(params=["processes", "Dask"])
 def workers(request):
     """The options for two workers: processes, or Dask's on loopback; one that dies is replaced."""
