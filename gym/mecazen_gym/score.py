@@ -16,6 +16,7 @@ from mecazen.config import Scenario
 from mecazen.errors import NodeError, told
 from mecazen_tools.cli import main
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
+from rich.markup import escape
 from rich.table import Table
 
 from mecazen_gym import policies
@@ -65,11 +66,11 @@ def episode(scenario: Scenario, policy: str, seed: int) -> Score:
 
 def table_of(scores: Sequence[Score]) -> Table:
     """Return a row for each policy: means and standard deviations over the seeds."""
-    table = Table("policy", "reward", "distance error [m]", "heading error [°]", "to the end")
+    table = Table("policy", "reward", r"distance error \[m]", "heading error [°]", "to the end")
     for policy in dict.fromkeys(score.policy for score in scores):
         own = [score for score in scores if score.policy == policy]
         table.add_row(
-            policy,
+            escape(policy),
             _spread((score.reward for score in own), 2),
             _spread((score.d_err_m for score in own), 3),
             _spread((score.theta_err_deg for score in own), 1),

@@ -186,6 +186,16 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
     assert_one_line(alone, 2, "--through")
 
 
+def test_a_key_of_any_name_is_text_in_the_table(tmp_path):
+    path = tmp_path / "odd.mcap"
+    writer = RecordingWriter(path, "json")
+    writer.write_bytes("my/[/oops]\x1b[2J", b"x", "", None, 0)
+    writer.close()
+    shown = mecazen("info", path)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    assert r"my/[/oops]\x1b[2J" in shown.stdout
+
+
 def test_a_replay_does_not_mix_with_a_simulation_that_runs_but_may_drive_it(net, make_recording):
     net.bus.declare_alive("physics")
     path = make_recording()

@@ -156,6 +156,7 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     assert odom["header"]["frame_id"] == "odom"
     live = mecazen("topics", "--live", *up.tools).stdout
     assert "nav_msgs/msg/Odometry" in live
+    assert "depth picture [mm]" in live
     code, out, err = up.end()
     assert (code, err) == (0, "")
     assert "all processes have ended" in out

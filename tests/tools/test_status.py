@@ -35,8 +35,8 @@ REPORTS = {
 }
 
 
-def text_of(status):
-    console = Console(width=160, color_system=None)
+def text_of(status, width=160):
+    console = Console(width=width, color_system=None)
     with console.capture() as capture:
         console.print(screen(status))
     return capture.get().splitlines()
@@ -140,3 +140,9 @@ def test_what_a_stranger_says_is_text_on_the_screen():
     text = "".join(lines)
     assert text.count("[/oops]") == 3
     assert all(line.isprintable() for line in lines)
+
+
+def test_units_and_keys_are_not_lost_however_narrow_the_terminal():
+    status = status_of(SIM, PARTS, READY, REPORTS)
+    assert "oldest [s]" in "\n".join(text_of(status))
+    assert not any("…" in line for line in text_of(status, 80))

@@ -23,6 +23,7 @@ from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen_tools.strays import OPEN
 from rich.console import Console
 from rich.table import Column, Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from mecazen_recorder.reader import Recording
@@ -207,7 +208,8 @@ def info(
         rate = "-" if key.rate_hz is None else f"{key.rate_hz:g}"
         longest = "-" if key.longest_gap_s is None else f"{key.longest_gap_s:g} s"
         message = key.type.rpartition("/msg/")[2]  # a terminal is narrow, and keys may be long
-        table.add_row(key.key, message, str(key.count), rate, str(key.gaps), longest)
+        cells = key.key, message, str(key.count), rate, str(key.gaps), longest
+        table.add_row(*(Text(one_line(cell)) for cell in cells))  # anyone may have named a key
     Console().print(table)
     for run in found.runs:
         known = "" if run.has_scenario else ", without its configuration"

@@ -21,7 +21,7 @@ from mecazen.text import printable
 from mecazen.wire import RefusedError, decode
 from rich.console import Console, Group
 from rich.live import Live
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
@@ -140,16 +140,17 @@ def _count(said: dict[str, str], name: str) -> int:
 
 def screen(status: Status) -> Group:
     """Return a status as one sees it."""
-    table = Table("service", "state", "hears [Hz]", "oldest [s]", "refused", "missed", "restarts")
+    hears = Column("hears [Hz]", overflow="fold")  # else a narrow terminal cuts keys off
+    table = Table("service", "state", hears, r"oldest \[s]", "refused", "missed", "restarts")
     for name, service in status.services.items():
-        hears = "  ".join(f"{key} {heard.hz:g}" for key, heard in service.inputs.items())
+        inputs = "  ".join(f"{key} {heard.hz:g}" for key, heard in service.inputs.items())
         ages = [heard.age_s for heard in service.inputs.values() if heard.age_s is not None]
         numbers = (service.refused, service.missed, service.restarts)
         colour = {"ready": "green", "alive": "yellow", "gone": "red"}[service.state]
         table.add_row(
             Text(printable(name)),
             Text(service.state, colour),
-            Text(printable(hears)),
+            Text(printable(inputs)),
             f"{max(ages):.2f}" if ages else "",
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )

@@ -18,6 +18,7 @@ from mecazen.suggest import unknown_fields
 from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.table import Column, Table
+from rich.text import Text
 
 from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
@@ -58,13 +59,8 @@ def graph(
         for number, name in enumerate(names):
             row = nodes.row(name)
             rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
-            table.add_row(
-                "" if number else process,
-                name,
-                graph_views.takes(row),
-                graph_views.gives(row),
-                rates,
-            )
+            cells = "" if number else process, name, graph_views.takes(row), graph_views.gives(row)
+            table.add_row(*map(Text, (*cells, rates)))
         table.add_section()
     console(160).print(table)
 
@@ -99,10 +95,11 @@ def topics(
     names = ["key", "message", "rate", "from", "meaning", *(["Hz now"] if live else [])]
     table = Table(*(Column(name, overflow="fold") for name in names))
     for cells in graph_views.topic_rows(nodes):
-        table.add_row(*cells, *([f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []))
+        now = [f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []
+        table.add_row(*map(Text, (*cells, *now)))  # a unit in brackets is no markup
     table.add_section()
     for cells in graph_views.call_rows(nodes):
-        table.add_row(*cells)
+        table.add_row(*map(Text, cells))
     console(200).print(table)
 
 

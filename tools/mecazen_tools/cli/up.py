@@ -96,7 +96,8 @@ def up(
     supervisor = Supervisor(path, overrides, loaded, restart=restart)
     interrupts = Interrupts()
     try:
-        console.print(f"[bold]mecazen[/] starts scenario [bold]{path.stem}[/] ({path})")
+        name, where = escape(path.stem), escape(str(path))
+        console.print(f"[bold]mecazen[/] starts scenario [bold]{name}[/] ({where})", soft_wrap=True)
         supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client")) as bus:
             status = Status(bus, loaded)
@@ -245,12 +246,12 @@ def _work(process: str, scenario: Scenario) -> str:
 def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:
     table = Table("process", "pid", "what it does", title="running", title_justify="left")
     for name, pid in supervisor.pids.items():
-        table.add_row(name, str(pid), _work(name.rpartition("/")[2], scenario))
+        table.add_row(name, str(pid), escape(_work(name.rpartition("/")[2], scenario)))
     console.print(table)
     folder = scenario.bus.keys
     endpoint = (scenario.bus.router_endpoints or (SECURE_ROUTER if folder else ROUTER,))[0]
     tls = f" --tls {os.path.relpath(folder)}" if folder else ""
-    console.print(f"Tools attach at [bold]{endpoint}[/]. In another terminal:")
+    console.print(f"Tools attach at [bold]{escape(endpoint)}[/]. In another terminal:")
     drive = '{"linear":{"x":0.3}}'
     odom, cmd_vel, walk = (
         join_key(topic.key, scenario.names[0])
