@@ -125,7 +125,8 @@ def test_bones_of_a_recorded_bvh_keep_their_lengths():
     ("name", "text", "told"),
     [
         ("a.fbx", "", "must end in one of .bvh, .c3d, .mot, .trc"),
-        ("a.bvh", "HIERARCHY ROOT Hips {", "no BVH file"),
+        ("a.bvh", "HIERARCHY ROOT Hips {", "no BVH file .it ends early"),
+        ("a.trc", "", "no TRC file .it ends early"),
         ("a.bvh", "nothing", "no BVH file .HIERARCHY must come where 'nothing' is"),
         ("a.bvh", BVH, "has no point for the right hip"),
         ("a.mot", "time\n", "no MOT file"),

@@ -38,9 +38,8 @@ def read(file: Path) -> Track:
     except OSError as error:
         raise ValueError(f"can't be read: {error.strerror or error}") from None
     except (ValueError, IndexError, KeyError, StopIteration) as error:
-        raise ValueError(
-            f"no {file.suffix[1:].upper()} file ({error or 'it ends early'})"
-        ) from None
+        why = "it ends early" if isinstance(error, IndexError | StopIteration) else error
+        raise ValueError(f"no {file.suffix[1:].upper()} file ({why})") from None
     if not 1.0 <= track.rate_hz <= 10_000.0:
         raise ValueError(f"must have 1 to 10000 frames per second, has {track.rate_hz:g}")
     return track
