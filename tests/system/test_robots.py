@@ -2,10 +2,12 @@
 
 import json
 import math
+from contextlib import closing
 
 import pytest
-from harness import SCENARIOS, Newest, mecazen, tools
+from harness import SCENARIOS, Newest, mecazen, tools, wait
 from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, ResetRequest
 from mecazen.robots import join_key
@@ -86,10 +88,11 @@ def test_in_real_time_each_robot_follows_its_own_person(stack):
     wanted = {name: running.scenario.of(name).seed for name in ("one", "two")}
     running.wait(lambda: all(robots[name].stamp.seed != wanted[name] for name in wanted))
     assert robots["one"].stamp.seed != robots["two"].stamp.seed
-    listener = _Listener(running.bus)
-    listener.status()
-    running.wait(lambda: "two/follower" in listener.reports and "physics" in listener.reports)
-    status = listener.status()
+    with closing(ZenohBus(running.scenario.bus, "client")) as tool:
+        listener = _Listener(tool)
+        listener.status()
+        wait(tool, lambda: {"two/follower", "physics"} <= listener.reports.keys())
+        status = listener.status()
     assert {"physics", "one/follower", "two/follower"} <= status.services.keys()
     assert {of.state for name, of in status.services.items() if name != "test"} >= {"ready"}
     assert "two/joint_command" in status.services["physics"].inputs
