@@ -33,7 +33,8 @@ def whole_ticks(key: str, seconds: float, tick_s: float) -> int:
     Raises:
         ConfigError: It is not a whole number of ticks; the message names `key`.
     """
-    ticks = round(seconds / tick_s)
-    if abs(ticks * tick_s - seconds) > 1e-9 * max(1.0, seconds) or (seconds > 0 and ticks == 0):
+    ticks = round(seconds / tick_s) if math.isfinite(seconds) else 0
+    is_whole = abs(ticks * tick_s - seconds) <= 1e-9 * max(1.0, ticks * tick_s)
+    if not is_whole or (seconds > 0 and ticks == 0):
         raise ConfigError(f"{key}: {seconds:.9g} s is not a whole number of ticks of {tick_s} s")
     return ticks

@@ -364,7 +364,7 @@ def test_a_multiple_of_the_tick_is_that_many_ticks(seconds, tick_s, ticks):
     assert whole_ticks("sensor.latency_s", seconds, tick_s) == ticks
 
 
-@pytest.mark.parametrize("seconds", [0.015, 0.001, 1e-12, 0.0333, 1.0001])
+@pytest.mark.parametrize("seconds", [0.015, 0.001, 1e-12, 0.0333, 1.0001, math.nan, math.inf])
 def test_when_a_time_is_no_multiple_of_the_tick_expect_the_key_and_both(seconds):
     text = error_of(ConfigError, lambda: whole_ticks("sensor.latency_s", seconds, 0.01))
     assert text == f"sensor.latency_s: {seconds:.9g} s is not a whole number of ticks of 0.01 s"

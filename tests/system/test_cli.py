@@ -144,6 +144,8 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
                 hand.put_bytes("cmd_vel", b'{"linaer":{}}')
             status = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)
             services, warnings = status["services"], status["warnings"]
+    shown = mecazen("status", *up.tools).stdout  # once, since it is no terminal
+    assert all(f"│ {name}" in shown for name in services)
     ignored = "linaer is ignored; did you mean linear? allowed: linear, angular"
     for told in (
         "warning: cmd_vle: no key of mecazen; did you mean cmd_vel?",

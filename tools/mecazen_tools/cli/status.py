@@ -19,19 +19,21 @@ from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import RefusedError, decode
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Column, Table
 from rich.text import Text
 
-from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools.cli.options import Connect, Namespace, Tls, console, tool_bus
 from mecazen_tools.strays import Strays
 
 REFRESH_S = 0.5
 ANSWER_S = 0.5
 """How long simulated time may take to say how it is; a physics that is gone says nothing."""
+SCREEN_WIDTH = 120
+"""Where it is shown in no terminal [characters]."""
 PATIENCE_S = 3.0
-"""How long `--json` waits for every service's report; one comes each simulated second."""
+"""How long what is shown once waits for every service's report; one comes each simulated second."""
 
 REPORTS = 1000
 """The reports of so many services are kept, since a stranger can make up any number."""
@@ -256,21 +258,28 @@ def status(
 ) -> None:
     """Show how all services are, until Ctrl-C: who is alive, what each hears, what went wrong.
 
-    Rates and ages are in simulated time. Examples: mecazen status · mecazen status --json
+    Rates and ages are in simulated time. Into a pipe or a file it is shown once.
+
+    Examples: mecazen status · mecazen status --json
     """
+    out = console(SCREEN_WIDTH)
     with tool_bus(connect, namespace, tls) as bus:
         listener = _Listener(bus)
         now = listener.status()
         if not now.services:
             where = connect or "the router"
             raise BusError(f"no service is alive at {where}: is `mecazen up` running?")
-        if as_json:
+        if as_json or not out.is_terminal:
             end = time.monotonic() + PATIENCE_S
             while listener.awaited and time.monotonic() < end:
                 bus.spin_once(PATIENCE_S / 10)
-            typer.echo(printable(msgspec.json.encode(listener.status()).decode()))
+            now = listener.status()
+            if as_json:
+                typer.echo(printable(msgspec.json.encode(now).decode()))
+            else:
+                out.print(screen(now))
             return
-        with Live(screen(now), console=Console(), auto_refresh=False) as live:
+        with Live(screen(now), console=out, auto_refresh=False) as live:
             while True:
                 listener.listen(REFRESH_S)
                 live.update(screen(listener.status()), refresh=True)
