@@ -72,7 +72,7 @@ class World:
         self._groups = [[number] for number in range(len(robots))]
         """The numbers of the robots of each group; the coupled ones are the last."""
         self._clear_steps = 0
-        """So long no two robots can come close that are not."""
+        """For how many steps no two robots that are far apart can come close."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Simulate `steps` steps of `dt_s`, with a command for each robot.
