@@ -51,10 +51,11 @@ def ros(router, write_scenario):
             stack.callback(bus.close)
             for robot in scenario.names:
                 for call, handler in (served or {}).items():
-                    bus.namespaced(robot).serve(call, handler)
+                    bus.serve(keys.call_of_robot(call, robot), handler)
             side = RosSide(scenario.bus, service)
             stack.callback(side.close)
-            RosNode(side, service, bus, scenario, graph_of(scenario))
+            put = lambda topic, message: bus.publisher(topic).put(message, None)  # noqa: E731
+            RosNode(side, service, "", bus, scenario, graph_of(scenario), put)
             other = stack.enter_context(open_session(BusConfig(connect=(meet,)), "client"))
             return SimpleNamespace(name=name, bus=bus, session=other)
 

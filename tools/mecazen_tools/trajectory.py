@@ -195,7 +195,7 @@ class Trajectory:
             if stamp is not None:
                 column.setdefault(stamp.time_ns // tick_ns, read(message))
 
-        bus.namespaced(robot).subscribe(topic, take, every=True)
+        bus.subscribe(keys.of_robot(topic, robot), take, every=True)
 
 
 def _planar(row: Row) -> Pose2D:

@@ -161,7 +161,7 @@ def replay(
                 f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"
             )
         for name, description in descriptions.items():
-            serve_description(bus.namespaced(name), description)
+            serve_description(bus, name, description)
         for turn in count() if loop else range(1):
             times = {"begin_ns": begin_ns, "end_ns": end_ns}
             published = publish(recording, bus, keys or ["**"], speed=speed, turn=turn, **times)

@@ -138,7 +138,7 @@ class ViewerService(Observer):
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
             except ValueError as refusal:
-                self.bus.namespaced(robot).refuse(topic.key, str(refusal))
+                self.bus.refuse(join_key(topic.key, robot), str(refusal))
                 return
             self.log(robot, entities, time_ns)
 
@@ -195,7 +195,7 @@ class ViewerService(Observer):
     def robot(self, name: str) -> Iterable[Entity]:
         """Return the static entities of a robot; none if nobody describes it."""
         try:
-            description = ask_description(self.bus.namespaced(name), DESCRIPTION_TIMEOUT_S)
+            description = ask_description(self.bus, name, DESCRIPTION_TIMEOUT_S)
             return self.pictures[name].robot_shapes(description)
         except (BusError, ValueError) as error:
             logger.warning("msg=%r", f"no picture of {name or 'the robot'}: {error}")

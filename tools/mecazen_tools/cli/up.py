@@ -185,7 +185,7 @@ class Status:
         for part, robot in scenario.parts:
             if part in REPORTING:
                 hear = partial(self._on_report, join_key(part, robot))
-                bus.namespaced(robot).subscribe(keys.diagnostics(part), hear)
+                bus.subscribe(keys.of_robot(keys.diagnostics(part), robot), hear)
 
     @property
     def text(self) -> str:
