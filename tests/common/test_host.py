@@ -219,6 +219,6 @@ def test_a_mistake_in_a_node_of_ones_own_is_told_in_one_line_with_its_place(
 
 def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
     rig = rig()
-    rig.worker.host.close()
+    rig.driver.host.close()
     assert rig.node.closed
-    assert rig.worker.host.stamp == Stamp(0, 0, 5)
+    assert rig.driver.host.stamp == Stamp(0, 0, 5)

@@ -24,7 +24,6 @@ class Run:
 
     def put(self, topic, tick, message):
         self.bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))
-        self.bus.spin()
 
     def pose(self, topic, tick, *pose):
         odometry = planar_odometry(Time(), "world", "base", Pose2D(*pose), Twist2D(0.5, 0.25, 1.0))
@@ -185,9 +184,8 @@ def test_of_several_robots_each_has_its_columns_and_scores_and_all_make_the_hash
     for name, gap in (("one", 1.5), ("two", 3.0)):
         for topic, x in ((keys.GROUND_TRUTH, 0.0), (keys.TARGET_ODOM, gap)):
             odometry = planar_odometry(Time(), "world", "base", Pose2D(x=x), Twist2D())
-            bus.namespaced(name).publisher(topic).put(odometry, Stamp(0, 1, 0))
             assert not trajectory.complete
-            bus.spin()
+            bus.publisher(keys.of_robot(topic, name)).put(odometry, Stamp(0, 1, 0))
     assert trajectory.complete
     row = dict(zip(trajectory.columns, trajectory.rows()[0], strict=True))
     assert len(row) == 2 * (len(COLUMNS) - 1) + 1
