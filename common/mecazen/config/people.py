@@ -1,4 +1,4 @@
-"""What a scenario says of a person: path, gait and body.
+"""Path, gait and body of a person, for `[target]` and `[crowd]`.
 
 Every path starts at the pose `x_m`, `y_m`, `yaw_deg` in the world; its own coordinates
 (waypoints, a recorded track) are in the frame of that pose.
@@ -10,6 +10,7 @@ from pathlib import Path  # msgspec reads the annotations when the program runs
 from typing import Annotated, Literal
 
 import msgspec
+
 from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
 
 Turn = Literal["left", "right"]

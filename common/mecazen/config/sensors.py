@@ -1,7 +1,7 @@
-"""The sensors' section of a scenario: `[sensors.lidar]`, `[sensors.tracker]`, `[sensors.depth]`.
+"""`[sensors]`: lidar, body tracker and depth camera.
 
-Where they are mounted says the robot file: `camera` carries the body tracker and the depth
-camera, `lidar` the lidar.
+The robot file has their mounting: `camera` carries the body tracker and the depth camera, `lidar`
+the lidar.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Annotated
 
 import msgspec
 
-from mecazen.faults import check_intervals
+from mecazen.config.sensor import check_intervals
 from mecazen.schema import NonNegative, Positive, Probability, Section
 
 Occlusions = tuple[tuple[NonNegative, NonNegative], ...]

@@ -1,4 +1,4 @@
-"""The section `[world]`: what surrounds the robots, for every service that needs to know it.
+"""`[world]`: the ground, the obstacles on it and the body of every person.
 
 The world frame's x-y plane is the ground. Static obstacles stand on it; a slope leans gravity.
 Walls and tables are boxes to all who need their shapes (`WorldConfig.solids`), ramps and sills

@@ -1,12 +1,13 @@
-"""The section of a scenario that says who else is there: `[crowd]`."""
+"""`[crowd]`: who walks besides the persons that robots follow."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 import msgspec
+
+from mecazen.config.people import Body, SteadyWalk, Walk
 from mecazen.schema import Finite, Section
-from mecazen_people.config import Body, SteadyWalk, Walk
 
 Interval = tuple[Finite, Finite]
 """From, to."""

@@ -1,4 +1,4 @@
-"""The guard's section of a scenario, `[guard]`: it also says whether there is one."""
+"""`[guard]`: whether there is a guard, and its margins."""
 
 from __future__ import annotations
 

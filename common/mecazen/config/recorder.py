@@ -1,10 +1,11 @@
-"""The section `[recorder]` of a scenario."""
+"""`[recorder]`: what to record, and where."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
 import msgspec
+
 from mecazen.schema import Section
 
 Encoding = Literal["cdr", "json"]
