@@ -4,44 +4,24 @@ The structs declare fields, ranges and the checks that need nothing else; what c
 is in the services.
 """
 
-from mecazen.config.bus import BusConfig
-from mecazen.config.changes import Change
-from mecazen.config.controller import ControllerConfig
-from mecazen.config.crowd import CrowdConfig
-from mecazen.config.follower import FollowerConfig
-from mecazen.config.guard import GuardConfig
-from mecazen.config.physics import PhysicsConfig
-from mecazen.config.recorder import RecorderConfig
-from mecazen.config.robots import LIVELINESS, RobotConfig
-from mecazen.config.scenario import Process, Scenario, with_guard
-from mecazen.config.sensor import SensorConfig, SensorFaults
-from mecazen.config.sensors import SensorsConfig
-from mecazen.config.sim import SimConfig
-from mecazen.config.start import StartConfig
-from mecazen.config.target import TargetConfig
-from mecazen.config.viewer import ViewerConfig
-from mecazen.config.world import WorldConfig
-
-__all__ = [
-    "LIVELINESS",
-    "BusConfig",
-    "Change",
-    "ControllerConfig",
-    "CrowdConfig",
-    "FollowerConfig",
-    "GuardConfig",
-    "PhysicsConfig",
-    "Process",
-    "RecorderConfig",
-    "RobotConfig",
-    "Scenario",
-    "SensorConfig",
-    "SensorFaults",
-    "SensorsConfig",
-    "SimConfig",
-    "StartConfig",
-    "TargetConfig",
-    "ViewerConfig",
-    "WorldConfig",
-    "with_guard",
-]
+from mecazen.config.bus import BusConfig as BusConfig
+from mecazen.config.changes import Change as Change
+from mecazen.config.controller import ControllerConfig as ControllerConfig
+from mecazen.config.crowd import CrowdConfig as CrowdConfig
+from mecazen.config.follower import FollowerConfig as FollowerConfig
+from mecazen.config.guard import GuardConfig as GuardConfig
+from mecazen.config.physics import PhysicsConfig as PhysicsConfig
+from mecazen.config.recorder import RecorderConfig as RecorderConfig
+from mecazen.config.robots import LIVELINESS as LIVELINESS
+from mecazen.config.robots import RobotConfig as RobotConfig
+from mecazen.config.scenario import Process as Process
+from mecazen.config.scenario import Scenario as Scenario
+from mecazen.config.scenario import with_guard as with_guard
+from mecazen.config.sensor import SensorConfig as SensorConfig
+from mecazen.config.sensor import SensorFaults as SensorFaults
+from mecazen.config.sensors import SensorsConfig as SensorsConfig
+from mecazen.config.sim import SimConfig as SimConfig
+from mecazen.config.start import StartConfig as StartConfig
+from mecazen.config.target import TargetConfig as TargetConfig
+from mecazen.config.viewer import ViewerConfig as ViewerConfig
+from mecazen.config.world import WorldConfig as WorldConfig

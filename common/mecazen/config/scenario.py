@@ -191,8 +191,7 @@ class Scenario(Section):
             return self
         for robot in self.robots:
             if robot.name == name:
-                others = {one.name: one.robot or self.robot for one in self.robots}
-                del others[name]
+                others = [other for other in self.robots if other is not robot]
                 return msgspec.structs.replace(
                     self,
                     **robot.own,
@@ -200,7 +199,7 @@ class Scenario(Section):
                     bus=self.bus.within(name),
                     robots=(),
                     robot_name=name,
-                    others=others,
+                    others={other.name: other.robot or self.robot for other in others},
                 )
         known = ", ".join(robot.name for robot in self.robots) or "none, but one without a name"
         raise ConfigError(f"{name!r}: no such robot in the scenario; its robots: {known}")
