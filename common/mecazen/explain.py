@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in one line: where, what, and what is allowed."""
+"""Explains an invalid configuration in one line: file, key, problem and allowed values."""
 
 from __future__ import annotations
 

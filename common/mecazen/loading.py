@@ -120,9 +120,9 @@ def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequ
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> None:
-    """Find the files of one's own programs, and have those that are nodes of their own take part.
+    """Resolve the paths of user programs, and add user nodes to the services.
 
-    What is wrong with their types is said when they are converted.
+    Wrong types are refused when the tables are converted.
     """
     programs = raw.get("programs")
     if not isinstance(programs, dict):
@@ -135,7 +135,7 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
                 "letters, digits, _ and -, can"
             )
         if isinstance(program, str) and ".py:" in program:
-            # a file of one's own lies beside the scenario, wherever the process is started
+            # the path of a user program is relative to the scenario's folder
             programs[part] = str((path.parent / program).resolve())
     listed = raw.get("services", Scenario.__struct_defaults__[0])
     own = [name for name in programs if name not in TABLE and name not in listed]
@@ -144,10 +144,10 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
 
 
 def _take_sensors(raw: dict[str, Any]) -> None:
-    """Have the services take part that the kind of sensor needs, and the crowd where it is needed.
+    """Add the services that the kind of sensor needs, and the crowd where it is needed.
 
-    It is where others walk, or where several robots look at each other and at each other's persons.
-    What is wrong with the types is said when they are converted.
+    It is needed where others walk, or where several robots see each other and all persons. Wrong
+    types are refused when the tables are converted.
     """
     sensor, listed = raw.get("sensor", {}), raw.get("services", Scenario.__struct_defaults__[0])
     if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
@@ -185,7 +185,7 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
         except ConfigError:
             if name not in TABLE:
                 raise
-            # who plays a part of the table is needed only where it runs, and is refused there
+            # a class in a node's place is needed only where it runs, and is refused there
             _drop_unreadable(name, raw, origin)
             continue
         if section is None:
@@ -209,7 +209,7 @@ def _drop_unreadable(name: str, raw: dict[str, Any], origin: _Origin) -> None:
 
 
 def _tables(value: Any) -> list[dict[str, Any]]:
-    """Return the tables in a list of them; what is none is refused when it is converted."""
+    """Return the tables in a list; other values are refused when the list is converted."""
     return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
 
 
@@ -330,7 +330,7 @@ class _Origin(NamedTuple):
 
     path: Path
     files: Mapping[str, Path] = {}
-    """Of the parts that have one of their own."""
+    """The files of robot and world, where they have one."""
     settings: tuple[str, ...] = ()
     """The keys that are overridden."""
     changes: tuple[str, ...] = ()
@@ -354,7 +354,7 @@ def _convert(raw: Any, kind: type[SectionT], prefix: str, origin: _Origin) -> Se
     def to_path(wanted: type, value: Any) -> Path:
         if wanted not in {Path, Folder} or not isinstance(value, str):
             raise ValueError(f"got {show(value)}")
-        # what is set on the command line is found from there as well
+        # paths of the command line are relative to its folder as well
         for folder in (origin.path.parent, Path.cwd()):
             found = (folder / value).resolve()
             if found.is_dir() if wanted is Folder else found.is_file():

@@ -1,7 +1,7 @@
 """Parameters: the settings of a scenario that may change while a simulation runs.
 
 They are the fields that are declared `mecazen.schema.Live`. A change is a setting as with `--set`,
-by its key and in TOML, and what is allowed is what is allowed there.
+by its key and in TOML, with the same ranges.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ class PlannerConfig(Section):
     clearance_m: Live[Positive] = 0.12
     """To be kept between the robot and everything else."""
     priorities: Live[tuple[str, ...]] = PRIORITIES
-    """What of the place beside the person is given up last comes first."""
+    """The most important property of the place comes first; the planner gives up the last first."""
 
     def __post_init__(self) -> None:
         if sorted(self.priorities) != sorted(PRIORITIES):

@@ -45,7 +45,7 @@ class UTrack(SteadyWalk, tag="u_track"):
     """
 
     length_m: Positive = 5.0
-    """Of each straight."""
+    """Length of each straight."""
     yaw_rate_rad_s: Positive = 0.1
     """On the half circle."""
     turn: Turn = "left"
@@ -110,7 +110,7 @@ class Script(_Walk, tag="script", kw_only=True):
 
     steps: Annotated[tuple[ScriptStep, ...], msgspec.Meta(min_length=1, max_length=1000)]
     acceleration_m_s2: Positive = 6.0
-    """Of each change of the velocity: from 1.8 m/s to rest in 0.3 s, within a step."""
+    """Largest acceleration; from 1.8 m/s to rest in 0.3 s, within a step."""
     yaw_acceleration_deg_s2: Positive = 720.0
 
 

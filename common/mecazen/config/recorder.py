@@ -1,4 +1,4 @@
-"""`[recorder]`: what to record, and where."""
+"""`[recorder]`: file, keys and encoding of a recording."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Encoding = Literal["cdr", "json"]
 
 
 class RecorderConfig(Section):
-    """What to record, and where."""
+    """File, keys and encoding of a recording."""
 
     file: Annotated[str, msgspec.Meta(min_length=1)] = "run.mcap"
     """The MCAP file, relative to the working directory. In lockstep it must not exist; in real

@@ -20,7 +20,7 @@ LIVELINESS = "mecazen"
 
 
 class RobotConfig(Section):
-    """One of several robots; what is left out is as the scenario has it for all."""
+    """One of several robots; a setting that is left out is that of the scenario."""
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
     """Its namespace within the run's."""
@@ -40,6 +40,6 @@ class RobotConfig(Section):
 
     @property
     def own(self) -> dict[str, Section]:
-        """What differs from the scenario, by name."""
+        """The sections that differ from the scenario, by name."""
         values = {name: getattr(self, name) for name in self.__struct_fields__}
         return {name: value for name, value in values.items() if isinstance(value, Section)}

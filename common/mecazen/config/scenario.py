@@ -59,7 +59,7 @@ class Scenario(Section):
     """The robot file, relative to the scenario; the same as a table; or a table that changes
     some of a file: `{ file = "../robots/nexus.toml", payload = { … } }`."""
     services: tuple[str, ...] = ("physics", "controller", "target", "follower")
-    """Who takes part."""
+    """The services that take part."""
     programs: dict[str, str] = msgspec.field(default_factory=dict)
     """Your own class in a node's place, or a node of your own, which then takes part as well:
     `follower = "my_follower.py:MyFollower"`."""
@@ -86,7 +86,7 @@ class Scenario(Section):
     changes: tuple[Change, ...] = ()
     """Parameters that have other values from some time on."""
     robot_name: str = ""
-    """Of several robots, the one whose part of the scenario this is."""
+    """The robot whose part of the scenario this is, where there are several."""
     others: dict[str, Robot] = msgspec.field(default_factory=dict)
     """The other robots in the world of that one, by name."""
 
@@ -115,7 +115,7 @@ class Scenario(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """What rows of the graph need or offer: what the sensors ask, and a guard with a lidar."""
+        """The features of the graph that the sensors ask for, and the guard with a lidar."""
         return with_guard(self.sensor.features, enabled=self.guard.enabled)
 
     def _check_processes(self) -> None:
@@ -140,7 +140,7 @@ class Scenario(Section):
 
     @property
     def parts(self) -> tuple[tuple[str, str], ...]:
-        """Who takes part: service and robot, of which those that are shared have none."""
+        """The services and their robots; a shared service has no robot."""
         return tuple(
             (part, robot)
             for part in self.services
@@ -211,7 +211,7 @@ class Scenario(Section):
 
 
 def with_guard(sensed: frozenset[str], *, enabled: bool) -> frozenset[str]:
-    """Return what sensors ask of the graph, and the guard where a lidar lets it see."""
+    """Return features of the graph, with the guard where there is a lidar."""
     return sensed | {"guard"} if enabled and "lidar" in sensed else sensed
 
 

@@ -40,7 +40,7 @@ class SensorFaults(Section):
     unsaid_latency_s: NonNegative = 0.0
     """Latency besides `sensor.latency_s`; whole ticks."""
     other_m: Finite = 0.0
-    """A second person walks along, so far from the first along y of world; 0: nobody does."""
+    """Distance of a second person from the first along y of world; 0: there is none."""
     other_seen: bool = True
     """Whether frames show the second person beside the first."""
     stand_ins_s: tuple[tuple[NonNegative, NonNegative], ...] = ()
@@ -87,7 +87,7 @@ class SensorConfig(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """What rows of the graph need or offer in a scenario with it."""
+        """The features of the graph that it asks for."""
         return features(self.kind, self.also)
 
     def ticks_per_frame(self, tick_s: float) -> int:
@@ -100,6 +100,6 @@ class SensorConfig(Section):
 
 
 def features(kind: str, also: Iterable[str]) -> frozenset[str]:
-    """Return what sensors of a scenario ask of the graph; those of an unknown kind ask nothing."""
+    """Return the features of the graph that sensors ask for; none for an unknown kind."""
     beside = ("skeleton",) if also else ()
     return frozenset((*_FEATURES.get(kind, ()), *beside, *also))

@@ -19,7 +19,7 @@ class SimConfig(Section):
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
     """Simulated seconds per wall second in real time."""
     duration_s: Positive = 60.0
-    """Length of a lockstep run; a real-time run goes on until it is stopped."""
+    """Length of a lockstep run; a real-time run ends when it is stopped."""
     answer_timeout_s: Positive = 10.0
     """Wall time after which a service that does not answer a tick in lockstep is an error."""
 
