@@ -91,10 +91,9 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
             raise ConfigError(f"{path}: unknown key '{name}'")
     _take_programs(raw, path)
     _take_sensors(raw)
-    kind = scenario_with(**_own_sections(raw, origin))
     for robot in _tables(raw.get("robots")):
         _complete(robot, raw, path)
-    return _convert(raw, kind, "", origin)
+    return _convert(raw, scenario_with(**_own_sections(raw, origin)), "", origin)
 
 
 def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequence[str]] | None:
@@ -176,10 +175,9 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
     tables = given if isinstance(given, dict) else {}
     programs = {name: program for name, program in tables.items() if isinstance(program, str)}
     listed = map(str, services) if isinstance(services, list) else ()
+    installed = [name for name in listed if name in installed_nodes() and name not in TABLE]
     found: dict[str, type[Section]] = {}
-    for name in dict.fromkeys(
-        (*programs, *(set(listed) & installed_nodes().keys() - TABLE.keys()))
-    ):
+    for name in dict.fromkeys([*programs, *installed]):
         try:
             section = getattr(find(name, programs), "SECTION", None)
         except ConfigError:
@@ -190,6 +188,10 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
             continue
         if section is None:
             continue
+        if not name.isidentifier():
+            raise ConfigError(
+                f"programs: {name!r} has a section, so its name must be letters, digits and _"
+            )
         if name in _SECTIONS and not issubclass(section, ours := _SECTIONS[name]):
             raise ConfigError(
                 f"{programs[name]}: in the place of {name} its SECTION must be a subclass of "
@@ -203,7 +205,7 @@ def _drop_unreadable(name: str, raw: dict[str, Any], origin: _Origin) -> None:
     """Leave the defaults where only a program that is not here can read the section `name`."""
     for table in (raw, *_tables(raw.get("robots"))):
         try:
-            _convert(table.get(name, {}), _SECTIONS[name], name, origin)
+            _convert(table.get(name, {}), _SECTIONS.get(name, Section), name, origin)
         except ConfigError:
             del table[name]
 

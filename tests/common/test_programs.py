@@ -150,8 +150,16 @@ def test_a_class_in_a_nodes_place_may_add_settings_to_its_section(write_scenario
     with pytest.raises(ConfigError, match=r"must be a subclass of .*FollowerConfig$"):
         load_scenario(write_scenario("[programs]\nfollower = '../my.py:Mine'\n"))
     # where the file is not, as in a container of another service, only it could read the section
-    elsewhere = f"[programs]\nfollower = 'elsewhere.py:Gainer'\n{added}"
-    assert load_scenario(write_scenario(elsewhere)).follower == FollowerConfig()
+    elsewhere = "follower = 'elsewhere.py:Gainer'\nodometry = 'elsewhere.py:Gainer'\n"
+    path = write_scenario(f"[programs]\n{elsewhere}{added}[odometry]\ngain = 3.0\n")
+    assert load_scenario(path).follower == FollowerConfig()
+
+
+def test_a_user_node_with_a_section_has_a_name_that_python_can_say(write_scenario):
+    path = write_scenario("[programs]\nmy-node = '../my.py:Mine'\n")
+    expected = "^programs: 'my-node' has a section, so its name must be letters, digits and _$"
+    with pytest.raises(ConfigError, match=expected):
+        load_scenario(path)
 
 
 def test_a_user_node_whose_section_has_no_defaults_needs_one(write_scenario, tmp_path):
