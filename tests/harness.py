@@ -15,8 +15,7 @@ import pytest
 from hostile import Put
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic

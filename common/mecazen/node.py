@@ -129,10 +129,11 @@ class Computing(ABC):
         the constructor has made of the old one, a class makes anew here; what belongs to the run
         stays.
         """
-        for name, section in self.scenario.sections.items():
+        for name in self.scenario.__struct_fields__:
+            section = getattr(self.scenario, name)
             for attribute, value in vars(self).items():
-                if value is section:
-                    vars(self)[attribute] = scenario.sections[name]
+                if isinstance(value, Section) and value is section:
+                    vars(self)[attribute] = getattr(scenario, name)
         self.scenario = scenario
 
     def diagnostics(self) -> Mapping[str, object]:

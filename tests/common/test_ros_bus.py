@@ -12,7 +12,7 @@ from mecazen import messages as m
 from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.session import open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import Odometry, SimState, String, Twist, Vector3

@@ -16,7 +16,7 @@ from mecazen.bus import StoppedError, base
 from mecazen.bus.queries import QueryInbox
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
 from mecazen.messages import Clock, Empty, SimState, StepRequest, Time, Twist, Vector3

@@ -15,15 +15,22 @@ from hostile import FORGED, FUZZ, NO_STAMP, puts
 from hypothesis import given, settings
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import RobotConfig, Scenario, SensorConfig, SimConfig, StartConfig
+from mecazen.config import (
+    PhysicsConfig,
+    RobotConfig,
+    Scenario,
+    SensorConfig,
+    SimConfig,
+    StartConfig,
+    WorldConfig,
+)
+from mecazen.config.world import Box, Cylinder
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.skeleton import JOINTS
 from mecazen.wire import encode
-from mecazen.world import Box, Cylinder, WorldConfig
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.node import PhysicsWorld
 from mecazen_physics.urdf import meshes
 
@@ -36,10 +43,7 @@ START = StartConfig(x_m=1.0, y_m=2.0, yaw_deg=90.0)
 
 def scenario(config: PhysicsConfig = FAST, **changes: Any) -> Scenario:
     sim = SimConfig(mode="lockstep", answer_timeout_s=1e-3)
-    sections = {"physics": config}
-    return Scenario(
-        **{"robot": load_robot(), "seed": 3, "sim": sim, "sections": sections} | changes
-    )
+    return Scenario(**{"robot": load_robot(), "seed": 3, "sim": sim, "physics": config} | changes)
 
 
 def joints(velocity: Sequence[float] = (), effort: Sequence[float] = ()) -> m.JointState:

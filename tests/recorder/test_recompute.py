@@ -10,7 +10,7 @@ import tomli_w
 from harness import assert_one_line, load_robot, mecazen
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.config import RobotConfig, Scenario, StartConfig
+from mecazen.config import RecorderConfig, RobotConfig, Scenario, StartConfig
 from mecazen.errors import MecazenError
 from mecazen.keys import topic_of
 from mecazen.loading import effective, to_toml
@@ -18,7 +18,6 @@ from mecazen.messages import Observation
 from mecazen.runtime.drivers import observe
 from mecazen.runtime.host import Host
 from mecazen.runtime.worker import Worker
-from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.recorder import Recorder
@@ -231,7 +230,7 @@ def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
         robot=load_robot(),
         services=("follower", "recorder"),
         programs={"follower": program()},
-        sections={"recorder": config},
+        recorder=config,
     )
     bus = LocalBus()
     worker = Worker(Host([("follower", "")], bus, scenario))

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario, wanted_view
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.keys import ODOM
@@ -148,7 +148,7 @@ def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float)
     if not trajectory.complete:
         raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
     scores = {
-        robot: trajectory.scores(*wanted_view(scenario.of(robot)), robot)
+        robot: trajectory.scores(scenario.of(robot).follower.standoff, robot)
         for robot in scenario.names
     }
     duration_s = scenario.sim.ticks * scenario.sim.tick_ns / NS_PER_S

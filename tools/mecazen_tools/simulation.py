@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from mecazen import keys
-from mecazen.config import Scenario, wanted_view
+from mecazen.config import Scenario
+from mecazen.config.people import Driven
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
@@ -192,8 +193,7 @@ class Simulation:
             ConfigError: The path is known in advance, there is no robot of this name, or a velocity
                 is not finite.
         """
-        path = getattr(self.scenario.of(robot).sections.get("target"), "path", None)
-        if not hasattr(path, "timeout_s"):
+        if not isinstance(self.scenario.of(robot).target.path, Driven):
             raise ConfigError("command_person needs target.path = { kind = 'driven' }")
         self._hold(keys.TARGET_CMD_VEL, robot, Twist2D(vx, vy, wz))
 
@@ -243,7 +243,7 @@ class Simulation:
     def scores(self, robot: str | None = None) -> Scores:
         """Return the published measures of following so far, of the first robot or a named one."""
         name = self.scenario.names[0] if robot is None else robot
-        return self.trajectory.scores(*wanted_view(self.scenario.of(name)), name)
+        return self.trajectory.scores(self.scenario.of(name).follower.standoff, name)
 
     def view(self) -> Any:
         """Return Rerun's notebook widget, which shows the run from its start and as it goes on.

@@ -24,8 +24,7 @@ from mecazen.bus.receiving import direct
 from mecazen.bus.ros_queries import Respond, attached, attachment_of, by_parameters, by_query, serve
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.description import RobotDescription, ask_description
 from mecazen.graph import Graph
 from mecazen.keys import Topic

@@ -23,8 +23,7 @@ from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals
 from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
 from mecazen.bus.receiving import Pause, direct
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
-from mecazen.bus_config import BusConfig
-from mecazen.config import LIVELINESS
+from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT

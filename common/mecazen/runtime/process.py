@@ -14,8 +14,7 @@ from mecazen import log
 from mecazen.bus.base import StoppedError
 from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Process, Scenario
+from mecazen.config import BusConfig, Process, Scenario
 from mecazen.errors import BusError
 from mecazen.graph import SHARED
 from mecazen.programs import graph_of

@@ -99,8 +99,8 @@ class Worker:
             return min(self._later(self._last), default=None)
         k, slots = self._due()
         for stamp, tick, _ in slots[0].waiting:
-            if tick >= k:
-                return k, stamp._replace(time_ns=k * self.host.tick_ns)
+            if tick >= k:  # where it is later, no sample of this tick will come
+                return (k, stamp) if tick == k else min(self._later(self._last))
         return None
 
     def _due(self) -> tuple[int, list[Slot]]:

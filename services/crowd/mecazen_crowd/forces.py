@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.world import Box, Cylinder
+from mecazen.config.world import Box, Cylinder
 
 Floats = npt.NDArray[np.float64]
 

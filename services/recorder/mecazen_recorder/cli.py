@@ -65,8 +65,9 @@ def record(
 
     Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
     """
+    from mecazen.config import RecorderConfig
+
     from mecazen_recorder import rerun
-    from mecazen_recorder.config import RecorderConfig
     from mecazen_recorder.recorder import record_until_stopped
 
     if rrd:

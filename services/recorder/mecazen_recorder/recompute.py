@@ -27,9 +27,6 @@ from mecazen_recorder.writer import RecordingError
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs} - {PARAMETERS.key}
 """Keys whose last sample tells how far a recording goes."""
 
-KNOWN_TO_OTHERS = "controller", "guard"
-"""Services whose sections other nodes look into as well."""
-
 
 class Difference(NamedTuple):
     """The first difference from the recording."""
@@ -117,8 +114,7 @@ def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: 
     name = TABLE[place].part_of if place in TABLE else place
     if name not in scenario.services:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
-    sections = recording.scenario(run, name, *KNOWN_TO_OTHERS)
-    recorded = msgspec.structs.replace(sections, programs=programs)
+    recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
     return Worker(Host([(name, robot)], bus, recorded, kinds))
 
 

@@ -16,6 +16,7 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
+from mecazen.config import RecorderConfig
 from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, call_of_robot, of_robot, topic_of
@@ -25,7 +26,6 @@ from mecazen.robots import split_key
 from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
-from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.runs import FirstSamples
 from mecazen_recorder.writer import SYNC_S, RecordingWriter
 

@@ -50,7 +50,7 @@ class Recording(Protocol):
         """Return the description of each robot, by name."""
 
     def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run with the named sections of services."""
+        """Return the configuration of a run, with the named sections."""
 
 
 def open_file(file: Path, *, native: bool) -> None:

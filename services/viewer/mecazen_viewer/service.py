@@ -23,7 +23,6 @@ from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
 from mecazen.wire import NS_PER_S, Stamp
 
-from mecazen_viewer.config import ViewerConfig
 from mecazen_viewer.entities import TIMELINE, Entity, of_robot
 from mecazen_viewer.health import Health
 from mecazen_viewer.layout import application, blueprint
@@ -46,7 +45,7 @@ class ViewerService(Observer):
     """Shows every run, with all its robots, as a recording of its own."""
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
-        self.config = scenario.section(ViewerConfig, "viewer")
+        self.config = scenario.viewer
         self.runs = 0
         self.send: Callable[[rr.RecordingStream], None] | None = None
         """Called with the recording of each run before anything is logged in it. Without it the

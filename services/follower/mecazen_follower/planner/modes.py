@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, wrap
+from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.goal import Standoff
 from mecazen_follower.planner.law import Goals
 
 TRAIL_M = 0.1
