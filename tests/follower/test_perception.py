@@ -12,8 +12,8 @@ from mecazen.loading import load_scenario
 from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
 from mecazen.skeleton import JOINTS
-from mecazen_follower.association import NO_HEADING, Measurement
 from mecazen_follower.config import FollowerConfig
+from mecazen_follower.measurement import NO_HEADING, Measurement
 from mecazen_follower.perception.body import pose_of, poses_of
 from mecazen_follower.perception.legs import PAIR_STD_M, SINGLE_STD_M, persons
 from mecazen_follower.perception.node import Body, Legs

@@ -10,7 +10,7 @@ from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan
 
-from mecazen_follower.association import NO_HEADING
+from mecazen_follower.measurement import NO_HEADING
 
 GAP_M = 0.13
 """Neighbouring points that are farther apart belong to different things; as in K. O. Arras et al.,
