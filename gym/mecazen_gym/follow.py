@@ -133,16 +133,13 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         self._look(state)
         return self._observation(), self._info(state)
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Drive for a period.
 
         Raises:
             InvalidAction: It is not three numbers.
         """
-        wanted = np.asarray(action, float)
-        if wanted.shape != (3,) or not np.isfinite(wanted).all():
-            raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action}")
-        last, self._action = self._action, wanted.clip(-1.0, 1.0)
+        last, self._action = self._action, self.valid(action).clip(-1.0, 1.0)
         self.sim.command(*(self._action * self.scale).tolist())
         begin_s, state = self.sim.time_s, self.sim.state
         for _ in range(self._ticks):
@@ -160,6 +157,17 @@ class FollowEnv(gymnasium.Env[Array, Array]):
             sim = self.scenario.sim
             reward -= self._far_m * ((sim.ticks - 1) * sim.tick_s - state.time_s)
         return self._observation(), reward, terminated, self.sim.is_over, info
+
+    def valid(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return an action as three numbers.
+
+        Raises:
+            InvalidAction: It is not three numbers.
+        """
+        wanted = np.asarray(action, float)
+        if wanted.shape != (3,) or not np.isfinite(wanted).all():
+            raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action!r}")
+        return wanted
 
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link, as near as one can."""
