@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from follower.rooms import BODY, CAMERA, DRIVE, legs, planner_of, scan, standing, wall
+from follower.rooms import BODY, CAMERA, legs, planner_of, scan, standing, wall
 from harness import error_of, load_robot
 from mecazen import keys
 from mecazen.config import Scenario
-from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_follower.config import FollowerConfig, PidControl
@@ -20,19 +19,10 @@ from mecazen_follower.planner.field import CELL_M, Field, Shadows
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
 from mecazen_follower.planner.movers import Movers
 from mecazen_follower.planner.obstacles import MEMORY_S, Surroundings
-from mecazen_follower.planner.rollout import Able, Rollout
+from mecazen_follower.planner.rollout import Rollout
 
 ORIGIN = Pose2D()
 NOTHING = np.empty((0, 2))
-
-
-def test_no_rim_is_faster_than_it_can_be():
-    able = Able(DRIVE, 5.0, 10.0, 1)
-    x, y, yaw = able.reach(np.zeros((3, 1)), np.array([[2.0], [2.0], [3.0]]))[:, 0]
-    assert x + y + DRIVE.lever * yaw == pytest.approx(DRIVE.rim_speed)
-    assert x / yaw == pytest.approx(2.0 / 3.0)  # all are slowed down alike
-    free = Able(Drive(), 1.0, 10.0, 1)
-    assert np.hypot(*free.reach(np.zeros((3, 1)), np.ones((3, 1)))[:2]) == pytest.approx(1.0)
 
 
 def still(x, y, yaw=0.0, steps=3):

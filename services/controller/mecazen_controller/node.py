@@ -9,6 +9,7 @@ from typing import Any
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
+from mecazen.drive import LimiterState, limit_twist
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
@@ -21,7 +22,6 @@ from mecazen.keys import (
     ODOM,
     Call,
 )
-from mecazen.limiter import LimiterState, limit_twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
