@@ -14,7 +14,7 @@ from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, Twist2D, to_rectangle, wrap
 from mecazen.messages import Observation as Frame
 from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
@@ -216,8 +216,8 @@ class FollowEnv(gymnasium.Env[Array, Array]):
     def _touches(self, state: State) -> bool:
         """Return whether the rectangle that holds the robot reaches the person."""
         assert state.person is not None
-        at, (length, width) = state.robot.between(state.person), self.scenario.robot.footprint
-        gap = math.hypot(max(abs(at.x) - length, 0.0), max(abs(at.y) - width, 0.0))
+        at = state.robot.between(state.person)
+        gap = to_rectangle(at.x, at.y, self.scenario.robot.footprint)
         return gap <= self.scenario.world.person.radius_m
 
 

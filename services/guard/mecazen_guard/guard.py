@@ -18,8 +18,7 @@ import numpy.typing as npt
 from mecazen.drive import Drive, LimiterState, limit_twist
 from mecazen.drive_batch import bounds, slow_down
 from mecazen.geometry import Twist2D
-
-Floats = npt.NDArray[np.float64]
+from mecazen.geometry_batch import Floats, to_rectangle
 
 BRAKING = 0.9
 """Share of the deceleration limit that is counted on: the wheels lag a little."""
@@ -82,7 +81,7 @@ class Guard:
     def __init__(
         self, footprint: tuple[float, float], drive: Drive, reaction_s: float, stop_s: float
     ) -> None:
-        self._half = np.array(footprint)
+        self._footprint = footprint
         self._corner = math.hypot(*footprint)
         self.configure(drive, reaction_s, stop_s)
         self.begin(Twist2D())
@@ -197,18 +196,19 @@ class Guard:
 
     def _nearest(self, points: Points, from_middle: Floats) -> tuple[float, float]:
         """Return the distance of the nearest point from the outline, and its bearing."""
-        few = from_middle <= from_middle.min() + self._corner - self._half.min()
+        few = from_middle <= from_middle.min() + self._corner - min(self._footprint)
         return self._seen(points.xy[few])
 
     def _seen(self, xy: Floats) -> tuple[float, float]:
-        clearances = self._clearances(np.abs(xy[:, 0]), np.abs(xy[:, 1]))
+        clearances = to_rectangle(xy[:, 0], xy[:, 1], self._footprint)
         least = int(clearances.argmin())
         x, y = xy[least].tolist()
         return float(clearances[least]), math.atan2(y, x)
 
     def _past(self, twist: Floats, point: Floats) -> Floats | None:
         """Return the twist without its part towards a point; None where it has none, or no rest."""
-        away = point - np.clip(point, -self._half, self._half)
+        half = np.array(self._footprint)
+        away = point - np.clip(point, -half, half)
         distance = math.hypot(*away)
         if distance == 0.0:
             return None
@@ -251,14 +251,7 @@ class Guard:
         x, y, yaw = poses[..., None]
         c, s = np.cos(yaw), np.sin(yaw)
         dx, dy = xy[..., 0] - x, xy[..., 1] - y
-        return self._clearances(np.abs(c * dx + s * dy), np.abs(c * dy - s * dx))
-
-    def _clearances(self, ahead: Floats, beside: Floats) -> Floats:
-        """Return the same of points so far from the robot's middle along its axes."""
-        ahead, beside = ahead - self._half[0], beside - self._half[1]
-        inside = np.minimum(np.maximum(ahead, beside), 0.0)
-        clearances: Floats = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0)) + inside
-        return clearances
+        return to_rectangle(c * dx + s * dy, c * dy - s * dx, self._footprint)
 
 
 class _Scene:

@@ -7,11 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
+from mecazen.geometry_batch import Floats, between, compose, rotate
 from mecazen.guard import GuardConfig
 from mecazen.messages import LaserScan
 from mecazen.sensors import LidarConfig
 
-from mecazen_guard.guard import NONE, Floats, Points
+from mecazen_guard.guard import NONE, Points
 
 GAP_M = 0.08
 """Neighbouring points that are farther apart belong to different things."""
@@ -124,8 +125,7 @@ class Surroundings:
         self.time = scan.header.stamp.ns / 1e9
         xy, new = _points(scan)
         place = robot.compose(self._mount)
-        c, s = math.cos(place.yaw), math.sin(place.yaw)
-        xy = _turned(xy, c, s) + place[:2]
+        xy = compose(place, xy)
         if not len(xy):
             self._tracks, self._points = [], Points()
             return
@@ -168,16 +168,9 @@ class Surroundings:
     def seen_from(self, robot: Pose2D) -> Points:
         """Return the points in base_link, where it is at `robot` in odom."""
         points = self._points
-        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         return points._replace(
-            xy=_turned(points.xy - robot[:2], c, -s), velocity=_turned(points.velocity, c, -s)
+            xy=between(robot, points.xy), velocity=rotate(points.velocity, -robot.yaw)
         )
-
-
-def _turned(xy: Floats, c: float, s: float) -> Floats:
-    """Return vectors turned by the angle whose cosine and sine are given, (N, 2)."""
-    x, y = xy.T
-    return np.array((c * x - s * y, s * x + c * y)).T
 
 
 class _Things:

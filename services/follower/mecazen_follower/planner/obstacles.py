@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
+from mecazen.geometry_batch import Floats, compose
 from mecazen.messages import LaserScan
 
 from mecazen_follower.perception.legs import BOTH_LEGS_M, clusters, persons
@@ -22,8 +23,6 @@ BEHIND_M = 0.15
 """A point is hidden by what is nearer by at least this."""
 OWN_M = 0.5
 """Legs are not farther from whom they carry: half a stride."""
-
-Floats = npt.NDArray[np.float64]
 
 
 class Surroundings:
@@ -43,8 +42,7 @@ class Surroundings:
 
         hidden = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
         points, starts = clusters(scan)
-        c, s = math.cos(lidar.yaw), math.sin(lidar.yaw)
-        points = points @ np.array(((c, s), (-s, c))) + (lidar.x, lidar.y)
+        points = compose(lidar, points)
         standing = points[~_of_walkers(points, starts, walkers)]
         self._points = np.vstack((self._points[hidden], standing))
         self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
