@@ -6,8 +6,8 @@ from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import TABLE
-from mecazen.messages import JointState, Odometry, String, planar_odometry
 from mecazen.keys import of_robot
+from mecazen.messages import JointState, Odometry, String, planar_odometry
 from mecazen.node import World
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host

@@ -20,7 +20,7 @@ from mecazen.errors import BusError
 from mecazen.graph import COLLECTOR
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty, Message
-from mecazen.runtime.readiness import announce_readiness, declare_alive
+from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import ENCODINGS, MAX_MESSAGE_BYTES, encode
 from mecazen_tools import certificates
 from mecazen_tools.simulate import simulate

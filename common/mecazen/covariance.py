@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from operator import itemgetter
 
+from mecazen.errors import RefusedError
+
 PlanarCovariance = tuple[tuple[float, ...], ...]
 """3x3 over x [m], y [m] and yaw [rad], row by row."""
 
@@ -12,7 +14,13 @@ planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
 
 
 def planar_covariance(covariance: tuple[float, ...]) -> PlanarCovariance:
-    """Return the 3x3 over (x, y, yaw) of ROS's row-major 6x6."""
+    """Return the 3x3 over (x, y, yaw) of ROS's row-major 6x6.
+
+    Raises:
+        RefusedError: It has another size.
+    """
+    if len(covariance) != 36:
+        raise RefusedError(f"a covariance has 36 numbers, not {len(covariance)}")
     xx, xy, xw, yx, yy, yw, wx, wy, ww = planar_entries(covariance)
     return (xx, xy, xw), (yx, yy, yw), (wx, wy, ww)
 

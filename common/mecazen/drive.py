@@ -1,4 +1,7 @@
-"""What the wheels and the controller let the robot do: the limits of its twist in base_link."""
+"""How the robot can move: the limits of wheels and controller, and its twist one tick later.
+
+The only model of it, for one twist; `drive_batch` has the same for arrays of twists.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,10 @@ import msgspec
 
 from mecazen.config import Scenario
 from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.geometry import Twist2D
+
+ROUNDING = 1e-9
+"""Relative excess of a limit that is taken for rounding when a reference is met."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +34,21 @@ class Limits:
     def reach(self, velocity: float, dt: float) -> tuple[float, float]:
         """Return the lowest and the highest velocity after `dt` [s], but for the jerk limit."""
         up, down = self.acceleration * dt, self.deceleration * dt
-        low = velocity - (down if velocity > 0.0 else up)
-        high = velocity + (down if velocity < 0.0 else up)
+        low = velocity - up if velocity <= 0.0 else -_turned(-velocity, up, down)
+        high = velocity + up if velocity >= 0.0 else _turned(velocity, up, down)
         return max(low, -self.velocity), min(high, self.velocity)
+
+
+def _turned(velocity: float, up: float, down: float) -> float:
+    """Return a velocity below 0 after it falls by `down`, or turns around and then grows by `up`.
+
+    Args:
+        velocity: Where it begins.
+        up: The change in the time from one to the other if all of it is above 0.
+        down: The same if all of it is below 0.
+    """
+    left = 1.0 + velocity / down
+    return left * up if left > 0.0 and up != down else velocity + down
 
 
 def axis_limits(limits: AxisLimits) -> tuple[Limits, Limits, Limits]:
@@ -65,3 +84,103 @@ class Drive(NamedTuple):
         rim_speed = wheels.max_speed_rad_s * wheels.radius_m
         gains = abs(robot.cross_gain), abs(robot.lever)
         return cls(rim_speed, *gains, axis_limits(scenario.controller.limits))
+
+    def rims(self, twist: Twist2D) -> float:
+        """Return the speed of the fastest rim [m/s]."""
+        return abs(twist.x) + self.sideways * abs(twist.y) + self.lever * abs(twist.yaw)
+
+    def slowed(self, twist: Twist2D) -> Twist2D:
+        """Return a twist with all axes slowed down alike, until no rim is above `rim_speed`."""
+        rims = self.rims(twist)
+        if rims <= self.rim_speed:
+            return twist
+        share = self.rim_speed / rims
+        return Twist2D(twist.x * share, twist.y * share, twist.yaw * share)
+
+    def is_slower(self, max_speed: float) -> bool:
+        """Return whether the wheels are slower than a planar speed [m/s] in every direction."""
+        return self.rim_speed / min(self.sideways, 1.0) <= max_speed
+
+    def step(self, twist: Twist2D, wanted: Twist2D, max_speed: float, dt: float) -> Twist2D:
+        """Return the twist `dt` [s] after `twist`, on the way to `wanted`, but for the jerk limit.
+
+        The axes keep their limits, then the wheels slow the robot down, and `max_speed` [m/s]
+        limits the planar speed.
+        """
+        ends = (axis.reach(now, dt) for axis, now in zip(self.axes, twist, strict=True))
+        x, y, yaw = (min(max(v, low), high) for v, (low, high) in zip(wanted, ends, strict=True))
+        reached = self.slowed(Twist2D(x, y, yaw))
+        speed = math.sqrt(reached.x * reached.x + reached.y * reached.y)
+        if self.is_slower(max_speed) or speed <= max_speed:
+            return reached
+        share = max_speed / speed
+        return Twist2D(reached.x * share, reached.y * share, reached.yaw)
+
+
+class LimiterState(NamedTuple):
+    """Velocity of one axis, and the acceleration over the tick that led to it."""
+
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> LimiterState:
+    """Return the state one tick of `dt` [s] after `state`, on the way to `reference`.
+
+    It approaches the reference as fast as the limits allow, meets it exactly without
+    overshoot and then holds it. Only a reference that moves while the axis accelerates can
+    be passed, by what the jerk limit makes unavoidable. Limits hold for differences over a
+    tick: of velocity for acceleration, of acceleration for jerk.
+
+    The argument: with steps of jerk q = jerk * dt, an acceleration a > 0 let off in the
+    steps a, a - q, a - 2q, ... still adds S(a) = dt * (a + (a - q) + ...) to the velocity.
+    The largest a with S(a) within what is missing is taken; then a - q is in the same way
+    right for the next tick, so every plan can be carried through to its end.
+
+    Where acceleration and deceleration have different limits, a reversal goes through a
+    tick at rest: the limit changes there, and the way to rest never needs the other one.
+    """
+    velocity, acceleration = state
+    aim = min(max(reference, -limits.velocity), limits.velocity)
+    reverses = velocity < 0.0 < aim or aim < 0.0 < velocity
+    if reverses and limits.acceleration != limits.deceleration:
+        aim = 0.0
+
+    rise = limits.deceleration if velocity < 0.0 else limits.acceleration
+    fall = limits.deceleration if velocity > 0.0 else limits.acceleration
+    step = limits.jerk * dt
+    missing = aim - velocity
+
+    # In one tick, if the acceleration that this takes can be let off in the next.
+    needed = missing / dt
+    slack = 1.0 + ROUNDING
+    if (
+        -min(fall, step) * slack <= needed <= min(rise, step) * slack
+        and abs(needed - acceleration) <= step * slack
+    ):
+        return LimiterState(aim, needed)
+
+    wanted = math.copysign(_let_off(abs(missing), step, dt), missing)
+    wanted = min(max(wanted, -fall), rise)
+    wanted = min(max(wanted, acceleration - step), acceleration + step)
+    return LimiterState(velocity + wanted * dt, wanted)
+
+
+def limit_twist(
+    state: tuple[LimiterState, LimiterState, LimiterState],
+    reference: Twist2D,
+    limits: tuple[Limits, Limits, Limits],
+    dt: float,
+) -> tuple[LimiterState, LimiterState, LimiterState]:
+    """Return `limit` of each axis: x, y, yaw."""
+    x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
+    return x, y, yaw
+
+
+def _let_off(missing: float, step: float, dt: float) -> float:
+    """Return the largest a >= 0 with S(a) <= `missing`: see `limit`."""
+    if math.isinf(step):
+        return missing / dt
+    # In n steps, (n - 1) step < a <= n step, S(a) = dt * (n a - step n (n - 1) / 2).
+    n = max(1, math.ceil((math.sqrt(1.0 + 8.0 * missing / (dt * step)) - 1.0) / 2.0))
+    return (missing / dt + step * n * (n - 1) / 2.0) / n

@@ -20,8 +20,8 @@ class BusError(MecazenError):
     """The bus can't be opened, or a name or a port on it is taken."""
 
 
-class RefusedError(ValueError):
-    """A payload that is not what its key carries."""
+class RefusedError(Exception):
+    """A message that can't be used; it is raised only where a message is read."""
 
 
 class StepTimeoutError(MecazenError):

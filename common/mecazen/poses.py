@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
 
 
@@ -43,14 +44,14 @@ class PoseHistory:
         known, is no time: the newest pose is returned, as of ROS's tf2.
 
         Raises:
-            ValueError: The time is before the oldest pose or after the newest.
+            RefusedError: The time is before the oldest pose or after the newest.
         """
         times = self._times_ns
         if not times or not times[0] <= time_ns <= times[-1]:
             if times and time_ns == 0:
                 return self._poses[-1]
             known = f"{times[0] / 1e9:g} to {times[-1] / 1e9:g} s" if times else "no time"
-            raise ValueError(f"no pose is known of {time_ns / 1e9:g} s, only of {known}")
+            raise RefusedError(f"no pose is known of {time_ns / 1e9:g} s, only of {known}")
         # most are of the newest ticks: a deque is quick at its ends
         index = len(times) - 1
         while index > 0 and times[index - 1] >= time_ns:

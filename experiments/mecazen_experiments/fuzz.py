@@ -14,7 +14,7 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
-from mecazen.geometry import Pose2D, Twist2D, overlap, wrap
+from mecazen.geometry import Pose2D, Twist2D, overlap, to_rectangle, wrap
 from mecazen.graph import TABLE
 from mecazen.keys import (
     CMD_VEL,
@@ -345,5 +345,4 @@ def gap(robot: Pose2D, half: tuple[float, float], thing: Box | Cylinder) -> floa
 def from_outline(robot: Pose2D, half: tuple[float, float], x: float, y: float) -> float:
     """Return the distance of a point from an outline at `robot` [m]; inside negative."""
     at = robot.between(Pose2D(x, y))
-    dx, dy = abs(at.x) - half[0], abs(at.y) - half[1]
-    return math.hypot(max(dx, 0.0), max(dy, 0.0)) + min(max(dx, dy), 0.0)
+    return to_rectangle(at.x, at.y, half)

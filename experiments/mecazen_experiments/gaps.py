@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
+from mecazen.geometry_batch import to_rectangle
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
 
@@ -103,9 +104,7 @@ def _to_rectangle(poses: Poses, half: tuple[float, float], points: Floats) -> Fl
     """Return the distances of points (n, k, 2) from a rectangle at poses (n): 0 within it."""
     c, s = np.cos(poses.yaw)[:, None], np.sin(poses.yaw)[:, None]
     dx, dy = points[..., 0] - poses.x[:, None], points[..., 1] - poses.y[:, None]
-    along = np.abs(c * dx + s * dy) - half[0]
-    across = np.abs(c * dy - s * dx) - half[1]
-    return np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
+    return np.maximum(to_rectangle(c * dx + s * dy, c * dy - s * dx, half), 0.0)
 
 
 def _minimum(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:

@@ -119,7 +119,7 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
     assert isinstance(path, Recorded)
     try:
         end_s = make_path(path).duration
-    except ValueError as error:
+    except ConfigError as error:
         raise ConfigError(f"{walk}: {error}") from None
     # rounding does not make the run a tick longer
     ticks = math.ceil(end_s / loaded.sim.tick_s - 1e-6)

@@ -11,10 +11,10 @@ from mecazen.messages import Twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, due, every
 from mecazen.wire import NS_PER_S
-from mecazen_follower.association import Measurement
 from mecazen_follower.estimators import Array, Estimate, Estimator
 from mecazen_follower.following import Following
 from mecazen_follower.making import make_planner
+from mecazen_follower.measurement import Measurement
 from mecazen_follower.node import data_sheet, sight_of, view_of
 from mecazen_follower.planner.costs import Body
 from mecazen_follower.tracking import Frame

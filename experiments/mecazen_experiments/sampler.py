@@ -10,9 +10,10 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+from mecazen.drive_batch import Array
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.planner.mppi import STEPS, Problem
-from mecazen_follower.planner.rollout import Array, Rollout
+from mecazen_follower.planner.rollout import Rollout
 
 SPEEDS_M_S = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
 DIRECTIONS = 16

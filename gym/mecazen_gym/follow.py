@@ -14,7 +14,7 @@ from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, Twist2D, to_rectangle, wrap
 from mecazen.messages import Observation as Frame
 from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
@@ -132,16 +132,13 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         self._look(state)
         return self._observation(), self._info(state)
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Drive for a period.
 
         Raises:
             InvalidAction: It is not three numbers.
         """
-        wanted = np.asarray(action, float)
-        if wanted.shape != (3,) or not np.isfinite(wanted).all():
-            raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action}")
-        last, self._action = self._action, wanted.clip(-1.0, 1.0)
+        last, self._action = self._action, self.valid(action).clip(-1.0, 1.0)
         self.sim.command(*(self._action * self.scale).tolist())
         begin_s, state = self.sim.time_s, self.sim.state
         for _ in range(self._ticks):
@@ -159,6 +156,17 @@ class FollowEnv(gymnasium.Env[Array, Array]):
             sim = self.scenario.sim
             reward -= self._far_m * ((sim.ticks - 1) * sim.tick_s - state.time_s)
         return self._observation(), reward, terminated, self.sim.is_over, info
+
+    def valid(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return an action as three numbers.
+
+        Raises:
+            InvalidAction: It is not three numbers.
+        """
+        wanted = np.asarray(action, float)
+        if wanted.shape != (3,) or not np.isfinite(wanted).all():
+            raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action!r}")
+        return wanted
 
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link, as near as one can."""
@@ -207,8 +215,8 @@ class FollowEnv(gymnasium.Env[Array, Array]):
     def _touches(self, state: State) -> bool:
         """Return whether the rectangle that holds the robot reaches the person."""
         assert state.person is not None
-        at, (length, width) = state.robot.between(state.person), self.scenario.robot.footprint
-        gap = math.hypot(max(abs(at.x) - length, 0.0), max(abs(at.y) - width, 0.0))
+        at = state.robot.between(state.person)
+        gap = to_rectangle(at.x, at.y, self.scenario.robot.footprint)
         return gap <= self.scenario.world.person.radius_m
 
 

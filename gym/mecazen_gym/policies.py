@@ -11,9 +11,9 @@ from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.programs import imported
-from mecazen_follower.association import Measurement
 from mecazen_follower.following import Following
 from mecazen_follower.making import make_controller
+from mecazen_follower.measurement import Measurement
 from mecazen_follower.node import data_sheet, view_of
 from mecazen_follower.tracking import Frame
 from msgspec.structs import replace

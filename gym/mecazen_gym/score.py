@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from typing import Annotated
 
@@ -50,18 +51,27 @@ def episode(scenario: Scenario, policy: str, seed: int) -> Score:
     """
     env = FollowEnv(scenario)
     total, terminated, truncated = 0.0, False, False
-    try:
+    with _named(policy):
         act = policies.policy(policy)(env, seed)
-        observation, info = env.reset(seed=seed)
-        while not (terminated or truncated):
-            observation, reward, terminated, truncated, info = env.step(act(observation))
-            total += reward
-    except Exception as error:
-        raise NodeError(f"{policy}: {explained(error)}") from error
+    observation, info = env.reset(seed=seed)
+    while not (terminated or truncated):
+        with _named(policy):
+            action = env.valid(act(observation))
+        observation, reward, terminated, truncated, info = env.step(action)
+        total += reward
     measures = env.sim.scores()
     return Score(
         policy, seed, total, info["time_s"], terminated, measures.d_err_m, measures.theta_err_deg
     )
+
+
+@contextmanager
+def _named(policy: str) -> Iterator[None]:
+    """Report an error of a policy's code by the policy's name and the place in the code."""
+    try:
+        yield
+    except Exception as error:
+        raise NodeError(f"{policy}: {explained(error)}") from error
 
 
 def table_of(scores: Sequence[Score]) -> Table:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
 from typing import Protocol
 
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_people.spline import Spline, natural_slopes, simpson
@@ -93,7 +94,7 @@ class SmoothCurve:
     Computer-Aided Design 21, 1989).
 
     Raises:
-        ValueError: Consecutive points coincide, or the points turn back so sharply that the
+        ConfigError: Consecutive points coincide, or the points turn back so sharply that the
             heading would nearly jump.
     """
 
@@ -103,7 +104,7 @@ class SmoothCurve:
         steps = [math.sqrt(math.dist(p, q)) for p, q in pairwise(points)]
         if 0.0 in steps:
             i = steps.index(0.0)
-            raise ValueError(
+            raise ConfigError(
                 f"points_m: points {i + 1} and {i + 2} are the same, {list(points[i])}"
             )
         knots = list(accumulate(steps, initial=0.0))
@@ -127,7 +128,7 @@ class SmoothCurve:
         for i, (h0, h1) in enumerate(pairwise(headings)):
             if abs(wrap(h1 - h0)) > math.pi / 4:
                 point = round(i / self._PIECES) + 1
-                raise ValueError(
+                raise ConfigError(
                     f"points_m turns back too sharply at point {point}; lead it around in a bend"
                 )
 

@@ -54,7 +54,7 @@ def make_path(path: config.Walk) -> Path:
     """Return the configured path, in the world.
 
     Raises:
-        ValueError: No smooth curve passes through the waypoints, or the recorded track can't be
+        ConfigError: No smooth curve passes through the waypoints, or the recorded track can't be
             read; one line.
     """
     start = start_pose(path)

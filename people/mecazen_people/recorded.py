@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 from mecazen_people.motion import Motion
@@ -127,23 +128,23 @@ def read_track(file: Path) -> list[Sample]:
     """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others.
 
     Raises:
-        ValueError: The file can't be read or is malformed; one line that names file, line and
+        ConfigError: The file can't be read or is malformed; one line that names file, line and
             what is allowed.
     """
     try:
         with file.open(encoding="utf-8-sig", newline="") as lines:
             samples = list(_rows(csv.DictReader(lines)))
     except OSError as error:
-        raise ValueError(f"{file}: can't be read: {error.strerror}") from error
+        raise ConfigError(f"{file}: can't be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ValueError(f"{file}: must be text in UTF-8") from error
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{file}: {error}") from error
+        raise ConfigError(f"{file}: must be text in UTF-8") from error
+    except (ConfigError, csv.Error) as error:
+        raise ConfigError(f"{file}: {error}") from error
     if len(samples) < 2:
-        raise ValueError(f"{file}: must have at least 2 rows below its header, has {len(samples)}")
+        raise ConfigError(f"{file}: must have at least 2 rows below its header, has {len(samples)}")
     duration = samples[-1].t - samples[0].t
     if duration > MAX_DURATION_S:
-        raise ValueError(
+        raise ConfigError(
             f"{file}: t_s must span at most {MAX_DURATION_S:g} s, spans {duration:g} s"
         )
     return samples
@@ -153,13 +154,13 @@ def _rows(reader: csv.DictReader[str]) -> Iterator[Sample]:
     header = reader.fieldnames or []
     missing = [name for name in ("t_s", "x_m", "y_m") if name not in header]
     if missing:
-        raise ValueError(f"line 1: must name the columns t_s,x_m,y_m; {','.join(missing)} missing")
+        raise ConfigError(f"line 1: must name the columns t_s,x_m,y_m; {','.join(missing)} missing")
     last = -math.inf
     for row in reader:
         line = f"line {reader.line_num}"
         sample = Sample(*(_number(line, name, row[name]) for name in ("t_s", "x_m", "y_m")))
         if sample.t - last < MIN_STEP_S:
-            raise ValueError(
+            raise ConfigError(
                 f"{line}: t_s must grow by at least {MIN_STEP_S} s, {sample.t:g} follows {last:g}"
             )
         last = sample.t
@@ -172,5 +173,5 @@ def _number(line: str, name: str, text: str | None) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= 1e9:
-        raise ValueError(f"{line}: {name} must be a number from -1e9 to 1e9, is {text or ''!r}")
+        raise ConfigError(f"{line}: {name} must be a number from -1e9 to 1e9, is {text or ''!r}")
     return value

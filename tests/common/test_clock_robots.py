@@ -5,8 +5,8 @@ from carts import Rig, x_of
 from harness import Listener
 from mecazen import keys
 from mecazen.errors import BusError, StepTimeoutError
-from mecazen.messages import Empty, ResetRequest
 from mecazen.keys import call_of_robot
+from mecazen.messages import Empty, ResetRequest
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
@@ -49,7 +49,7 @@ def test_a_reset_puts_all_robots_back_with_the_new_seed():
     rig = Rig(*TWO)
     rig.tick()
     rig.ask(keys.SIM_RESET, ResetRequest(seed=8))
-    for name, heard in (("one", rig.tick()), ("two", rig.take("two"))):
+    for heard in (rig.tick(), rig.take("two")):
         last = heard[-1]
         assert last.message.pose.pose.position.x == 0.0
         assert (last.stamp.time_ns, last.stamp.seed) == (0, 8)

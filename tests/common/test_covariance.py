@@ -1,6 +1,8 @@
 """Covariances in ROS's row-major 6x6, and their planar part."""
 
+import pytest
 from mecazen.covariance import diagonal_covariance, planar_covariance, ros_covariance
+from mecazen.errors import RefusedError
 
 PLANAR = (0, 1, 5)
 ROWS = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0))
@@ -23,3 +25,8 @@ def test_a_planar_covariance_in_ros_has_zeros_elsewhere_and_comes_back():
     covariance = ros_covariance(ROWS)
     assert planar_covariance(covariance) == ROWS
     assert sum(covariance) == sum(map(sum, ROWS))
+
+
+def test_a_covariance_of_another_size_is_refused():
+    with pytest.raises(RefusedError, match="36 numbers, not 9"):
+        planar_covariance((0.0,) * 9)

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.poses import PoseHistory
 
@@ -44,12 +45,12 @@ def test_steady_motion_is_placed_where_it_was(share, speed):
 
 @pytest.mark.parametrize("time_ns", [-1, 31 * MS])
 def test_a_time_outside_of_the_history_is_refused_with_what_is_known(time_ns):
-    with pytest.raises(ValueError, match=r"no pose is known of .* s, only of 0 to 0.03 s"):
+    with pytest.raises(RefusedError, match=r"no pose is known of .* s, only of 0 to 0.03 s"):
         history(*[Pose2D()] * 4).at(time_ns)
 
 
 def test_a_time_before_what_is_kept_is_refused():
-    with pytest.raises(ValueError, match=r"only of 0\.02 to 0\.03 s"):
+    with pytest.raises(RefusedError, match=r"only of 0\.02 to 0\.03 s"):
         history(*[Pose2D()] * 4, kept_ms=10).at(10 * MS)
 
 
@@ -58,5 +59,5 @@ def test_no_time_is_the_newest():
 
 
 def test_an_empty_history_knows_nothing():
-    with pytest.raises(ValueError, match="only of no time"):
+    with pytest.raises(RefusedError, match="only of no time"):
         PoseHistory(MS).at(5)

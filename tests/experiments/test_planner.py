@@ -9,12 +9,12 @@ from follower.rooms import DRIVE
 from harness import SCENARIOS, load_robot
 from mecazen import keys
 from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
-from mecazen.drive import axis_limits
+from mecazen.drive import LimiterState, axis_limits, limit_twist
+from mecazen.drive_batch import MotionLimits
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.limiter import LimiterState, limit_twist
 from mecazen.loading import load_scenario
 from mecazen_controller.kinematics import MecanumKinematics
-from mecazen_follower.planner.rollout import Able, follow, roll
+from mecazen_follower.planner.rollout import follow, roll
 from mecazen_tools.simulate import InProcess, simulate
 
 SIDE = (
@@ -74,7 +74,7 @@ def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(decelerati
     steps, dt, tick = 8, 0.125, 0.00125
     # along odom's axes: off at full speed, sideways as well, then to rest
     commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)
-    able = Able(drive, 5.0, dt, 1)
+    able = MotionLimits(drive, 5.0, dt, 1)
     way = roll(0.3, Twist2D(0.2), steps, able, follow(commands[..., None]))
 
     state = (LimiterState(0.2), LimiterState(), LimiterState())

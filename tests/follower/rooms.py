@@ -12,7 +12,6 @@ from mecazen.messages import LaserScan
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.making import make_controller, make_planner
 from mecazen_follower.planner.costs import Body, Sight
-from mecazen_follower.planner.rollout import Able, step_towards
 from mecazen_follower.polar import View
 
 SCENARIO = Scenario(robot=load_robot())
@@ -70,7 +69,6 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     """
     config, planner = planner_of(config)
     law = make_controller(config, DRIVE, View(math.radians(22.5)))
-    able = Able(DRIVE, 2.0, TICK, 1)
     person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)
     for tick in range(round(seconds / TICK)):
@@ -86,7 +84,7 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
         command = planner.command(time, TICK, person, robot, nominal)
         if command is not nominal:
             law.resume(command)
-        twist = step_towards(twist, command, able)
+        twist = DRIVE.step(twist, command, 2.0, TICK)
         robot = robot.integrate(twist, TICK)
         person = person.after(TICK)
         things = [*circles, *((*place, 0.2) for place in now)]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.association import DOUBT_S, Measurement, is_flipped
+from mecazen_follower.association import DOUBT_S, is_flipped
+from mecazen_follower.measurement import Measurement
 from mecazen_follower.tracking import Frame, PersonTracker
 
 FRAME_S = 0.04

@@ -64,36 +64,6 @@ def test_an_unknown_covariance_is_taken_from_the_parameters(unknown):
     assert variances == pytest.approx([0.04, 0.04, math.radians(10.0) ** 2])
 
 
-FAR = Pose2D(9.0, 9.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("pose", "covariance", "message"),
-    [
-        *((Pose2D(bad), NOISE, "out of range") for bad in (math.nan, math.inf, 1e300)),
-        *(
-            (FAR, covariance, "covariance")
-            for covariance in (
-                np.eye(2),
-                np.full((3, 3), math.nan),
-                np.diag([math.inf, 1.0, 1.0]),
-                -np.eye(3),
-                [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-                [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            )
-        ),
-    ],
-)
-def test_an_invalid_observation_is_refused_and_changes_nothing(
-    estimator, pose, covariance, message
-):
-    walk(estimator, 0.2, Twist2D(1.0, 0.0, 0.0))
-    before = estimator.estimate
-    with pytest.raises(ValueError, match=message):
-        estimator.update(pose, covariance)
-    assert estimator.estimate == before
-
-
 coordinate = st.floats(-1e6, 1e6)
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
 from harness import Steps, load_robot
@@ -12,7 +13,10 @@ from mecazen.config.follower import LinearGains, PidControl
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_follower.estimators import ESTIMATORS
+from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
+from mecazen_follower.pid import PoseController
+from mecazen_follower.tracking import PersonTracker
 
 NEXUS = load_robot()
 ZEROS = (0.0,) * 36
@@ -175,6 +179,30 @@ def test_a_covariance_that_is_none_is_refused_and_the_estimate_stays(noise, esti
     assert command.x == pytest.approx(0.5, abs=1e-6)
     follower.tick(8, person=AHEAD)
     assert follower.refused == ["target/observation"]
+
+
+def test_a_refused_frame_is_as_if_none_had_come_and_the_step_runs_once(monkeypatch):
+    steps, step = [], Following.step
+    monkeypatch.setattr(Following, "step", lambda *given: steps.append(1) or step(*given))
+    refusing, unseeing = Follower(estimator="imm"), Follower(estimator="imm")
+    for follower in (refusing, unseeing):
+        follower.tick(0, person=AHEAD)
+    steps.clear()
+    refused = refusing.tick(1, person=AHEAD, noise=diagonal_covariance((-1.0,) * 6))
+    assert (refusing.refused, len(steps)) == (["target/observation"], 1)
+    assert refused == unseeing.tick(1)
+    assert refusing.tick(4, person=AHEAD) == unseeing.tick(4, person=AHEAD)
+
+
+@pytest.mark.parametrize(
+    ("kind", "method"), [(PersonTracker, "_see"), (PoseController, "command"), (Following, "step")]
+)
+def test_a_programming_error_is_not_reported_as_a_refused_frame(monkeypatch, kind, method):
+    follower = Follower()
+    monkeypatch.setattr(kind, method, lambda *_: np.zeros(2) + np.zeros(3))
+    with pytest.raises(ValueError, match="shapes"):
+        follower.tick(0, person=AHEAD)
+    assert follower.refused == []
 
 
 @pytest.mark.parametrize("jump", [Pose2D(5.0, 5.0, 0.0), Pose2D(0.0, 0.0, math.pi / 2)])

@@ -12,9 +12,9 @@ from mecazen.loading import load_scenario
 from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
 from mecazen.skeleton import JOINTS
-from mecazen_follower.association import NO_HEADING, Measurement
+from mecazen_follower.measurement import NO_HEADING, Measurement
 from mecazen_follower.perception.body import pose_of, poses_of
-from mecazen_follower.perception.legs import PAIR_STD_M, SINGLE_STD_M, persons
+from mecazen_follower.perception.legs import PAIR_STD_M, SINGLE_STD_M, persons, things_of
 from mecazen_follower.perception.node import Body, Legs
 from mecazen_follower.tracking import Frame, PersonTracker
 
@@ -122,7 +122,7 @@ def scan_of(circles, walls=(), beams: int = 720, std: float = 0.0) -> LaserScan:
 def test_two_legs_are_one_person_between_them_also_across_the_end_of_a_scan(bearing_deg):
     place = Pose2D(yaw=math.radians(bearing_deg)).compose(Pose2D(1.5, 0.0))
     legs = [(place.x + 0.15, place.y + 0.1, 0.05), (place.x - 0.15, place.y - 0.1, 0.05)]
-    ((pose, covariance),) = persons(scan_of(legs, std=0.01))
+    ((pose, covariance),) = persons(things_of(scan_of(legs, std=0.01)))
     # noise of 10 mm on some ten beams, and what a leg's depth is taken for
     assert pose.distance(place) < 0.02
     assert covariance[0][0] == PAIR_STD_M**2
@@ -130,7 +130,7 @@ def test_two_legs_are_one_person_between_them_also_across_the_end_of_a_scan(bear
 
 
 def test_one_leg_behind_the_other_is_a_person_with_more_doubt():
-    ((pose, covariance),) = persons(scan_of([(1.5, 0.0, 0.05), (1.9, 0.0, 0.05)]))
+    ((pose, covariance),) = persons(things_of(scan_of([(1.5, 0.0, 0.05), (1.9, 0.0, 0.05)])))
     assert pose.distance(Pose2D(1.5, 0.0)) < 0.03
     assert covariance[0][0] == SINGLE_STD_M**2
 
@@ -153,7 +153,7 @@ def test_one_leg_behind_the_other_is_a_person_with_more_doubt():
     ids=["a wall", "a column of 1 m", "a round room", "nothing", "no beams"],
 )
 def test_what_is_no_leg_is_nobody(scan):
-    assert persons(scan) == []
+    assert persons(things_of(scan)) == []
 
 
 def tracker(hold: float) -> PersonTracker:

@@ -9,9 +9,9 @@ from mecazen.config.controller import AxisLimits, LinearLimits
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen_follower.association import Measurement
 from mecazen_follower.following import SEARCH, Following
 from mecazen_follower.making import make_controller
+from mecazen_follower.measurement import Measurement
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.polar import ALL_AROUND, View, kept_view
 from mecazen_follower.tracking import Frame

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D
-from mecazen_follower.association import Measurement
+from mecazen_follower.measurement import Measurement
 from mecazen_follower.tracking import Frame, PersonTracker, Tracker, TrackingState
 
 NOISE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))

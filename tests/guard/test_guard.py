@@ -5,9 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mecazen.drive import Drive, Limits
+from mecazen.drive import Drive, LimiterState, Limits, limit_twist
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.limiter import LimiterState, limit_twist
 from mecazen_guard.guard import BRAKING, Guard, Points
 
 HALF = 0.2, 0.17

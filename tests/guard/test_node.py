@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from harness import SCENARIOS, Steps
 from mecazen import messages as m
@@ -9,6 +10,7 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.loading import load_scenario
 from mecazen_guard.node import GuardNode
+from mecazen_guard.surroundings import Surroundings
 
 TELEOP = SCENARIOS / "teleop.toml"
 
@@ -71,6 +73,13 @@ def test_an_implausible_scan_is_refused_and_stops_the_robot(what):
     assert (let_through, state.state) == (m.Twist(), "blind")
     assert state.reason
     assert guard.refused == [SCAN.key]
+
+
+def test_a_programming_error_is_not_reported_as_a_refused_scan(monkeypatch):
+    guard = Guard()
+    monkeypatch.setattr(Surroundings, "update", lambda *_: np.zeros(2) + np.zeros(3))
+    with pytest.raises(ValueError, match="shapes"):
+        guard.drive(FORWARD, guard.scan())
 
 
 def test_a_late_command_corrects_its_tick():

@@ -129,6 +129,8 @@ def test_bones_of_a_recorded_bvh_keep_their_lengths():
         ("a.trc", "", "no TRC file .it ends early"),
         ("a.bvh", "nothing", "no BVH file .HIERARCHY must come where 'nothing' is"),
         ("a.bvh", BVH, "has no point for the right hip"),
+        ("a.bvh", BVH.replace("Xposition", "Wposition"), "begin with X, Y or Z"),
+        ("a.bvh", BVH.replace("OFFSET 0 0 0", "", 1), "one OFFSET"),
         ("a.mot", "time\n", "no MOT file"),
         ("a.mot", "endheader\ntime x\n0 1\n1 2\n", "has no point for the left"),
         ("a.trc", "1\n2\n", "no TRC file"),

@@ -19,6 +19,7 @@ from mecazen.config.people import (
     Walk,
     Waypoints,
 )
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_people.paths import make_path
 from people.differences import differences
@@ -136,7 +137,7 @@ def test_two_waypoints_make_a_straight():
     ],
 )
 def test_waypoints_that_no_smooth_curve_joins_are_refused(points, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ConfigError, match=message):
         make_path(Waypoints(points_m=points))
 
 
@@ -166,7 +167,7 @@ def test_twist_is_the_derivative_of_the_pose(name, gait):
 def test_any_waypoints_are_walked_at_constant_speed_or_refused(points):
     try:
         path = make_path(Waypoints(points_m=tuple(points), speed_m_s=1.0))
-    except ValueError as error:
+    except ConfigError as error:
         assert "too sharply" in str(error)  # noqa: PT017 - most points are walked
         return
     assert path.duration >= math.dist(points[0], points[-1]) - 1e-6

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.config.people import Gait, Recorded
+from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D, wrap
 from mecazen_people.paths import make_path
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
@@ -224,17 +225,17 @@ def test_table_is_read_with_more_columns_in_any_order(tmp_path):
 def test_malformed_table_is_refused_in_one_line(tmp_path, text, message):
     file = tmp_path / "walk.csv"
     file.write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ConfigError, match=message) as caught:
         read_track(file)
     assert str(caught.value).startswith(f"{file}: ")
     assert "\n" not in str(caught.value)
 
 
 def test_unreadable_file_is_refused_in_one_line(tmp_path):
-    with pytest.raises(ValueError, match=r"no\.csv: can't be read: No such file"):
+    with pytest.raises(ConfigError, match=r"no\.csv: can't be read: No such file"):
         read_track(tmp_path / "no.csv")
-    with pytest.raises(ValueError, match="can't be read: Is a directory"):
+    with pytest.raises(ConfigError, match="can't be read: Is a directory"):
         read_track(tmp_path)
     (tmp_path / "binary.csv").write_bytes(b"t_s,x_m,y_m\n\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"binary\.csv: must be text in UTF-8"):
+    with pytest.raises(ConfigError, match=r"binary\.csv: must be text in UTF-8"):
         read_track(tmp_path / "binary.csv")

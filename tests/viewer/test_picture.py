@@ -12,6 +12,7 @@ from mecazen import messages as m
 from mecazen.config import Scenario, WorldConfig
 from mecazen.config.world import Patch, Ramp
 from mecazen.covariance import diagonal_covariance
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
 from mecazen_viewer import entities as e
@@ -296,7 +297,7 @@ def test_walkers_are_shown_by_their_bones_or_as_tall_as_they_are_and_who_is_foll
     ((path, _),) = picture().on_people(m.People(persons=(m.Person("target"), walker)), 0)
     assert path == e.PEOPLE
     far = msgspec.structs.replace(walker, pose=m.Pose.planar(Pose2D(1e9)))
-    with pytest.raises(ValueError, match="out of range"):
+    with pytest.raises(RefusedError, match="out of range"):
         list(picture().on_people(m.People(persons=(far,)), 0))
 
 

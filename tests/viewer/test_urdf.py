@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from mecazen.errors import RefusedError
 from mecazen.messages import JointState
 from mecazen_viewer import rotation, urdf
 from mecazen_viewer.robot import RobotModel
@@ -127,23 +128,23 @@ def test_states_without_a_joint_of_this_robot_turn_nothing():
         ("<robot><link name='a'><visual/></link></robot>", "visual  without geometry"),
         ("<robot><link name='a'><visual><geometry/></visual></link></robot>", "empty geometry"),
         (URDF.replace("box size", "ball size").replace("</box>", "</ball>"), "ball"),
-        (URDF.replace('xyz="0 1 0"', 'xyz="0 1"'), "not enough values"),
+        (URDF.replace('xyz="0 1 0"', 'xyz="0 1"'), "'0 1' must be 3 numbers"),
         (URDF.replace('<child link="mast"/>', ""), "mast_joint without child"),
     ],
 )
 def test_what_is_no_urdf_is_refused_with_what_is_wrong(text, words):
-    with pytest.raises(ValueError, match=words) as caught:
+    with pytest.raises(RefusedError, match=words) as caught:
         urdf.read(text)
     assert "not a URDF" in str(caught.value)
 
 
 def test_links_that_are_no_tree_are_refused():
-    with pytest.raises(ValueError, match="no tree"):
+    with pytest.raises(RefusedError, match="no tree"):
         RobotModel(urdf.read("<robot/>"), {})
 
 
 def test_a_mesh_without_a_file_is_refused():
-    with pytest.raises(ValueError, match=r"r\.stl"):
+    with pytest.raises(RefusedError, match=r"r\.stl"):
         RobotModel(urdf.read(URDF), {})
 
 
@@ -159,7 +160,7 @@ def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
 
 @pytest.mark.parametrize("data", [b"", b"solid", SQUARE[:-1], bytes(90)])
 def test_what_is_no_binary_stl_is_refused(data):
-    with pytest.raises(ValueError, match="STL"):
+    with pytest.raises(RefusedError, match="STL"):
         read_stl(data)
 
 

@@ -109,8 +109,9 @@ class InProcess:
 
     def close(self) -> None:
         """End the services' work."""
-        for member in (self.host, *self.observers):
-            member.close()
+        self.host.close()
+        for observer in self.observers:
+            observer.close()
 
 
 def simulate(

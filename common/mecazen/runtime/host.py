@@ -124,7 +124,7 @@ class Host:
         self.revision = 0
         """How often parameters have been changed, as far as it counts here."""
         self._changes: dict[int, tuple[Stamp, Scenario]] = {}
-        """Changes that have been heard of, by revision: from which tick on, and what then counts."""
+        """Changes that were heard of, by revision: from which tick on, and what then counts."""
         self._reported_s = -1
         self._subscribe()
         self._serve()

@@ -42,7 +42,7 @@ def read_recording(file: Path, segments: Segments) -> Reference:
         track = read(file)
         legs = [_angles(track, side) for side in (0, 1)]
         cycles = [_Cycles(track.rate_hz, leg, segments) for leg in legs]
-    except ValueError as error:
+    except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
     left, right = cycles
     period = (left.period + right.period) / 2
@@ -119,7 +119,7 @@ def _found(track: Track, joint: str, side: int) -> Array | None:
 def _point(track: Track, joint: str, side: int) -> Array:
     if (point := _found(track, joint, side)) is None:
         names = ", ".join(name.format(_SIDES[side][1]) for name in _NAMES[joint])
-        raise ValueError(f"has no point for the {_SIDES[side][0].lower()} {joint}; known: {names}")
+        raise ConfigError(f"has no point for the {_SIDES[side][0].lower()} {joint}; known: {names}")
     return point
 
 
@@ -136,9 +136,9 @@ class _Cycles:
         heel = ahead - segments.heel * np.cos(pitch) + segments.ankle * np.sin(pitch)
         self.strikes = [_strike(heel, i, width) for i in _peaks(heel, width)]
         if len(self.strikes) < 2:
-            raise ValueError("must have a whole gait cycle of each leg")
+            raise ConfigError("must have a whole gait cycle of each leg")
         if not np.isfinite(angles).all():
-            raise ValueError("must have all markers in all frames")
+            raise ConfigError("must have all markers in all frames")
         ball = ahead + segments.ball * np.cos(pitch) + segments.ankle * np.sin(pitch)
         lengths = [b - a for a, b in pairwise(self.strikes)]
         self.period = float(np.median(lengths)) / rate_hz

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
-from mecazen.drive import axis_limits
+from mecazen.drive import LimiterState, axis_limits, limit_twist
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
@@ -23,7 +22,6 @@ from mecazen.keys import (
     ODOM,
     Call,
 )
-from mecazen.limiter import LimiterState, limit_twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
@@ -72,7 +70,7 @@ class OdometryNode(Node):
         else:
             try:
                 measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
-            except ValueError as problem:
+            except RefusedError as problem:
                 if not self.wheels_known:
                     raise ConfigError(f"controller.wheel_joints: {problem}") from None
                 inputs.refuse(JOINT_STATES, str(problem))
@@ -168,7 +166,7 @@ class ControllerNode(Node):
             self.period_s = self.scenario.sim.tick_s
             try:
                 measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
-            except ValueError:
+            except RefusedError:
                 measured = WheelSpeeds()  # the odometry refuses them
             x, y, yaw = map(LimiterState, self.kinematics.forward(measured))
             self.velocity = x, y, yaw
@@ -181,16 +179,16 @@ class ControllerNode(Node):
         return {"reference_age_s": round(self.reference_age_s, 6)}
 
 
-def wheel_speeds(joints: m.JointState, names: Sequence[str]) -> WheelSpeeds:
+def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:
     """Return the velocities of the wheels' joints [rad/s].
 
     Raises:
-        ValueError: One of them has none.
+        RefusedError: One of them has none.
     """
-    try:
-        # wheels come first, so a search is shorter than a table
-        return WheelSpeeds(*[joints.velocity[joints.name.index(name)] for name in names])
-    except (ValueError, IndexError):
-        known = dict(zip(joints.name, joints.velocity, strict=False))
-        missing = next(name for name in names if name not in known)
-        raise ValueError(f"joint_states has no velocity of {missing!r}") from None
+    if joints.name[: len(names)] == names and len(joints.velocity) >= len(names):
+        return WheelSpeeds(*joints.velocity[: len(names)])  # as physics names them
+    known = dict(zip(joints.name, joints.velocity, strict=False))
+    for name in names:
+        if name not in known:
+            raise RefusedError(f"joint_states has no velocity of {name!r}")
+    return WheelSpeeds(*(known[name] for name in names))

@@ -130,7 +130,7 @@ def _path(number: int, walker: Walker) -> Path | None:
     """
     try:
         return None if isinstance(walker.path, Goal) else make_path(walker.path)
-    except ValueError as error:
+    except ConfigError as error:
         raise ConfigError(f"crowd.walkers.{number}.path: {error}") from None
 
 

@@ -84,8 +84,11 @@ def _in_order(
     c, s = math.cos(direction), math.sin(direction)
     away, around, yaw, _ = wanted
     twist = Twist2D(c * away - s * around, s * away + c * around, yaw)
-    rims = abs(twist.x) + drive.sideways * abs(twist.y) + drive.lever * abs(yaw)
-    if rims <= drive.rim_speed and math.hypot(away, around) <= max_speed and box.holds(twist):
+    if (
+        drive.rims(twist) <= drive.rim_speed
+        and math.hypot(away, around) <= max_speed
+        and box.holds(twist)
+    ):
         return twist
 
     share = TURN_SHARE * drive.rim_speed / drive.lever if drive.lever > 0.0 else math.inf

@@ -14,6 +14,7 @@ from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, wrap
 
 from mecazen_follower.estimators import Estimate
+from mecazen_follower.measurement import Measurement
 
 GATE = 25.0
 """Of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
@@ -37,19 +38,6 @@ CROWD = 30
 """So many are told apart at most, the nearest to the person: the work grows as the square."""
 FLIP_PROBABILITY = 0.03
 """Chance of a tracker to take front for back."""
-
-
-NO_HEADING = 100.0
-"""Variance of a heading that is not observed [rad²], or more."""
-
-
-class Measurement(NamedTuple):
-    """An observed pose of a person in odom, and its 3x3 covariance of (x, y, yaw)."""
-
-    pose: Pose2D
-    covariance: PlanarCovariance
-    identity: str = ""
-    """The sensor's name for them; empty if it has none."""
 
 
 class Choice(NamedTuple):

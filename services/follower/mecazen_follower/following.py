@@ -76,12 +76,7 @@ class Following:
         self._side, self._pending, self._robot = other._side, other._pending, other._robot
 
     def step(self, time: float, dt: float, robot: Pose2D, frame: Frame | None) -> Step:
-        """Compute the tick at `time` [s], `dt` [s] after the last, with base_link at `robot`.
-
-        Raises:
-            ValueError: A measurement is invalid, see `Estimator.update`. The call may be
-                repeated without the frame.
-        """
+        """Compute the tick at `time` [s], `dt` [s] after the last, with base_link at `robot`."""
         if self._robot is not None and _jumped(self._robot, robot, dt):
             self.people.forget()
             self._controller.stop()

@@ -10,10 +10,10 @@ from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.graph import TABLE
-from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN
+from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
 from mecazen.row import Row
@@ -21,10 +21,10 @@ from mecazen.ticks import ticks_per_sample
 from mecazen.wire import NS_PER_S
 from msgspec.structs import replace
 
-from mecazen_follower.association import Measurement
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
 from mecazen_follower.making import make_planner
+from mecazen_follower.measurement import Measurement, check
 from mecazen_follower.planner.costs import Body, Sight
 from mecazen_follower.polar import View, kept_view
 from mecazen_follower.tracking import Frame
@@ -111,64 +111,61 @@ class FollowerNode(Node):
         robot = odom.pose.pose.to_planar()
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
-        legs = inputs.get(LEGS)
+        # persons are found by their legs as well; where there is a camera, they begin by that
+        legs = self._frame(tick.time_ns, inputs, LEGS)
         if legs is not None:
-            self._add_legs(tick.time_ns, inputs, legs)
-        scan = inputs.get(SCAN)
-        if scan is not None:
-            self._add_scan(inputs, scan)
-        try:
-            frame = self._frame(tick.time_ns, inputs.get(OBSERVATION))
-            step = self.following.step(time_s, period_s, robot, frame)
-        except ValueError as refusal:
-            inputs.refuse(OBSERVATION, str(refusal))
-            step = self.following.step(time_s, period_s, robot, None)
+            self.following.people.add(legs._replace(begins=self.sensor.kind == "legs"))
+        self._take_scan(inputs)
+        frame = self._frame(tick.time_ns, inputs, OBSERVATION)
+        step = self.following.step(time_s, period_s, robot, frame)
         self.state = _state(odom.header, self.config.estimator, step)
         # the state before the command: who has the command of a tick has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
 
-    def _add_legs(self, now_ns: int, inputs: Inputs, message: m.Observation) -> None:
-        """Take persons by their legs as well; where there is a camera, they are found by it."""
-        try:
-            frame = self._frame(now_ns, message)
-        except ValueError as refusal:
-            inputs.refuse(LEGS, str(refusal))
-            return
-        if frame is not None:
-            self.following.people.add(frame._replace(begins=self.sensor.kind == "legs"))
-
-    def _add_scan(self, inputs: Inputs, scan: m.LaserScan) -> None:
+    def _take_scan(self, inputs: Inputs) -> None:
         """Give a scan to the planner, placed with the robot's pose at its capture."""
-        if self.following.planner is None:
+        scan, planner = inputs.get(SCAN), self.following.planner
+        if scan is None or planner is None:
             return
         stamp_ns = scan.header.stamp.ns
         try:
             robot = self.robot.at(stamp_ns)
-        except ValueError as refusal:
+        except RefusedError as refusal:
             inputs.refuse(SCAN, str(refusal))
             return
-        self.following.planner.see(stamp_ns / NS_PER_S, scan, robot.compose(self.lidar))
+        planner.see(stamp_ns / NS_PER_S, scan, robot.compose(self.lidar))
 
-    def _frame(self, now_ns: int, message: m.Observation | None) -> Frame | None:
-        """Return everybody in a frame in odom, if it shows anybody.
+    def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[m.Observation]) -> Frame | None:
+        """Return the persons of a topic's new frame in odom; None if it is refused or empty."""
+        message = inputs.get(topic)
+        if message is None or not message.poses:
+            return None
+        try:
+            return self._read(now_ns, message)
+        except RefusedError as refusal:
+            inputs.refuse(topic, str(refusal))
+            return None
+
+    def _read(self, now_ns: int, message: m.Observation) -> Frame:
+        """Return the persons of a frame in odom.
 
         A pose in another frame than `base_link` (world, odom) is taken to be in odom already.
 
         Raises:
-            ValueError: It was captured when the robot's pose is not known, a pose is no pose, or
-                some ids are missing.
+            RefusedError: It was captured when the robot's pose is not known, a pose or covariance
+                is invalid, or some ids are missing.
         """
-        if message is None or not message.poses:
-            return None
         if message.ids and len(message.ids) != len(message.poses):
-            raise ValueError(f"{len(message.ids)} ids for {len(message.poses)} poses")
+            raise RefusedError(f"{len(message.ids)} ids for {len(message.poses)} poses")
         moved = message.header.frame_id == "base_link"
         robot = self.robot.at(message.header.stamp.ns) if moved else Pose2D()
         measurements = [
-            Measurement(
-                robot.compose(seen.pose.to_planar()),
-                _rotated(planar_covariance(seen.covariance), robot.yaw),
-                identity,
+            check(
+                Measurement(
+                    robot.compose(seen.pose.to_planar()),
+                    _rotated(planar_covariance(seen.covariance), robot.yaw),
+                    identity,
+                )
             )
             for seen, identity in zip(message.poses, message.ids or repeat(""), strict=False)
         ]

@@ -10,9 +10,10 @@ from typing import NamedTuple
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D
 
-from mecazen_follower.association import NO_HEADING, Association, Measurement, nearest
+from mecazen_follower.association import Association, nearest
 from mecazen_follower.estimators import Estimate, make_estimator
 from mecazen_follower.estimators.base import as_tuple
+from mecazen_follower.measurement import NO_HEADING, Measurement
 from mecazen_follower.noise import ReportedNoise
 
 MISSED_FRAMES = 1.5
@@ -133,10 +134,6 @@ class PersonTracker:
             time: Now [s]; the state of `tracker` is that of now as well.
             frame: The newest frame, if one came.
             expected: Where the person would be if the robot were at its place.
-
-        Raises:
-            ValueError: A measurement is invalid, see `Estimator.update`. The call may be
-                repeated without it.
         """
         if frame is not None:
             self._waiting.append(frame)
@@ -162,7 +159,7 @@ class PersonTracker:
         captured, measurements, begins = frame
         lost = self.tracker.state is TrackingState.LOST
         known = [
-            one._replace(covariance=as_tuple(self.estimator.noise(one.pose, one.covariance)))
+            one._replace(covariance=as_tuple(self.estimator.noise(one.covariance)))
             for one in measurements
         ]
         if not known or captured <= self._captured[begins] or captured < self._captured[not begins]:
@@ -228,10 +225,11 @@ def _headed(one: Measurement, person: Estimate | None, expected: Pose2D) -> Meas
 
     Before the person is known it is as if the robot were at its place, give or take `GUESS_RAD`.
     """
-    xs, ys, (xw, yw, variance) = one.covariance
+    (xx, xy, _), (yx, yy, _), (_, _, variance) = one.covariance
     if variance < NO_HEADING:
         return one
     if person is not None:
         return one._replace(pose=one.pose._replace(yaw=person.pose.yaw))
     guess = one.pose._replace(yaw=expected.yaw)
-    return one._replace(pose=guess, covariance=(xs, ys, (xw, yw, GUESS_RAD**2)))
+    covariance = (xx, xy, 0.0), (yx, yy, 0.0), (0.0, 0.0, GUESS_RAD**2)
+    return one._replace(pose=guess, covariance=covariance)

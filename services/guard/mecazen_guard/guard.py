@@ -15,11 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.drive import Drive
+from mecazen.drive import Drive, LimiterState, limit_twist
+from mecazen.drive_batch import bounds, slow_down
 from mecazen.geometry import Twist2D
-from mecazen.limiter import LimiterState, limit_twist
-
-Floats = npt.NDArray[np.float64]
+from mecazen.geometry_batch import Floats, to_rectangle
 
 BRAKING = 0.9
 """Share of the deceleration limit that is counted on: the wheels lag a little."""
@@ -82,7 +81,7 @@ class Guard:
     def __init__(
         self, footprint: tuple[float, float], drive: Drive, reaction_s: float, stop_s: float
     ) -> None:
-        self._half = np.array(footprint)
+        self._footprint = footprint
         self._corner = math.hypot(*footprint)
         self.configure(drive, reaction_s, stop_s)
         self.begin(Twist2D())
@@ -90,7 +89,7 @@ class Guard:
     def configure(self, drive: Drive, reaction_s: float, stop_s: float) -> None:
         """Go on with other limits and times; see `Guard`."""
         self._drive, self.stop_s = drive, stop_s
-        self._gains = np.array((1.0, drive.sideways, drive.lever))
+        self._gains = np.array((1.0, drive.sideways, drive.lever))[:, None, None]
         self._reaction_s = reaction_s + max(
             (axis.acceleration + axis.deceleration) / axis.jerk if axis.jerk < math.inf else 0.0
             for axis in drive.axes
@@ -99,7 +98,7 @@ class Guard:
             [min(getattr(axis, name), UNLIMITED) for axis in drive.axes]
             for name in ("acceleration", "deceleration")
         )
-        self._bounds = np.array((self._up, self._down))
+        self._changes = np.array((self._up, self._down))[..., None]
         self._fastest = np.array([axis.velocity for axis in drive.axes])
 
     def begin(self, twist: Twist2D) -> None:
@@ -197,18 +196,19 @@ class Guard:
 
     def _nearest(self, points: Points, from_middle: Floats) -> tuple[float, float]:
         """Return the distance of the nearest point from the outline, and its bearing."""
-        few = from_middle <= from_middle.min() + self._corner - self._half.min()
+        few = from_middle <= from_middle.min() + self._corner - min(self._footprint)
         return self._seen(points.xy[few])
 
     def _seen(self, xy: Floats) -> tuple[float, float]:
-        clearances = self._clearances(np.abs(xy[:, 0]), np.abs(xy[:, 1]))
+        clearances = to_rectangle(xy[:, 0], xy[:, 1], self._footprint)
         least = int(clearances.argmin())
         x, y = xy[least].tolist()
         return float(clearances[least]), math.atan2(y, x)
 
     def _past(self, twist: Floats, point: Floats) -> Floats | None:
         """Return the twist without its part towards a point; None where it has none, or no rest."""
-        away = point - np.clip(point, -self._half, self._half)
+        half = np.array(self._footprint)
+        away = point - np.clip(point, -half, half)
         distance = math.hypot(*away)
         if distance == 0.0:
             return None
@@ -221,30 +221,26 @@ class Guard:
         return past if np.any(np.abs(past) > 1e-3) else None
 
     def speeds(self, moving: Floats, hold: float, middles: Floats) -> tuple[Floats, ...]:
-        """Return the bounds of speeds at M times, and by what they are braked then; (M, 3) each."""
-        up, down = self._bounds
-        growing = np.minimum(middles, hold)[:, None]
-        low = moving - np.where(moving > 0.0, down, up) * growing
-        high = moving + np.where(moving < 0.0, down, up) * growing
-        return low, high, BRAKING * down * np.maximum(middles - hold, 0.0)[:, None]
+        """Return the bounds of speeds at M times, and by what they are braked then; (3, M) each."""
+        up, down = self._changes
+        growing = np.minimum(middles, hold)
+        low, high = bounds(moving[:, None], up * growing, down * growing)
+        return low, high, BRAKING * down * np.maximum(middles - hold, 0.0)
 
-    def poses(self, twists: Floats, bounds: tuple[Floats, ...], step: float) -> Floats:
+    def poses(self, twists: Floats, envelope: tuple[Floats, ...], step: float) -> Floats:
         """Return predicted poses in base_link, (3, C, M): x, y, yaw, a `step` [s] apart.
 
         The robot follows each of C twists within the bounds of `speeds` and the limits of its axes.
         """
-        low, high, braked = bounds
+        low, high, braked = (values[:, None] for values in envelope)
         aims = np.minimum(np.maximum(twists, -self._fastest), self._fastest)
-        speeds = np.minimum(np.maximum(aims[:, None], low), high)
+        speeds = np.minimum(np.maximum(aims.T[..., None], low), high)
         speeds -= np.minimum(np.maximum(speeds, -braked), braked)
-        rims = np.abs(speeds) @ self._gains
-        if rims.max() > self._drive.rim_speed:
-            speeds *= np.minimum(1.0, self._drive.rim_speed / np.maximum(rims, 1e-9))[..., None]
-        moved = speeds.transpose(2, 0, 1) * step
-        yaw = moved[2].cumsum(axis=-1)
-        between = yaw - moved[2] / 2.0
+        slow_down(speeds, self._gains, min(self._drive.rim_speed, UNLIMITED))
+        x, y, turn = speeds * step
+        yaw = turn.cumsum(axis=-1)
+        between = yaw - turn / 2.0
         c, s = np.cos(between), np.sin(between)
-        x, y = moved[0], moved[1]
         return np.array(((c * x - s * y).cumsum(axis=-1), (s * x + c * y).cumsum(axis=-1), yaw))
 
     def clearances(self, poses: Floats, xy: Floats) -> Floats:
@@ -255,14 +251,7 @@ class Guard:
         x, y, yaw = poses[..., None]
         c, s = np.cos(yaw), np.sin(yaw)
         dx, dy = xy[..., 0] - x, xy[..., 1] - y
-        return self._clearances(np.abs(c * dx + s * dy), np.abs(c * dy - s * dx))
-
-    def _clearances(self, ahead: Floats, beside: Floats) -> Floats:
-        """Return the same of points so far from the robot's middle along its axes."""
-        ahead, beside = ahead - self._half[0], beside - self._half[1]
-        inside = np.minimum(np.maximum(ahead, beside), 0.0)
-        clearances: Floats = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0)) + inside
-        return clearances
+        return to_rectangle(c * dx + s * dy, c * dy - s * dx, self._footprint)
 
 
 class _Scene:
@@ -284,7 +273,7 @@ class _Scene:
         count = SEARCHED * min(max(groups, LEAST_GROUPS), MOST_GROUPS)
         times = horizon / count * np.arange(1.0, count + 1.0)
         self._step_s = horizon / count
-        self._bounds = guard.speeds(moving, hold, times - self._step_s / 2.0)
+        self._envelope = guard.speeds(moving, hold, times - self._step_s / 2.0)
         xy = points.xy[None]
         if points.velocity.any():
             gone = (times + age_s)[:, None]
@@ -299,7 +288,7 @@ class _Scene:
         """`spare` of the whole twist, and of what it has recovered to if that is less."""
 
     def _least(self, twists: Floats) -> Floats:
-        poses = self._guard.poses(twists, self._bounds, self._step_s)
+        poses = self._guard.poses(twists, self._envelope, self._step_s)
         least: Floats = self._guard.clearances(poses[..., self._every], self._xy).min(axis=1)
         return least
 

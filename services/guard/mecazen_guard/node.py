@@ -8,6 +8,7 @@ from dataclasses import replace
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.drive import Drive
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
@@ -97,12 +98,14 @@ class GuardNode(Node):
         fault = self.surroundings.implausible(scan, now)
         if not fault:
             try:
-                self.surroundings.update(scan, self.poses.at(scan.header.stamp.ns))
-            except ValueError as problem:
-                fault = str(problem)
+                robot = self.poses.at(scan.header.stamp.ns)
+            except RefusedError as refusal:
+                fault = str(refusal)
         self.fault = fault
         if fault:
             inputs.refuse(SCAN, fault)
+        else:
+            self.surroundings.update(scan, robot)
 
     def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
         """Return what is let through, and what is wrong with the lidar."""

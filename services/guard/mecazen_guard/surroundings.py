@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.config import GuardConfig
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
+from mecazen.geometry_batch import Floats, between, compose, rotate
 from mecazen.messages import LaserScan
+from mecazen.scan import (
+    BOTH_LEGS_M,
+    LEG_M,
+    Flags,
+    Indices,
+    Things,
+    by_person,
+    clusters,
+    hits,
+)
+from mecazen.tracks import STILL_M_S, Track, Tracks
 
-from mecazen_guard.guard import NONE, Floats, Points
+from mecazen_guard.guard import Points
 
 GAP_M = 0.08
 """Neighbouring points that are farther apart belong to different things."""
-SMALL_M = 0.5
-"""What may be somebody's legs, be they seen as one, is no wider."""
-LEG_M = 0.25
-"""A leg, or two that touch, is no wider ..."""
 ROUND = 0.03
-"""... and its points spread about its chord by so much of its width: those of half a circle by
-0.11, of two by half of it, of a flat face, seen by a lidar with 1 mm of noise, by 0.01."""
+"""Least spread of a leg's points about its chord, as a share of its width: of half a circle it is
+0.11, of two half of that, of a flat face, seen by a lidar with 1 mm of noise, 0.01."""
 LEG_POINTS = 4
 """Fewer tell nothing: a leg that is nearer than 2.5 m has more."""
-PERSON_S = 1.0
-"""What has looked like a leg is one for so long."""
-STRIDE_M = 0.9
-"""Two legs of one person are not farther apart."""
-JUMP_M = 0.5
-"""Between two scans nobody's middle moves farther than this from where it is expected."""
-SCANS = 5
-"""So many scans give a velocity: half a stride."""
-STILL_M_S = 0.3
-"""Who is slower stands: as fast does the middle of what is seen move as the robot goes round."""
 SPACING_M = 0.03
 """Points of one thing that are nearer to each other are one."""
 FARTHEST_M = 5.0
@@ -42,44 +40,12 @@ HIDDEN_BEAMS = 3
 """So many neighbouring beams without a measurement are something nearer than the least range."""
 
 
-class _Track:
-    """Somebody's middle in the last scans.
-
-    Args:
-        seen: Times [s] and places in odom.
-        fastest: Nobody is taken to be faster [m/s].
-        looked: When it last looked like a leg [s].
-    """
-
-    def __init__(
-        self, seen: tuple[tuple[float, float, float], ...], fastest: float, looked: float
-    ) -> None:
-        self.seen, self.looked = seen, looked
-        self.is_person = seen[-1][0] - looked <= PERSON_S
-        # what is seen of a box moves as the robot goes round it: that is no velocity
-        self.velocity, self.sure = _velocity(seen if self.is_person else (), fastest)
-        """By a straight line, and the least that is sure of it [m/s]."""
-
-
-def _velocity(
-    seen: tuple[tuple[float, float, float], ...], fastest: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    none = 0.0, 0.0
-    if len(seen) < 3:
-        return none, none
-    middle = sum(time for time, _, _ in seen) / len(seen)
-    spread = sum((time - middle) ** 2 for time, _, _ in seen)
-    u = sum((time - middle) * x for time, x, _ in seen) / spread
-    v = sum((time - middle) * y for time, _, y in seen) / spread
-    speed = math.hypot(u, v)
-    if speed < STILL_M_S:
-        return none, none
-    (before, x0, y0), (now, x1, y1) = seen[-2:]
-    u, v = u / speed, v / speed
-    newest = ((x1 - x0) * u + (y1 - y0) * v) / (now - before)
-    sure = min(max(min(speed, newest) - STILL_M_S, 0.0), fastest)
-    speed = min(speed, fastest)
-    return (u * speed, v * speed), (u * sure, v * sure)
+def _velocities(track: Track, fastest: float) -> tuple[list[float], list[float]]:
+    """Return the velocity of a track, and the least that is sure of it [m/s]."""
+    u, v = track.direction
+    least = max(min(track.speed, track.newest) - STILL_M_S, 0.0)
+    speed, sure = min(track.speed, fastest), min(least, fastest)
+    return [speed * u, speed * v], [sure * u, sure * v]
 
 
 class Surroundings:
@@ -97,7 +63,7 @@ class Surroundings:
 
     def forget(self) -> None:
         """Begin anew: nothing is known."""
-        self._tracks: list[_Track] = []
+        self._tracks = Tracks()
         self._points = Points()
         self.time: float | None = None
         """When the newest scan was taken [s]; None: there is none."""
@@ -122,128 +88,73 @@ class Surroundings:
     def update(self, scan: LaserScan, robot: Pose2D) -> None:
         """Take a scan that was taken with base_link at `robot` in odom."""
         self.time = scan.header.stamp.ns / 1e9
-        xy, new = _points(scan)
-        place = robot.compose(self._mount)
-        c, s = math.cos(place.yaw), math.sin(place.yaw)
-        xy = _turned(xy, c, s) + place[:2]
-        if not len(xy):
-            self._tracks, self._points = [], Points()
+        points, starts = clusters(*_hits(scan), len(scan.ranges), GAP_M)
+        if not len(points):
+            self._tracks.update(self.time, ())
+            self._points = Points()
             return
-        things = _Things(xy, np.flatnonzero(new))
-        margins = np.full(len(things.width), self.config.margin_m)
-        velocity, sure = np.zeros((2, len(margins), 2))
-        tracks = []
-        small = np.flatnonzero(things.width <= SMALL_M).tolist()
+        things = Things(compose(robot.compose(self._mount), points), starts)
+        margins = np.full(len(starts), self.config.margin_m)
+        velocity, sure = np.zeros((2, len(starts), 2))
+        legs = things.width <= LEG_M
+        looks = legs & _is_round(things)
         middles = things.middle.tolist()
-        for legs in _persons(small, middles):
-            x, y = (sum(middles[i][axis] for i in legs) / len(legs) for axis in (0, 1))
-            track = self._followed(x, y, bool(things.is_leg[legs].any()))
-            tracks.append(track)
-            velocity[legs], sure[legs] = track.velocity, track.sure
+        persons = by_person(middles, legs, ~legs & (things.width <= BOTH_LEGS_M))
+        seen = [(_mean([middles[i] for i in of]), bool(looks[of].any())) for of in persons]
+        for of, track in zip(persons, self._tracks.update(self.time, seen), strict=True):
+            velocity[of], sure[of] = _velocities(track, self.config.person_speed_m_s)
             if track.is_person:
-                margins[legs] = self.config.person_margin_m
-        self._tracks = tracks
-        xy, of = things.thinned()
-        moves = velocity[of].any(axis=1)  # those points are there twice: they stop, or go on
+                margins[of] = self.config.person_margin_m
+        xy, thing = _thinned(things)
+        moves = velocity[thing].any(axis=1)  # those points are there twice: they stop, or go on
         self._points = Points(
             np.concatenate((xy, xy[moves])),
-            np.concatenate((sure[of], velocity[of][moves])),
-            np.concatenate((margins[of], margins[of][moves])),
+            np.concatenate((sure[thing], velocity[thing][moves])),
+            np.concatenate((margins[thing], margins[thing][moves])),
             np.arange(len(xy) + moves.sum()) < len(xy),
         )
-
-    def _followed(self, x: float, y: float, is_leg: bool) -> _Track:
-        """Return the track of somebody who is now at a place, with that place."""
-        assert self.time is not None
-        best, looked, least = (), -math.inf, JUMP_M
-        for track in self._tracks:
-            time, u, v = track.seen[-1]
-            since = self.time - time
-            off = math.hypot(u + since * track.velocity[0] - x, v + since * track.velocity[1] - y)
-            if off < least:
-                best, looked, least = track.seen, track.looked, off  # type: ignore[assignment]
-        seen = (*best[1 - SCANS :], (self.time, x, y))
-        return _Track(seen, self.config.person_speed_m_s, self.time if is_leg else looked)
 
     def seen_from(self, robot: Pose2D) -> Points:
         """Return the points in base_link, where it is at `robot` in odom."""
         points = self._points
-        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         return points._replace(
-            xy=_turned(points.xy - robot[:2], c, -s), velocity=_turned(points.velocity, c, -s)
+            xy=between(robot, points.xy), velocity=rotate(points.velocity, -robot.yaw)
         )
 
 
-def _turned(xy: Floats, c: float, s: float) -> Floats:
-    """Return vectors turned by the angle whose cosine and sine are given, (N, 2)."""
-    x, y = xy.T
-    return np.array((c * x - s * y, s * x + c * y)).T
+def _mean(places: Sequence[Sequence[float]]) -> tuple[float, float]:
+    x, y = (math.fsum(axis) / len(places) for axis in zip(*places, strict=True))
+    return x, y
 
 
-class _Things:
-    """Points in their order, and what of a thing they show; it begins at each of `starts`."""
-
-    def __init__(self, xy: Floats, starts: npt.NDArray[np.intp]) -> None:
-        counts = np.diff(starts, append=len(xy))
-        self._xy, self._starts = xy, starts
-        self._of = np.repeat(np.arange(len(starts)), counts)
-        self.middle: Floats = np.add.reduceat(xy, starts) / counts[:, None]
-        self.width: Floats = np.hypot(
-            *(np.maximum.reduceat(xy, starts) - np.minimum.reduceat(xy, starts)).T
-        )
-        first = xy[starts]
-        chord = xy[starts + counts - 1] - first
-        chord /= np.maximum(np.hypot(*chord.T), 1e-9)[:, None]
-        off, along = xy - first[self._of], chord[self._of]
-        off = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
-        mean, square = (np.add.reduceat(part, starts) / counts for part in (off, off**2))
-        is_round = square - mean**2 >= (ROUND * self.width) ** 2
-        self.is_leg = (counts >= LEG_POINTS) & (self.width <= LEG_M) & is_round
-
-    def thinned(self) -> tuple[Floats, npt.NDArray[np.intp]]:
-        """Return points without those too near to the one before, and the thing of each."""
-        along = np.cumsum(np.hypot(*np.diff(self._xy, axis=0, prepend=self._xy[:1]).T))
-        cells = (along - along[self._starts][self._of]) // SPACING_M
-        keep = np.diff(cells, prepend=-1.0) != 0.0
-        keep[self._starts] = True
-        return self._xy[keep], self._of[keep]
+def _is_round(things: Things) -> Flags:
+    """Return which things have points beside their chord, as a leg has."""
+    xy, starts, counts = things.xy, things.starts, things.counts
+    first = xy[starts]
+    chord = xy[starts + counts - 1] - first
+    chord /= np.maximum(np.hypot(*chord.T), 1e-9)[:, None]
+    off, along = xy - first[things.of], chord[things.of]
+    off = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
+    mean, square = (np.add.reduceat(part, starts) / counts for part in (off, off**2))
+    is_round: Flags = square - mean**2 >= (ROUND * things.width) ** 2
+    return (counts >= LEG_POINTS) & is_round
 
 
-def _points(scan: LaserScan) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return what a scan hits, in the lidar's frame, and where another thing begins.
+def _thinned(things: Things) -> tuple[Floats, Indices]:
+    """Return points without those too near to the one before, and the thing of each."""
+    along = np.cumsum(np.hypot(*np.diff(things.xy, axis=0, prepend=things.xy[:1]).T))
+    cells = (along - along[things.starts][things.of]) // SPACING_M
+    keep = np.diff(cells, prepend=-1.0) != 0.0
+    keep[things.starts] = True
+    return things.xy[keep], things.of[keep]
 
-    The points go round from a place where a thing begins.
-    """
+
+def _hits(scan: LaserScan) -> tuple[Floats, Indices]:
+    """Return what a scan hits, in the lidar's frame, and the beam of each point."""
     ranges: Floats = np.array(scan.ranges)
     hidden = ranges < scan.range_min
     if hidden.any():  # many in a row are no dropouts
         runs = np.all([np.roll(hidden, k) for k in range(HIDDEN_BEAMS)], axis=0)
         hidden = np.any([np.roll(runs, -k) for k in range(HIDDEN_BEAMS)], axis=0)
         ranges = np.where(hidden, scan.range_min, ranges)
-    (hit,) = np.nonzero((ranges >= scan.range_min) & (ranges <= min(scan.range_max, FARTHEST_M)))
-    if not len(hit):
-        return NONE, np.empty(0, bool)
-    angles = scan.angle_min + scan.angle_increment * hit
-    xy = ranges[hit, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-    steps = xy - np.roll(xy, 1, axis=0)
-    new = np.einsum("ij,ij->i", steps, steps) > GAP_M**2
-    if not new.any():
-        new[0] = True
-    first = int(np.argmax(new))
-    return np.roll(xy, -first, axis=0), np.roll(new, -first)
-
-
-def _persons(small: list[int], middles: list[list[float]]) -> list[list[int]]:
-    """Return which small things are the legs of one person, each thing once."""
-    near = sorted(
-        (distance, i, j)
-        for i in small
-        for j in small
-        if j < i and (distance := math.dist(middles[i], middles[j])) <= STRIDE_M
-    )
-    left, found = set(small), []
-    for _, i, j in near:
-        if {i, j} <= left:
-            left -= {i, j}
-            found.append([i, j])
-    return found + [[i] for i in sorted(left)]
+    return hits(scan, ranges, FARTHEST_M)

@@ -36,7 +36,7 @@ class TargetNode(Node):
         path = self.config.path
         try:
             self.path = None if isinstance(path, people.Driven) else make_path(path)
-        except ValueError as error:
+        except ConfigError as error:
             raise ConfigError(f"target.path: {error}") from None
         # both refuse what does not suit the tick
         scenario.sensor.ticks_per_frame(scenario.sim.tick_s)

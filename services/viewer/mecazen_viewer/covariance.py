@@ -14,12 +14,16 @@ SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Scale of the 95 % ellipse: the chi-square quantile of two degrees of freedom is -2·ln(1 - p)."""
 SMALLEST, LARGEST = 1e-12, 1e6
 """Bounds of the eigenvalues [m², rad²] that can be drawn."""
+FLATTEST = 1e-14
+"""Least ratio of the eigenvalues: below it, rounding can make a covariance singular."""
 
 
 def planar(covariance: tuple[float, ...]) -> Array | None:
     """Return the (3, 3) over (x, y, yaw) of ROS's 6x6; None if it is not positive definite."""
-    part = np.array(planar_covariance(covariance))
-    if np.abs(part).max() > LARGEST or np.linalg.eigvalsh(part).min() < SMALLEST:
+    rows = np.array(planar_covariance(covariance))
+    part: Array = (rows + rows.T) / 2.0
+    eigenvalues = np.linalg.eigvalsh(part)
+    if np.abs(part).max() > LARGEST or eigenvalues[0] < max(SMALLEST, FLATTEST * eigenvalues[-1]):
         return None
     return part
 

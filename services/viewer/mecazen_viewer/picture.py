@@ -11,6 +11,7 @@ import rerun as rr
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.graph import CROWD
 from mecazen.limits import FARTHEST_M
@@ -54,7 +55,7 @@ class Picture:
     """The entities of one namespace, as a rule of one robot, in one run.
 
     Each method takes a message and the time of its tick [ns], and returns the entities that
-    change. All raise ValueError if a message can't be drawn. `scenario` is that of the robot's
+    change. All raise RefusedError if a message can't be drawn. `scenario` is that of the robot's
     services, `health` is shared by all namespaces. Paths do not contain the name of the `robot`.
     """
 
@@ -92,7 +93,7 @@ class Picture:
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
         place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
         if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
-            raise ValueError(f"pose out of range: {odom.pose.pose}")
+            raise RefusedError(f"pose out of range: {odom.pose.pose}")
         yield e.ROBOT, transform(place, turn)
         self._centre = things.grid_centre(pose)
         other = self._person.newest or pose  # the view is centred between both
@@ -227,7 +228,7 @@ class Picture:
         for status in report.status:
             for pair in status.values:
                 if service == "physics" and pair.key == "rtf":
-                    yield plots.real_time(float(pair.value))
+                    yield plots.real_time(_number(pair.value))
 
     def ground(self) -> Iterator[Entity]:
         """Return the grid if it has to be moved."""
@@ -257,5 +258,12 @@ def _planar(odom: m.Odometry) -> Pose2D:
 
 def _in_range(pose: Pose2D) -> Pose2D:
     if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
-        raise ValueError(f"pose out of range: {pose.x}, {pose.y}")
+        raise RefusedError(f"pose out of range: {pose.x}, {pose.y}")
     return pose
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise RefusedError(f"not a number: {text!r:.80}") from None

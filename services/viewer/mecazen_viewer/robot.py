@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+from mecazen.errors import RefusedError
 from mecazen.messages import JointState
 
 from mecazen_viewer import entities as e
@@ -26,7 +27,7 @@ class RobotModel:
     """The robot as entities below `world/robot`, which is base_link.
 
     Raises:
-        ValueError: The links form no tree, or a mesh is missing or not a binary STL.
+        RefusedError: The links form no tree, or a mesh is missing or not a binary STL.
     """
 
     def __init__(self, urdf: Urdf, meshes: Mapping[str, bytes]) -> None:
@@ -107,13 +108,13 @@ def _tree(urdf: Urdf) -> tuple[str, list[Joint]]:
         children[joint.parent].append(joint)
     roots = set(children) - {joint.child for joint in urdf.joints} or set(urdf.visuals)
     if len(roots) != 1:
-        raise ValueError(f"the links are no tree with one root: {sorted(roots)}")
+        raise RefusedError(f"the links are no tree with one root: {sorted(roots)}")
     root = roots.pop()
     joints = list(children.pop(root, ()))
     for joint in joints:
         joints += children.pop(joint.child, ())
     if children:
-        raise ValueError(f"the links are no tree with one root: {sorted(children)}")
+        raise RefusedError(f"the links are no tree with one root: {sorted(children)}")
     return root, joints
 
 
@@ -141,7 +142,7 @@ def _placed(visual: Visual, places: Array, rotations: Array) -> Components:
 def _shape(visual: Visual, meshes: Mapping[str, bytes]) -> rr.AsComponents:
     if visual.kind == "mesh":
         if visual.mesh not in meshes:
-            raise ValueError(f"no file for the mesh {visual.mesh!r}")
+            raise RefusedError(f"no file for the mesh {visual.mesh!r}")
         names = "vertex_positions", "triangle_indices", "vertex_normals"
         mesh: dict[str, Any] = dict(zip(names, read_stl(meshes[visual.mesh]), strict=True))
         return rr.Mesh3D(**mesh, albedo_factor=visual.rgba)

@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 from mecazen import messages as m
 from mecazen.config.sensors import TrackerConfig
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import Camera
@@ -76,7 +77,7 @@ def people(persons: Sequence[m.Person]) -> Entity:
         else:
             place = one.pose.position
             if max(abs(place.x), abs(place.y), one.height) > FARTHEST_M:
-                raise ValueError(f"pose out of range: {one.pose}")
+                raise RefusedError(f"pose out of range: {one.pose}")
             strips.append(np.array([(place.x, place.y, 0.0), (place.x, place.y, one.height)]))
     return e.PEOPLE, components.lines(strips)
 
@@ -97,20 +98,20 @@ def depth(image: m.Image) -> Entity:
     """Return a depth picture.
 
     Raises:
-        ValueError: It is none of 16 bits, or its data are of another size.
+        RefusedError: It is none of 16 bits, or its data are of another size.
     """
     if image.encoding != "16UC1" or len(image.data) != 2 * image.width * image.height:
-        raise ValueError(f"depth picture: {image.encoding!r}, {len(image.data)} bytes")
+        raise RefusedError(f"depth picture: {image.encoding!r}, {len(image.data)} bytes")
     pixels = np.frombuffer(image.data, "<u2").reshape(image.height, image.width)
     return e.DEPTH, rr.DepthImage(pixels, meter=1000.0)
 
 
 def _joints(skeleton: m.Skeleton | m.Person) -> Array:
     if len(skeleton.joints) != len(JOINTS):
-        raise ValueError(f"a skeleton has {len(JOINTS)} joints, not {len(skeleton.joints)}")
+        raise RefusedError(f"a skeleton has {len(JOINTS)} joints, not {len(skeleton.joints)}")
     joints: Array = np.array([(joint.x, joint.y, joint.z) for joint in skeleton.joints])
     if np.abs(joints).max() > FARTHEST_M:
-        raise ValueError("joints out of range")
+        raise RefusedError("joints out of range")
     return joints
 
 

@@ -16,7 +16,7 @@ from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.description import ask_description
-from mecazen.errors import BusError, MecazenError
+from mecazen.errors import BusError, MecazenError, RefusedError
 from mecazen.keys import Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
@@ -136,7 +136,7 @@ class ViewerService(Observer):
                 self._shown[key] = time_ns
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
-            except ValueError as refusal:
+            except RefusedError as refusal:
                 self.bus.refuse(join_key(topic.key, robot), str(refusal))
                 return
             self.log(robot, entities, time_ns)
@@ -196,6 +196,6 @@ class ViewerService(Observer):
         try:
             description = ask_description(self.bus, name, DESCRIPTION_TIMEOUT_S)
             return self.pictures[name].robot_shapes(description)
-        except (BusError, ValueError) as error:
+        except (BusError, RefusedError) as error:
             logger.warning("msg=%r", f"no picture of {name or 'the robot'}: {error}")
             return []

@@ -8,13 +8,14 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.errors import RefusedError
 
 Array = npt.NDArray[np.float32]
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
-SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "mesh": ()}
-"""Attributes with the size of each shape."""
+SIZES = {"box": (("size",), 3), "cylinder": (("radius", "length"), 2), "mesh": ((), 0)}
+"""Attributes with the size of each shape, and the count of numbers in them."""
 GREY = (0.5, 0.5, 0.5, 1.0)
 STL_HEADER_BYTES = 84
 STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -65,13 +66,13 @@ def read(text: str) -> Urdf:
     """Return the robot that `text` describes.
 
     Raises:
-        ValueError: It is not a URDF.
+        RefusedError: It is not a URDF.
     """
     try:
         # expat limits the expansion of entities, the usual attack by XML
         root = ET.fromstring(text)  # noqa: S314
         colours = {
-            material.get("name"): _floats(_child(material, "color").get("rgba", ""))
+            material.get("name"): _floats(_child(material, "color").get("rgba", ""), 4)
             for material in root.findall("material")
         }
         visuals = {
@@ -91,9 +92,9 @@ def read(text: str) -> Urdf:
             )
             for joint in root.findall("joint")
         ]
-        return Urdf(visuals, tuple(joints))
-    except (ET.ParseError, ValueError) as error:
-        raise ValueError(f"not a URDF: {error}") from None
+    except (ET.ParseError, RefusedError) as error:
+        raise RefusedError(f"not a URDF: {error}") from None
+    return Urdf(visuals, tuple(joints))
 
 
 def read_stl(data: bytes) -> tuple[Array, npt.NDArray[np.uint32], Array]:
@@ -103,10 +104,10 @@ def read_stl(data: bytes) -> tuple[Array, npt.NDArray[np.uint32], Array]:
     the mean of its facets' normals, weighted by area, so that the shading is smooth.
 
     Raises:
-        ValueError: It is not a binary STL file.
+        RefusedError: It is not a binary STL file.
     """
     if len(data) < STL_HEADER_BYTES or (len(data) - STL_HEADER_BYTES) % STL_FACET.itemsize:
-        raise ValueError("not a binary STL file")
+        raise RefusedError("not a binary STL file")
     corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER_BYTES)["corners"]
     vertices: Array
     vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -122,11 +123,12 @@ def read_stl(data: bytes) -> tuple[Array, npt.NDArray[np.uint32], Array]:
 def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]]) -> Visual:
     geometry = _child(visual, "geometry")
     if not len(geometry):
-        raise ValueError("an empty geometry")
+        raise RefusedError("an empty geometry")
     shape = geometry[0]
     if shape.tag not in SIZES:
-        raise ValueError(f"the shape {shape.tag!r}")
-    size = _floats(" ".join(shape.get(name, "") for name in SIZES[shape.tag]))
+        raise RefusedError(f"the shape {shape.tag!r}")
+    names, count = SIZES[shape.tag]
+    size = _floats(" ".join(shape.get(name, "") for name in names), count)
     material = visual.find("material")
     rgba = colours.get(None if material is None else material.get("name"), GREY)
     return Visual(shape.tag, size, shape.get("filename", ""), _origin(visual), rgba)
@@ -140,14 +142,21 @@ def _origin(element: ET.Element) -> Origin:
 def _child(element: ET.Element, tag: str) -> ET.Element:
     child = element.find(tag)
     if child is None:
-        raise ValueError(f"{element.tag} {element.get('name', '')} without {tag}")
+        raise RefusedError(f"{element.tag} {element.get('name', '')} without {tag}")
     return child
 
 
 def _vector(element: ET.Element, name: str, default: str = "0 0 0") -> Vector:
-    x, y, z = _floats(element.get(name, default))
+    x, y, z = _floats(element.get(name, default), 3)
     return x, y, z
 
 
-def _floats(text: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in text.split())
+def _floats(text: str, count: int) -> tuple[float, ...]:
+    words = text.split()
+    try:
+        numbers = tuple(map(float, words))
+    except ValueError as error:
+        raise RefusedError(str(error)) from None
+    if len(numbers) != count:
+        raise RefusedError(f"{text!r:.80} must be {count} numbers")
+    return numbers

@@ -12,9 +12,6 @@ import numpy.typing as npt
 from mecazen.config.estimators import PARAMS, Params, make_params
 from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.limits import FARTHEST_M
-
-from mecazen_follower.estimators.symmetric import Rows, is_positive
 
 Array = npt.NDArray[np.float64]
 
@@ -67,34 +64,21 @@ class Estimator(ABC):
     def update(self, observation: Pose2D, covariance: npt.ArrayLike | None = None) -> None:
         """Correct the estimate with an observed pose in odom and its 3x3 covariance.
 
+        Both are finite, and the covariance is symmetric and positive semidefinite: see
+        `measurement.check`.
+        """
+        self._observe(observation, self.noise(covariance))
+
+    def noise(self, covariance: npt.ArrayLike | None) -> Array:
+        """Return the covariance (3, 3) that `update` assumes.
+
         A covariance of None or all zeros is unknown, as in ROS; the noise of the parameters
         replaces it.
-
-        Raises:
-            ValueError: The observation is not finite or farther than 1000 km, or the
-                covariance is invalid. The estimate is unchanged.
         """
-        self._observe(observation, self.noise(observation, covariance))
-
-    def noise(self, observation: Pose2D, covariance: npt.ArrayLike | None) -> Array:
-        """Return the covariance (3, 3) that `update` assumes; raises as it does."""
-        if not all(abs(number) <= FARTHEST_M for number in observation):
-            raise ValueError(f"observation is out of range: {tuple(observation)}")
         if covariance is None:
             return self._default_noise
         noise = np.asarray(covariance, float)
-        rows = noise.tolist()
-        if noise.shape != (3, 3) or not all(
-            abs(number) <= FARTHEST_M**2 for row in rows for number in row
-        ):
-            raise ValueError("covariance of an observation must be 3x3 and finite")
-        if not any(map(any, rows)):
-            return self._default_noise
-        positive = noise + MIN_NOISE
-        if not (_is_symmetric(rows) and is_positive(positive.tolist())):
-            required = "symmetric and positive semidefinite"
-            raise ValueError(f"covariance of an observation must be {required}")
-        return positive
+        return noise + MIN_NOISE if noise.any() else self._default_noise
 
     @abstractmethod
     def _observe(self, observation: Pose2D, noise: Array) -> None:
@@ -139,15 +123,6 @@ class RawObservation(Estimator, name="none"):
 def as_tuple(matrix: Array) -> PlanarCovariance:
     """Return a covariance (3, 3) as plain floats."""
     return tuple(map(tuple, matrix.tolist()))
-
-
-def _is_symmetric(matrix: Rows) -> bool:
-    """Return whether a 3x3 matrix is symmetric to single precision."""
-    (_, xy, xw), (yx, _, yw), (wx, wy, _) = matrix
-    return all(
-        math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-8)
-        for one, other in ((xy, yx), (xw, wx), (yw, wy))
-    )
 
 
 def make_estimator(name: str, params: Mapping[str, float]) -> Estimator:

@@ -10,7 +10,7 @@ from mecazen.geometry import Pose2D
 from mecazen.messages import Skeleton
 from mecazen.skeleton import INDEX
 
-from mecazen_follower.association import NO_HEADING
+from mecazen_follower.measurement import NO_HEADING
 
 _TRUNK = tuple(INDEX[name] for name in ("pelvis", "spine", "neck"))
 _LINES = tuple((INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]) for joint in ("hip", "shoulder"))

@@ -11,7 +11,7 @@ from mecazen.keys import LEGS, OBSERVATION, SCAN, SKELETONS
 from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_follower.perception.body import poses_of
-from mecazen_follower.perception.legs import persons
+from mecazen_follower.perception.legs import persons, things_of
 
 
 class Body(Node):
@@ -62,7 +62,7 @@ class Legs(Node):
             m.PoseWithCovariance(
                 pose=m.Pose.planar(self.lidar.compose(pose)), covariance=ros_covariance(covariance)
             )
-            for pose, covariance in persons(scan)
+            for pose, covariance in persons(things_of(scan))
         ]
         header = m.Header(stamp=scan.header.stamp, frame_id="base_link")
         return {LEGS: m.Observation(header=header, poses=tuple(found))}

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.drive_batch import Array
 
 from mecazen_follower.planner.field import Field, Shadows
-from mecazen_follower.planner.rollout import Array, Rollout
+from mecazen_follower.planner.rollout import Rollout
 
 Floats = npt.NDArray[np.float64]
 

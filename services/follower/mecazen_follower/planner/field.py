@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from mecazen_follower.planner.rollout import Array
+from mecazen.drive_batch import Array
 
 CELL_M = 0.06
 CELLS = 110

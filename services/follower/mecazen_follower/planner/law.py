@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.drive_batch import Array
 
-from mecazen_follower.planner.rollout import Array, Command
+from mecazen_follower.planner.rollout import Command
 
 Floats = npt.NDArray[np.float64]
 
@@ -35,7 +36,7 @@ class Goals(NamedTuple):
 
 
 def towards(person: Floats, goals: Goals, gains: PolarGains) -> Command:
-    """Return the law of polar.py without its care for the wheels: `Able` sees to these.
+    """Return the law of polar.py without its care for the wheels: `MotionLimits` sees to these.
 
     `person` (steps, 3) is where the person will be.
     """

@@ -12,8 +12,9 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from mecazen.drive_batch import Array
 
-from mecazen_follower.planner.rollout import Array, Rollout
+from mecazen_follower.planner.rollout import Rollout
 
 STEPS = 20
 KNOTS = 6

@@ -7,10 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
+from mecazen.geometry_batch import Floats, compose
 from mecazen.messages import LaserScan
+from mecazen.scan import BOTH_LEGS_M, Things
+from mecazen.tracks import SCANS, Track, Tracks
 
-from mecazen_follower.perception.legs import BOTH_LEGS_M, clusters, persons
-from mecazen_follower.planner.movers import Movers
+from mecazen_follower.perception.legs import persons, things_of
 
 VOXEL_M = 0.1
 """One point is kept of each square of this width."""
@@ -22,32 +24,38 @@ BEHIND_M = 0.15
 """A point is hidden by what is nearer by at least this."""
 OWN_M = 0.5
 """Legs are not farther from whom they carry: half a stride."""
-
-Floats = npt.NDArray[np.float64]
+FASTEST_M_S = 2.5
+"""Who is faster is no person."""
 
 
 class Surroundings:
     """Everything that the lidar sees, but for the person whom the robot follows, in odom."""
 
     def __init__(self) -> None:
-        self.movers = Movers()
+        self._tracks = Tracks()
         self._points: Floats = np.empty((0, 2))
         self._times: Floats = np.empty(0)
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D, person: Pose2D) -> None:
         """Take a scan that was captured at `time` [s] with the lidar at a pose in odom."""
-        found = [lidar.compose(pose) for pose, _ in persons(scan)]
-        others = [(x, y) for x, y, _ in found if not _near(x, y, person)]
-        self.movers.update(time, others)
-        walkers = np.vstack((self.movers.places(time), [person[:2]]))
+        things = things_of(scan)
+        found = [lidar.compose(pose) for pose, _ in persons(things)]
+        self._tracks.update(
+            time, [(one[:2], True) for one in found if one.distance(person) > OWN_M]
+        )
+        walkers = np.vstack((self.walkers(np.array([time]))[0], [person[:2]]))
 
         hidden = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
-        points, starts = clusters(scan)
-        c, s = math.cos(lidar.yaw), math.sin(lidar.yaw)
-        points = points @ np.array(((c, s), (-s, c))) + (lidar.x, lidar.y)
-        standing = points[~_of_walkers(points, starts, walkers)]
+        things = Things(compose(lidar, things.xy), things.starts)
+        standing = things.xy[~_of_walkers(things, walkers)]
         self._points = np.vstack((self._points[hidden], standing))
         self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
+
+    def walkers(self, times: Floats) -> Floats:
+        """Return where those who walk will be (times, n, 2)."""
+        walking = [track for track in self._tracks.known() if _walks(track)]
+        ahead = [[track.at(time) for track in walking] for time in times.tolist()]
+        return np.array(ahead).reshape(len(times), len(walking), 2)
 
     def standing(self, robot: Pose2D) -> Floats:
         """Return the places of what stands (n, 2), the nearest ones, thinned out, in odom."""
@@ -74,20 +82,14 @@ class Surroundings:
         return hidden
 
 
-def _near(x: float, y: float, person: Pose2D) -> bool:
-    return math.hypot(x - person.x, y - person.y) <= OWN_M
+def _walks(track: Track) -> bool:
+    """Return whether it is sure enough that a person walks: else an edge may come into view."""
+    return len(track.places) == SCANS and 0.0 < track.speed <= FASTEST_M_S
 
 
-def _of_walkers(
-    points: Floats, starts: npt.NDArray[np.intp], walkers: Floats
-) -> npt.NDArray[np.bool_]:
-    """Return which points are legs: of things no wider than two, beside somebody who walks."""
-    if not len(points) or not len(walkers):
-        return np.zeros(len(points), bool)
-    counts = np.diff(starts, append=len(points))
-    middles = np.add.reduceat(points, starts) / counts[:, None]
-    widths = np.hypot(
-        *(np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)).T
-    )
-    gaps = np.linalg.norm(middles[:, None] - walkers, axis=-1).min(axis=1)
-    return np.repeat((widths <= BOTH_LEGS_M) & (gaps <= OWN_M), counts)
+def _of_walkers(things: Things, walkers: Floats) -> npt.NDArray[np.bool_]:
+    """Return which points are legs: of things no wider than two, beside a person who walks."""
+    off = things.middle[:, None] - walkers
+    beside = np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= OWN_M
+    of_walkers: npt.NDArray[np.bool_] = ((things.width <= BOTH_LEGS_M) & beside)[things.of]
+    return of_walkers

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.config.follower import PlannerConfig
 from mecazen.drive import Drive
+from mecazen.drive_batch import Array, MotionLimits
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.messages import LaserScan
 from mecazen.standoff import Standoff
@@ -20,7 +21,7 @@ from mecazen_follower.planner.law import PolarGains, towards
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
 from mecazen_follower.planner.mppi import STEPS, Mppi, Problem, Search
 from mecazen_follower.planner.obstacles import Surroundings
-from mecazen_follower.planner.rollout import Able, Array, Rollout, follow, roll, step_towards
+from mecazen_follower.planner.rollout import Rollout, follow, roll
 from mecazen_follower.planner.verdict import OPEN, free, verdict
 
 POINT_M = 0.05
@@ -60,7 +61,8 @@ class Planner:
         self._config, self._standoff, self._gains = config, standoff, gains
         self._body = body
         self._dt = config.horizon_s / STEPS
-        self._able = lru_cache(partial(Able, drive, max_speed))
+        self._drive, self._max_speed = drive, max_speed
+        self._limits = lru_cache(partial(MotionLimits, drive, max_speed, self._dt))
         self._costs = Costs(config.priorities, standoff.distance, config.clearance_m, body, sight)
         self.search: Search = Mppi(config.samples, seed)
         self.forget()
@@ -118,7 +120,7 @@ class Planner:
             return nominal
         x, y, yaw = self._commands[0].tolist()
         wanted = Twist2D(*rotate(x, y, -robot.yaw), yaw)
-        self._sent = step_towards(self._sent, wanted, self._able(dt, 1))
+        self._sent = self._drive.step(self._sent, wanted, self._max_speed, dt)
         return self._sent
 
     def replan(self, time: float, elapsed: float, person: Estimate, robot: Pose2D) -> None:
@@ -129,12 +131,12 @@ class Planner:
             robot.yaw,
             self._sent,
             STEPS,
-            self._able(self._dt, goals.poses.shape[-1]),
+            self._limits(goals.poses.shape[-1]),
             towards(prediction.poses, goals, self._gains),
         )
         standing = self.surroundings.standing(robot) - robot[:2]
         times: Floats = time + self._dt * np.arange(1.0, STEPS + 1.0)
-        movers = self.surroundings.movers.ahead(times) - robot[:2]
+        movers = self.surroundings.walkers(times) - robot[:2]
         shadows = self._shadows(prediction.poses[:, :2], standing, movers)
         was = self._config.clearance_m
         wanted = was if self._commands is None else 1.5 * was  # back to the law with room to spare
@@ -150,8 +152,8 @@ class Planner:
             modes = np.concatenate((modes, _shifted(self._commands, elapsed / self._dt)), axis=-1)
 
         def rolled(commands: Array) -> Rollout:
-            able = self._able(self._dt, commands.shape[-1], commands.dtype)
-            return roll(robot.yaw, self._sent, STEPS, able, follow(commands))
+            limits = self._limits(commands.shape[-1], commands.dtype)
+            return roll(robot.yaw, self._sent, STEPS, limits, follow(commands))
 
         loyal = self._commands is not None
         cost = partial(self._costs.of, scene=scene)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.geometry_batch import to_rectangle
 from mecazen.standoff import Standoff
 
 from mecazen_follower.planner.costs import Body, Costs, Scene
@@ -48,10 +49,7 @@ def free(
     """
     x, y, c, s = (values[:, :1] for values in ways[:4])
     dx, dy = standing[:, 0] - x, standing[:, 1] - y
-    gaps = np.hypot(
-        np.maximum(np.abs(c * dx + s * dy) - body.length, 0.0),
-        np.maximum(np.abs(c * dy - s * dx) - body.width, 0.0),
-    )
+    gaps = to_rectangle(c * dx + s * dy, c * dy - s * dx, (body.length, body.width))
     gap = gaps.min(axis=1, initial=math.inf)
     reach = math.hypot(body.length, body.width) + body.person
     passing = np.hypot(movers[..., 0] - x, movers[..., 1] - y) - reach

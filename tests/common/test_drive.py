@@ -1,4 +1,4 @@
-"""The limiter meets its reference exactly, within every limit, whatever it is asked."""
+"""The robot's motion within its limits: one axis, and the wheels of all."""
 
 import math
 from itertools import pairwise
@@ -6,9 +6,8 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from mecazen.drive import Limits
+from mecazen.drive import Drive, LimiterState, Limits, limit, limit_twist
 from mecazen.geometry import Twist2D
-from mecazen.limiter import LimiterState, limit, limit_twist
 
 DT = 0.01
 REST = LimiterState()
@@ -173,3 +172,17 @@ def test_each_axis_has_its_own_limits():
     limits = (Limits(velocity=1.0), Limits(acceleration=1.0), Limits())
     x, y, yaw = limit_twist((REST, REST, REST), Twist2D(2.0, 2.0, 2.0), limits, DT)
     assert (x.velocity, y.velocity, yaw.velocity) == (1.0, pytest.approx(0.01), 2.0)
+
+
+NO_RIM_FASTER = Drive(rim_speed=2.0, sideways=1.0, lever=0.3)
+
+
+def test_no_rim_is_faster_than_it_can_be_and_all_axes_are_slowed_down_alike():
+    x, y, yaw = NO_RIM_FASTER.step(Twist2D(), Twist2D(2.0, 2.0, 3.0), 5.0, 10.0)
+    assert NO_RIM_FASTER.rims(Twist2D(x, y, yaw)) == pytest.approx(2.0)
+    assert (x / yaw, y / yaw) == pytest.approx((2.0 / 3.0, 2.0 / 3.0))
+
+
+def test_without_limits_of_the_wheels_only_the_planar_speed_is_limited():
+    x, y, yaw = Drive().step(Twist2D(), Twist2D(1.0, 1.0, 1.0), 1.0, 10.0)
+    assert (math.hypot(x, y), yaw) == (pytest.approx(1.0), 1.0)

@@ -1,0 +1,38 @@
+"""Planar geometry for arrays of points: that of `geometry`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from mecazen.geometry import Pose2D
+
+Floats = npt.NDArray[np.float64]
+
+
+def rotate(xy: Floats, yaw: float) -> Floats:
+    """Return vectors (n, 2) turned by `yaw` [rad]."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    x, y = xy.T
+    return np.array((c * x - s * y, s * x + c * y)).T
+
+
+def compose(frame: Pose2D, xy: Floats) -> Floats:
+    """Return points (n, 2), given in a frame, in its parent [m]."""
+    composed: Floats = rotate(xy, frame.yaw) + frame[:2]
+    return composed
+
+
+def between(frame: Pose2D, xy: Floats) -> Floats:
+    """Return points (n, 2), given in the parent of a frame, in that frame [m]."""
+    return rotate(xy - frame[:2], -frame.yaw)
+
+
+def to_rectangle(ahead: Floats, beside: Floats, half: tuple[float, float]) -> Floats:
+    """Return the distances of points from a rectangle [m]: `geometry.to_rectangle`."""
+    x, y = np.abs(ahead) - half[0], np.abs(beside) - half[1]
+    inside = np.minimum(np.maximum(x, y), 0.0)
+    distances: Floats = np.hypot(np.maximum(x, 0.0), np.maximum(y, 0.0)) + inside
+    return distances

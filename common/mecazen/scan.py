@@ -1,0 +1,105 @@
+"""From a lidar's scan to things: the points of each, and which things are a person's legs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from mecazen.geometry_batch import Floats
+from mecazen.messages import LaserScan
+
+Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+
+LEG_M = 0.25
+"""Greatest width of a leg, with what it wears."""
+BOTH_LEGS_M = 0.5
+"""Greatest width of two legs that stand together."""
+STRIDE_M = 0.9
+"""Greatest distance between the legs of one person."""
+
+
+class Things:
+    """The points of a scan, thing by thing.
+
+    Attributes:
+        xy: Places of the points (n, 2) [m].
+        starts: Where each of k things begins among the points (k).
+        counts: Points of each thing (k).
+        of: The thing of each point (n).
+        middle: Mean of each thing's points (k, 2) [m].
+        width: Twice the distance of its farthest point from that (k) [m].
+    """
+
+    def __init__(self, xy: Floats, starts: Indices) -> None:
+        self.xy, self.starts = xy, starts
+        self.counts = np.diff(starts, append=len(xy))
+        self.of = np.repeat(np.arange(len(starts)), self.counts)
+        self.middle: Floats = np.zeros((0, 2))
+        self.width: Floats = np.zeros(0)
+        if len(xy):
+            self.middle = np.add.reduceat(xy, starts) / self.counts[:, None]
+            off = xy - self.middle[self.of]
+            squares = off[:, 0] * off[:, 0] + off[:, 1] * off[:, 1]
+            self.width = 2.0 * np.sqrt(np.maximum.reduceat(squares, starts))
+
+
+def hits(scan: LaserScan, ranges: Floats, farthest_m: float = math.inf) -> tuple[Floats, Indices]:
+    """Return what a scan hits (n, 2) [m], in the lidar's frame, and the beam of each point (n).
+
+    Args:
+        scan: Its angles and limits.
+        ranges: Its ranges [m].
+        farthest_m: Points beyond it are left out.
+    """
+    most = min(scan.range_max, farthest_m)
+    (beams,) = np.nonzero((ranges >= scan.range_min) & (ranges <= most))
+    angles = scan.angle_min + scan.angle_increment * beams
+    return ranges[beams, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1), beams
+
+
+def clusters(xy: Floats, beams: Indices, count: int, gap_m: float) -> tuple[Floats, Indices]:
+    """Return the points thing by thing, and where each thing begins.
+
+    The scan is a circle: a thing that ends with the first beams begins with the last.
+
+    Args:
+        xy: Points in the order of their beams (n, 2) [m].
+        beams: The beam of each (n).
+        count: Beams of the scan.
+        gap_m: Neighbouring points that are farther apart belong to different things.
+    """
+    if not len(xy):
+        return xy, beams
+    steps = np.diff(xy, axis=0, append=xy[:1])
+    (cuts,) = np.nonzero(steps[:, 0] ** 2 + steps[:, 1] ** 2 > gap_m**2)
+    if not len(cuts):  # one thing: it begins after the widest gap between its beams
+        cuts = np.argmax(np.diff(beams, append=beams[0] + count), keepdims=True)
+    return np.roll(xy, -(cuts[0] + 1), axis=0), np.concatenate(([0], cuts[1:] - cuts[0]))
+
+
+def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> list[list[int]]:
+    """Return the things that belong to one person each, every thing once.
+
+    Args:
+        places: Of the middles of all things (k, 2) [m].
+        legs: Which may be a leg (k); the two nearest to each other are one person's.
+        both: Which may be two legs that stand together (k).
+    """
+    single = np.flatnonzero(legs).tolist()
+    pairs = sorted(_near(places, single))
+    left, found = set(single), [[i] for i in np.flatnonzero(both).tolist()]
+    for _, i, j in pairs:
+        if {i, j} <= left:
+            left -= {i, j}
+            found.append([i, j])
+    return found + [[i] for i in sorted(left)]
+
+
+def _near(places: Sequence[Sequence[float]], of: Sequence[int]) -> list[tuple[float, int, int]]:
+    """Return the pairs within a stride, with their distances [m]."""
+    pairs = ((math.dist(places[i], places[j]), i, j) for i in of for j in of if j < i)
+    return [pair for pair in pairs if pair[0] <= STRIDE_M]

@@ -1,0 +1,53 @@
+"""What a sensor reports of one person: a pose and its covariance."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from mecazen.covariance import PlanarCovariance
+from mecazen.errors import RefusedError
+from mecazen.geometry import Pose2D
+from mecazen.limits import FARTHEST_M
+
+from mecazen_follower.estimators.base import MIN_NOISE
+from mecazen_follower.estimators.symmetric import is_positive
+
+NO_HEADING = 100.0
+"""Least variance of a heading that is not observed [rad²]."""
+MARGIN = 1e-13
+"""Share of the variances by which a covariance is more than semidefinite: scaling it and adding
+it to others rounds each number by 1e-16 of itself."""
+
+
+class Measurement(NamedTuple):
+    """An observed pose of a person in odom, and its 3x3 covariance of (x, y, yaw)."""
+
+    pose: Pose2D
+    covariance: PlanarCovariance
+    identity: str = ""
+    """The sensor's name for them; empty if it has none."""
+
+
+def check(measurement: Measurement) -> Measurement:
+    """Return a measurement that every estimator can use.
+
+    Raises:
+        RefusedError: The pose is not finite or farther than 1000 km, or the covariance is not
+            finite, symmetric and positive semidefinite.
+    """
+    pose, covariance, _ = measurement
+    if not all(abs(number) <= FARTHEST_M for number in pose):
+        raise RefusedError(f"observation is out of range: {tuple(pose)}")
+    if not all(abs(number) <= FARTHEST_M**2 for row in covariance for number in row):
+        raise RefusedError("covariance of an observation must be finite")
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+    symmetric = all(
+        math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-8)  # to single precision
+        for one, other in ((xy, yx), (xw, wx), (yw, wy))
+    )
+    least, kept = float(MIN_NOISE[0, 0]), 1.0 - MARGIN
+    lower = (xx * kept + least, xy, xw), (yx, yy * kept + least, yw), (wx, wy, ww * kept + least)
+    if not (symmetric and is_positive(lower)):
+        raise RefusedError("covariance of an observation must be symmetric and positive")
+    return measurement

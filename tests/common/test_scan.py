@@ -1,0 +1,54 @@
+"""Things in a scan: where each begins, and which are the legs of one person."""
+
+import math
+
+import numpy as np
+import pytest
+from mecazen.messages import LaserScan
+from mecazen.scan import STRIDE_M, Things, by_person, clusters, hits
+
+BEAMS = 360
+NOTHING = 13.0
+
+
+def things_of(ranges, gap_m=0.1):
+    scan = LaserScan(
+        angle_min=-math.pi,
+        angle_increment=math.tau / BEAMS,
+        range_min=0.05,
+        range_max=12.0,
+        ranges=tuple(ranges),
+    )
+    xy, beams = hits(scan, np.array(scan.ranges), farthest_m=5.0)
+    return Things(*clusters(xy, beams, BEAMS, gap_m))
+
+
+def test_a_thing_across_the_first_beam_is_one():
+    ranges = np.full(BEAMS, NOTHING)
+    ranges[:3] = ranges[-3:] = 1.0  # behind
+    ranges[180:184] = 2.0  # ahead
+    things = things_of(ranges)
+    assert sorted(things.counts.tolist()) == [4, 6]
+    behind = int(np.argmin(things.middle[:, 0]))
+    assert things.middle[behind] == pytest.approx((-1.0, 0.0), abs=0.01)
+    # six beams of a degree at 1 m: five steps, from end to end
+    assert things.width[behind] == pytest.approx(5 * math.tau / BEAMS, abs=0.005)
+
+
+def test_one_thing_begins_after_its_widest_gap():
+    ranges = np.full(BEAMS, NOTHING)
+    ranges[100:104] = 1.0
+    (count,) = things_of(ranges, gap_m=2.5).counts
+    assert count == 4
+
+
+@pytest.mark.parametrize("ranges", [[NOTHING] * BEAMS, [6.0] * BEAMS, [math.nan] * BEAMS])
+def test_no_hits_are_no_things(ranges):
+    things = things_of(ranges)
+    assert (len(things.xy), len(things.middle), len(things.width)) == (0, 0, 0)
+
+
+def test_the_nearest_legs_are_one_persons_and_two_that_stand_together_another():
+    places = [(0.0, 0.0), (0.3, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, 1.1 * STRIDE_M)]
+    legs = np.array([True, True, True, False, True])
+    assert by_person(places, legs, ~legs) == [[3], [2, 1], [0], [4]]
