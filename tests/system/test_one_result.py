@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 from functools import cache
+from pathlib import Path
 
 import pytest
 from harness import SCENARIOS, mecazen, options
@@ -116,6 +117,37 @@ def test_load_from_other_processes_does_not_change_the_trajectory():
         for hog in hogs:
             hog.join()
     assert loaded == one_process("back", *settings)
+
+
+LONG = ("sim.duration_s=5.0",)
+"""Time in which a difference of rounding reaches a trajectory."""
+CPU_FLAGS = set(Path("/proc/cpuinfo").read_text().partition("flags")[2].split("\n")[0].split())
+
+
+@pytest.mark.parametrize("scenario", ["back", "senses"])
+@pytest.mark.parametrize(
+    ("kernel", "needed", "disabled"),
+    [
+        ("Prescott", "pni", ""),
+        ("Sandybridge", "avx", ""),
+        ("Haswell", "avx2", ""),
+        ("SkylakeX", "avx512bw", ""),
+        ("SkylakeX", "avx512bw", "X86_V4"),
+    ],
+    ids=["Prescott", "Sandybridge", "Haswell", "SkylakeX", "NumPy without AVX-512"],
+)
+def test_every_kernel_of_openblas_and_numpy_gives_the_same_trajectory(
+    scenario, kernel, needed, disabled
+):
+    if needed not in CPU_FLAGS:
+        pytest.skip(f"this processor has no {needed}")
+    done = mecazen(
+        *("simulate", scenario, "--json", *options(LONG)),
+        OPENBLAS_CORETYPE=kernel,
+        NPY_DISABLE_CPU_FEATURES=disabled,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["trajectory_sha256"] == one_process(scenario, *LONG)
 
 
 def test_a_fresh_interpreter_gives_the_same_trajectory(tmp_path):

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from mecazen.drive import Drive
 from mecazen.geometry import Twist2D
 from mecazen.limiter import LimiterState, limit_twist
+from mecazen.portable import product
 
 Floats = npt.NDArray[np.float64]
 
@@ -183,7 +184,7 @@ class Guard:
         search = scene.among(whole < BESIDE_M)
         share, best = search.share(twist, recovered), twist
         past = self._past(twist, points.xy[worst])
-        if past is not None and (length := float(past @ past / (twist @ twist))) > share:
+        if past is not None and (length := _square(past) / _square(twist)) > share:
             sidestep = search.share(past, min(recovered / length, 1.0)) * length
             if sidestep > share:
                 share, best = sidestep, past / length
@@ -213,7 +214,7 @@ class Guard:
         if distance == 0.0:
             return None
         normal = away / distance
-        towards = float(twist[:2] @ normal)
+        towards = float(np.sum(twist[:2] * normal))
         if towards <= 0.0:
             return None
         past = twist.copy()
@@ -237,7 +238,7 @@ class Guard:
         aims = np.minimum(np.maximum(twists, -self._fastest), self._fastest)
         speeds = np.minimum(np.maximum(aims[:, None], low), high)
         speeds -= np.minimum(np.maximum(speeds, -braked), braked)
-        rims = np.abs(speeds) @ self._gains
+        rims = product(np.abs(speeds), self._gains)
         if rims.max() > self._drive.rim_speed:
             speeds *= np.minimum(1.0, self._drive.rim_speed / np.maximum(rims, 1e-9))[..., None]
         moved = speeds.transpose(2, 0, 1) * step
@@ -263,6 +264,10 @@ class Guard:
         inside = np.minimum(np.maximum(ahead, beside), 0.0)
         clearances: Floats = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside, 0.0)) + inside
         return clearances
+
+
+def _square(vector: Floats) -> float:
+    return float(np.sum(vector * vector))
 
 
 class _Scene:

@@ -67,10 +67,10 @@ def _velocity(
     none = 0.0, 0.0
     if len(seen) < 3:
         return none, none
-    middle = sum(time for time, _, _ in seen) / len(seen)
-    spread = sum((time - middle) ** 2 for time, _, _ in seen)
-    u = sum((time - middle) * x for time, x, _ in seen) / spread
-    v = sum((time - middle) * y for time, _, y in seen) / spread
+    middle = math.fsum(time for time, _, _ in seen) / len(seen)
+    spread = math.fsum((time - middle) ** 2 for time, _, _ in seen)
+    u = math.fsum((time - middle) * x for time, x, _ in seen) / spread
+    v = math.fsum((time - middle) * y for time, _, y in seen) / spread
     speed = math.hypot(u, v)
     if speed < STILL_M_S:
         return none, none
@@ -136,7 +136,7 @@ class Surroundings:
         small = np.flatnonzero(things.width <= SMALL_M).tolist()
         middles = things.middle.tolist()
         for legs in _persons(small, middles):
-            x, y = (sum(middles[i][axis] for i in legs) / len(legs) for axis in (0, 1))
+            x, y = (math.fsum(middles[i][axis] for i in legs) / len(legs) for axis in (0, 1))
             track = self._followed(x, y, bool(things.is_leg[legs].any()))
             tracks.append(track)
             velocity[legs], sure[legs] = track.velocity, track.sure

@@ -86,7 +86,7 @@ class ModeBank:
     def heading(self) -> float:
         """The mean heading [rad], not wrapped."""
         headings = (state[YAW] for state, _ in self._filters)
-        return sum(p * yaw for p, yaw in zip(self.probabilities, headings, strict=True))
+        return math.fsum(p * yaw for p, yaw in zip(self.probabilities, headings, strict=True))
 
     @property
     def state(self) -> Array:
@@ -103,12 +103,12 @@ class ModeBank:
         if self._cached is None:
             probabilities = self.probabilities
             variances = [
-                sum(p * walk * walk for p, walk in zip(probabilities, walks, strict=True))
+                math.fsum(p * walk * walk for p, walk in zip(probabilities, walks, strict=True))
                 for walks in zip(*(mode.walks for mode in self._modes), strict=True)
             ]
             sway, step, heading, speed, rate = map(math.sqrt, variances)
             mean = mixture(probabilities, self._filters)
-            fading = sum(
+            fading = math.fsum(
                 p * mode.fading for p, mode in zip(probabilities, self._modes, strict=True)
             )
             self._cached = Combined(*mean, (sway, step, heading, speed, rate), fading)
@@ -127,7 +127,7 @@ class ModeBank:
         for i, mode in enumerate(self._modes):
             joint = change.copy()
             joint[i] = self.probabilities[i] - others * change[i]
-            probability = sum(joint)
+            probability = math.fsum(joint)
             mixed = mixture([p / probability for p in joint], self._filters)
             probabilities.append(probability)
             state, covariance = _without_rates(mode, *mixed)
@@ -149,13 +149,13 @@ class ModeBank:
 
         prior = self.probabilities
         least = min(correction.nis for correction in corrections)
-        self.nis = sum(p * of.nis for p, of in zip(prior, corrections, strict=True))
+        self.nis = math.fsum(p * of.nis for p, of in zip(prior, corrections, strict=True))
         # the bound prevents underflow: two outliers in a row could zero all modes
         weights = [
             max(p * math.exp((least - of.nis) / 2.0) / math.sqrt(of.determinant), MIN_WEIGHT)
             for p, of in zip(prior, corrections, strict=True)
         ]
-        total = sum(weights)
+        total = math.fsum(weights)
         self.probabilities = [weight / total for weight in weights]
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan
+from mecazen.portable import arctan2, turned
 
 from mecazen_follower.perception.legs import BOTH_LEGS_M, clusters, persons
 from mecazen_follower.planner.movers import Movers
@@ -43,8 +44,7 @@ class Surroundings:
 
         hidden = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
         points, starts = clusters(scan)
-        c, s = math.cos(lidar.yaw), math.sin(lidar.yaw)
-        points = points @ np.array(((c, s), (-s, c))) + (lidar.x, lidar.y)
+        points = turned(points, lidar.yaw) + lidar[:2]
         standing = points[~_of_walkers(points, starts, walkers)]
         self._points = np.vstack((self._points[hidden], standing))
         self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
@@ -63,7 +63,7 @@ class Surroundings:
         """Return which known points this scan could not see: no others are remembered."""
         offsets = self._points - lidar[:2]
         away = np.hypot(offsets[:, 0], offsets[:, 1])
-        angles = np.arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
+        angles = arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
         ranges = np.array(scan.ranges)
         if not len(ranges) or not scan.angle_increment:
             return np.ones(len(away), bool)
