@@ -23,8 +23,8 @@ NEWTON_STEPS = 8
 
 def product(one: Floats, other: Floats | Sequence[float]) -> Floats:
     """Return `one @ other`: (..., i, j) by (j) or by (..., j, k)."""
-    subscripts = "...ij,j->...i" if np.ndim(other) == 1 else "...ij,...jk->...ik"
-    result: Floats = np.einsum(subscripts, one, other)
+    is_vector = not isinstance(other, np.ndarray) or other.ndim == 1
+    result: Floats = np.einsum("...ij,j->...i" if is_vector else "...ij,...jk->...ik", one, other)
     return result
 
 
