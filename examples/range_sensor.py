@@ -42,7 +42,7 @@ class RangeSensor(Node):
     def __init__(self, scenario: Scenario) -> None:
         """Take the section `[range]`."""
         super().__init__(scenario)
-        self.config = scenario.section(RangeConfig, "range")
+        self.config = scenario.section(RangeConfig)
         self.ticks_per_sample = scenario.ticks_per("range.rate_hz")
 
     def reset(self, seed: int) -> None:

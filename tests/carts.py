@@ -7,8 +7,10 @@ from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import TABLE
 from mecazen.messages import JointState, Odometry, String, planar_odometry
+from mecazen.keys import of_robot
 from mecazen.node import World
-from mecazen.runtime.host import make_nodes
+from mecazen.runtime.clock import Clock
+from mecazen.runtime.host import Host
 from mecazen.wire import RefusedError
 
 ALL = ("physics", "controller", "target", "follower")
@@ -65,13 +67,15 @@ class Rig:
             load_robot(), services, programs or {}, seed=3, sim=sim, robots=robots
         )
         self.bus = LocalBus()
-        self.clock = make_nodes("physics", {"physics": kind}, self.bus, self.scenario)
-        self.buses = {name: self.bus.namespaced(name) for name in self.scenario.names}
-        self.heard = {name: Listener(bus, *STATES) for name, bus in self.buses.items()}
+        self.clock = Clock(Host([("physics", "")], self.bus, self.scenario, {"physics": kind}))
+        self.world = self.clock.host.hosted[0].node
+        self.heard = {
+            name: Listener(self.bus, *(of_robot(topic, name) for topic in STATES))
+            for name in self.scenario.names
+        }
         self.health = Listener(self.bus, keys.diagnostics("physics"))
-        for bus in self.buses.values():
-            for service in services:
-                bus.declare_alive(service)
+        for part, robot in self.scenario.parts:
+            self.bus.declare_alive(part, robot)
         if begin:
             self.clock.begin()
 
@@ -80,23 +84,22 @@ class Rig:
         for part in parts or ("controller", "target"):
             topic = keys.JOINT_COMMAND if part == "controller" else keys.TARGET_ODOM
             message = JointState(velocity=(speed,)) if part == "controller" else Odometry()
-            self.buses[name].publisher(topic).put(message, stamp or self.clock.stamp)
+            self.bus.publisher(of_robot(topic, name)).put(message, stamp or self.clock.stamp)
 
     def tick(self, *parts, **answer):
         """Answer the tick, for whom it is said; return what is published of the next."""
-        for name in self.buses:
+        for name in self.heard:
             self.answer(*parts, name=name, **answer)
         self.clock.step()
         return self.take()
 
     def take(self, name=None):
-        self.bus.spin()
-        return self.heard[next(iter(self.buses)) if name is None else name].take()
+        return self.heard[next(iter(self.heard)) if name is None else name].take()
 
     def ask(self, call, request):
         """Ask for what is answered later."""
         answer = Answer()
-        self.bus._servers[call.key](request, answer)
+        self.bus.server(call)(request, answer)
         return answer
 
 

@@ -8,7 +8,7 @@ from harness import ROBOTS
 from hypothesis import HealthCheck, settings
 from mecazen.bus import ports
 from mecazen.bus.session import open_session
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.loading import load_scenario
 
 # a shared core may be slow: examples are limited in number, not in time; and the same each time,

@@ -12,19 +12,20 @@ from typing import Any, NamedTuple
 
 import msgspec
 import pytest
-from hostile import Put, put_all
+from hostile import Put
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import BusError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
 from mecazen.messages import Message, Twist
 from mecazen.node import Inputs, Node, Tick
-from mecazen.programs import Kind, classes
+from mecazen.programs import Kind
 from mecazen.robot import Robot
-from mecazen.runtime.host import make_nodes
+from mecazen.runtime.clock import Clock
+from mecazen.runtime.host import Host
+from mecazen.runtime.worker import Worker
 from mecazen.wire import ENCODINGS, Stamp, decode, encode
 
 ROOT = Path(__file__).parents[1]
@@ -205,7 +206,8 @@ class Rig:
     ) -> None:
         self.scenario = scenario
         self.bus = LocalBus()
-        self.service = make_nodes(service, kinds or classes(service, scenario), self.bus, scenario)
+        host = Host([(service, "")], self.bus, scenario, kinds)
+        self.driver = Worker(host) if host.world is None else Clock(host)
         self.heard = Listener(self.bus, *topics)
         self.health = Listener(self.bus, keys.diagnostics(service))
         self._publishers: dict[Topic[Any], Any] = {}
@@ -219,14 +221,22 @@ class Rig:
         publisher.put(message, tick if isinstance(tick, Stamp) else self.at(tick))
         return self.take()
 
+    @property
+    def node(self) -> Any:
+        """The first of its nodes."""
+        return self.driver.host.hosted[0].node
+
     def take(self) -> list[Sample]:
-        self.bus.spin()
+        while isinstance(self.driver, Worker) and self.driver.step():
+            pass
         return self.heard.take()
 
     def put_wrong(self, wrong: Sequence[Put]) -> list[Sample]:
         """Publish what an external program does; return what the service says, all sendable."""
-        put_all(self.bus, wrong)
-        heard = self.take()
+        heard = []
+        for put in wrong:
+            self.bus.put_bytes(*put)
+            heard += self.take()
         for sample in heard + self.health.take():
             assert_sendable(sample)
         return heard
@@ -255,8 +265,8 @@ class Steps:
 
     def step(self, tick: int, samples: Mapping[Topic[Any], Message]) -> dict[Topic[Any], Any]:
         """Return the outputs of a tick; of the last one again, its step is done again."""
-        ages_s = {topic: (tick - came) * self.tick_ns / 1e9 for topic, came in self._came.items()}
-        inputs = Inputs(samples, ages_s)
+        known_ns = {topic: came * self.tick_ns for topic, came in self._came.items()}
+        inputs = Inputs(samples, known_ns, tick * self.tick_ns)
         period_ns = self.tick_ns * (1 if self._last is None else tick - self._last)
         outputs = self.node.step(Tick(tick, tick * self.tick_ns, period_ns / 1e9), inputs)
         refused = [topic for topic, _ in inputs.refused]

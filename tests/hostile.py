@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import msgspec
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from mecazen.bus import LocalBus
 from mecazen.messages import Message
 from mecazen.wire import ENCODINGS, encode
 
@@ -110,12 +109,6 @@ def puts(
         )
     )
     return st.lists(one, min_size=15, max_size=40)
-
-
-def put_all(bus: LocalBus, wrong: Sequence[Put]) -> None:
-    for put in wrong:
-        bus.put_bytes(*put)
-    bus.spin()
 
 
 def malformed(good: Mapping[str, Sequence[Message]]) -> Callable[[Any], Any]:

@@ -7,11 +7,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from mecazen.config import PhysicsConfig, WorldConfig
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_physics import model
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.rollers import Roller

@@ -7,6 +7,7 @@ from harness import wait
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.loading import load_scenario
+from mecazen.robots import join_key
 from mecazen_tools.processes import Supervisor, private_router
 
 
@@ -20,8 +21,7 @@ class Stack:
         self.supervisor = Supervisor(path, self.settings)
         self.supervisor.start_router()
         self.bus = ZenohBus(self.scenario.bus, lossless=True)
-        for robot in dict.fromkeys(("", *self.scenario.names)):
-            self.bus.namespaced(robot).declare_alive("test")
+        self.bus.declare_alive("test")
 
     @property
     def endpoint(self) -> str:
@@ -32,9 +32,8 @@ class Stack:
         """Start every process, and wait until all services, of each robot, are ready."""
         for process in self.scenario.process_plan:
             self.supervisor.start(process)
-        ready = {f"{part}/ready" for part in self.scenario.services}
-        here = [self.bus.namespaced(robot).presence for robot in self.scenario.names]
-        self.wait(lambda: all(ready <= presence.names for presence in here))
+        ready = {join_key(f"{part}/ready", robot) for part, robot in self.scenario.parts}
+        self.wait(lambda: ready <= self.bus.presence.names)
 
     def launch(self, *services: str, needed: bool = True) -> None:
         """Start services of a single robot, each in a process of its own."""

@@ -14,13 +14,12 @@ from mecazen.covariance import diagonal_covariance
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
-from mecazen.runtime.host import make_service
+from mecazen.runtime.drivers import observe
 from mecazen.wire import Stamp
 from mecazen_viewer.components import Components
 
 TICK_NS = 10_000_000
 SEED = 7
-"""Of the first robot; each has its own."""
 COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
 URDF = """<robot name="toy">
   <link name="base_link"><visual><geometry><box size="0.4 0.3 0.1"/></geometry></visual></link>
@@ -54,13 +53,13 @@ class Stage:
         self.names = robots or ("",)
         if described:
             for robot in self.names:
-                serve_description(self.bus.namespaced(robot), RobotDescription(URDF, {}))
+                serve_description(self.bus, robot, RobotDescription(URDF, {}))
         members = tuple(
             RobotConfig(name=name, start=StartConfig(y_m=float(number)))
             for number, name in enumerate(robots)
         )
         scenario = Scenario(robot=load_robot(), robots=members)
-        self.viewer = make_service("viewer", self.bus, scenario)
+        self.viewer = observe("viewer", self.bus, scenario)
         self.viewer.send = self._take
         self.shown: list[str] = []
         """The names of the recordings that it has begun."""
@@ -70,17 +69,15 @@ class Stage:
         """Publish ticks of a run, one after the other."""
         for tick in range(begin, begin + ticks):
             for number, robot in enumerate(self.names):
-                stamp = Stamp(tick * TICK_NS, run, SEED + number)
-                self._publish(self.bus.namespaced(robot), tick, stamp)
-            self.bus.spin()
+                self._publish(robot, number, tick, Stamp(tick * TICK_NS, run, SEED))
 
     def _take(self, recording: Any) -> None:
         self.shown.append(recording.get_recording_id())
         self.memories.append(recording.memory_recording())
 
-    def _publish(self, bus: LocalBus, tick: int, stamp: Stamp) -> None:
+    def _publish(self, name: str, number: int, tick: int, stamp: Stamp) -> None:
         # each robot a tenth of a turn behind the one before
-        angle = tick / 500 - math.tau / 10 * (stamp.seed - SEED)
+        angle = tick / 500 - math.tau / 10 * number
         robot = Pose2D(2 * math.cos(angle), 2 * math.sin(angle), angle + math.pi / 2)
         person = robot.compose(Pose2D(1.0))
         ahead = Twist2D(0.4)
@@ -101,4 +98,4 @@ class Stage:
             keys.CMD_VEL: m.Twist.planar(ahead),
         }
         for topic, message in said.items():
-            bus.publisher(topic).put(message, stamp)
+            self.bus.publisher(keys.of_robot(topic, name)).put(message, stamp)

@@ -18,7 +18,6 @@ from mecazen_experiments.schedule import Workers, run_all
 from mecazen_experiments.scores import score
 from mecazen_experiments.store import Store
 from mecazen_experiments.table import Table
-from mecazen_follower.config import FollowerConfig
 from mecazen_tools.simulate import InProcess, result
 
 from mecazen_bench.figures import Figure, Group, Row, Target
@@ -98,7 +97,7 @@ def _profile(job: Job) -> Group:
     watch.turn_to("trajectory: arrays and hash")
     result(loop.scenario, job.row, loop.trajectory, 1.0)
     watch.turn_to("scores")
-    score(Table.of(loop.trajectory), scenario.section(FollowerConfig, "follower").standoff)
+    score(Table.of(loop.trajectory), scenario.follower.standoff)
     watch.turn_to(BUS)
     total_ns = sum(watch.ns.values())
     rows = [

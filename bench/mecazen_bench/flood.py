@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.messages import Clock, Empty, JointState
 from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, Stamp
 from mecazen_tools import certificates

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.graph import COLLECTOR, TABLE, Graph
 from mecazen.programs import graph_of
 from mecazen.wire import Stamp, encode

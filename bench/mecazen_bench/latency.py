@@ -20,8 +20,7 @@ from mecazen import keys
 from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
 from mecazen.loading import load_scenario

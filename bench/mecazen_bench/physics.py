@@ -10,9 +10,10 @@ from contextlib import ExitStack, closing, contextmanager
 from itertools import product
 from typing import Any, Literal
 
+from mecazen.config import PhysicsConfig
+from mecazen.config.physics import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.world import World

@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config.recorder import Encoding
 from mecazen.keys import topic_of
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen_recorder.config import Encoding
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.replay import publish
 from mecazen_recorder.writer import RecordingWriter

@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable, Sequence
 from random import Random
 
+from mecazen.config import PhysicsConfig
+from mecazen.config.physics import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
-from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.world import World
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from mecazen import keys
 from mecazen.bus import Bus
+from mecazen.keys import call_of_robot
 from mecazen.messages import Empty, String
 
 
@@ -18,22 +19,22 @@ class RobotDescription(NamedTuple):
     """Files by the names that the URDF gives them."""
 
 
-def serve_description(bus: Bus, description: RobotDescription) -> None:
+def serve_description(bus: Bus, robot: str, description: RobotDescription) -> None:
     """Answer queries on `robot_description` with the URDF, and below it with the meshes."""
-    urdf = String(data=description.urdf)
-    bus.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(urdf))
-    bus.serve_files(keys.ROBOT_DESCRIPTION.key, description.meshes)
+    call, urdf = call_of_robot(keys.ROBOT_DESCRIPTION, robot), String(data=description.urdf)
+    bus.serve(call, lambda _, reply: reply.answer(urdf))
+    bus.serve_files(call.key, description.meshes)
 
 
-def ask_description(bus: Bus, timeout_s: float) -> RobotDescription:
-    """Return what somebody answers.
+def ask_description(bus: Bus, robot: str, timeout_s: float) -> RobotDescription:
+    """Return the description that a service gives of a robot.
 
     Raises:
-        BusError: Nobody does.
+        BusError: No service answers.
     """
-    key = keys.ROBOT_DESCRIPTION.key
-    urdf = bus.call(keys.ROBOT_DESCRIPTION, Empty(), timeout_s).data
-    files = bus.fetch_files(f"{key}/*/**", timeout_s)
+    call = call_of_robot(keys.ROBOT_DESCRIPTION, robot)
+    urdf = bus.call(call, Empty(), timeout_s).data
+    files = bus.fetch_files(f"{call.key}/*/**", timeout_s)
     return RobotDescription(
-        urdf, {name.removeprefix(f"{key}/"): data for name, data in files.items()}
+        urdf, {name.removeprefix(f"{call.key}/"): data for name, data in files.items()}
     )

@@ -32,8 +32,8 @@ class NodeError(MecazenError):
     """A node of one's own failed: which, in what, and where in its code."""
 
 
-def told(error: Exception) -> str:
-    """Return what went wrong in code of a user's own, and where in it, in one line."""
+def explained(error: Exception) -> str:
+    """Return in one line what went wrong in user code, and where in it."""
     frames = [f for f in extract_tb(error.__traceback__) if not _is_ours(f.filename)]
     where = " > ".join(f"{Path(f.filename).name}:{f.lineno} {f.name}" for f in frames)
     return " ".join(f"{type(error).__name__}: {error} ({where})".split())

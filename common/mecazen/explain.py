@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in one line: where, what, and what is allowed."""
+"""Explains an invalid configuration in one line: file, key, problem and allowed values."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any, Protocol
 import msgspec
 import msgspec.inspect as mi
 
-from mecazen.config import RESERVED, Scenario
+from mecazen.config import Scenario, WorldConfig
+from mecazen.config.scenario import NO_KEYS
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
-from mecazen.world import WorldConfig
 
 
 class NameSource(Protocol):
@@ -29,7 +29,6 @@ def explain(
     kind: type[Section],
     prefix: str,
     name_source: NameSource,
-    extra: tuple[str, ...],
 ) -> str:
     """Turn msgspec's message into one line with file, key and what is allowed."""
     problem, _, where = str(error).rpartition(" - at `$")
@@ -42,7 +41,7 @@ def explain(
     unknown = re.match(r"Object contains unknown field `(.*)`$", problem, re.DOTALL)
     missing = re.match(r"Object missing required field `(.*)`$", problem)
     if unknown and not own_words:
-        names = sorted([*_fields(node), *(extra if not trail else ())])
+        names = sorted(_fields(node))
         close = difflib.get_close_matches(unknown[1], names, n=1) or _elsewhere(unknown[1])
         problem = "unknown key; " + (f"did you mean {close[0]}? " if close else "")
         problem += f"allowed: {', '.join(names)}"
@@ -103,6 +102,8 @@ def _descend(node: mi.Type, value: Any, steps: list[str]) -> tuple[mi.Type, Any,
             node, value = node.item_types[int(step)], value[int(step)]
         elif isinstance(node, mi.VarTupleType | mi.ListType):
             node, value = node.item_type, value[int(step)]
+            name = str(value.get("name", "")) if isinstance(value, dict) else ""
+            key = name if re.fullmatch(r"[\w-]+", name) else step  # as in `--set`
         trail.append(key)
     return _choose(node, value), value, trail
 
@@ -130,7 +131,7 @@ def _fields(node: mi.Type) -> dict[str, mi.Type]:
     if not isinstance(node, mi.StructType):
         return {}
     tag = {node.tag_field: mi.LiteralType((node.tag,))} if node.tag_field else {}
-    return {f.encode_name: f.type for f in node.fields if f.encode_name not in RESERVED} | tag
+    return {f.encode_name: f.type for f in node.fields if f.encode_name not in NO_KEYS} | tag
 
 
 def describe(node: mi.Type) -> str:

@@ -10,7 +10,7 @@ import os
 import sys
 
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.loading import SCENARIO_VARIABLE, SETTINGS_VARIABLE, load_bus, scenario_path
 

@@ -30,6 +30,13 @@ class Topic(Generic[MessageT]):
     """Whether there is one for all robots: it is in no robot's namespace."""
     max_bytes: int = MAX_SAMPLE_BYTES
     """A longer sample is refused unread."""
+    robot: str = ""
+    """The robot in whose namespace the key is."""
+
+    @property
+    def name(self) -> str:
+        """The key within the robot's namespace."""
+        return self.key.removeprefix(f"{self.robot}/") if self.robot else self.key
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +162,16 @@ CALLS: tuple[Call[m.Message, m.Message], ...] = (
 
 @cache
 def of_robot(topic: Topic[MessageT], robot: str) -> Topic[MessageT]:
-    """Return a robot's topic as those see it who are in no robot's namespace; always the same."""
-    return replace(topic, key=f"{robot}/{topic.key}") if robot else topic
+    """Return a robot's topic with its whole key; a topic that robots share is its own."""
+    if not robot or topic.shared:
+        return topic
+    return replace(topic, key=f"{robot}/{topic.key}", robot=robot)
+
+
+@cache
+def call_of_robot(call: Call[RequestT, AnswerT], robot: str) -> Call[RequestT, AnswerT]:
+    """Return a robot's call with its whole key."""
+    return replace(call, key=f"{robot}/{call.key}") if robot else call
 
 
 def diagnostics(service: str) -> Topic[m.DiagnosticArray]:

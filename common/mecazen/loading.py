@@ -11,25 +11,23 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import tomli_w
 
-from mecazen.bus_config import BusConfig
-from mecazen.config import FLEET, RESERVED, Scenario, SectionT, features, with_guard
+from mecazen.config import BusConfig, Scenario, with_guard
+from mecazen.config.scenario import NO_KEYS, scenario_with
+from mecazen.config.sensor import features
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
-from mecazen.graph import COLLECTOR, CROWD, GRAPH, SERVICES, SHARED, TABLE
+from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
 from mecazen.occupancy import take_map
-from mecazen.programs import find, installed
+from mecazen.programs import find, installed_nodes
 from mecazen.robot import Robot
-from mecazen.schema import Folder, Section
+from mecazen.schema import Folder, Section, SectionT
 
 OWN = Path(__file__).parent
 """Where the scenarios, robots and worlds are that come with the package, in `configs`."""
 SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
 """The environment's scenario, and its overrides, apart by spaces, where none are given."""
-
-
-def installed_sections() -> dict[str, type[Section]]:
-    """Return the configuration struct of every service that is installed here."""
-    return {name: entry.load() for name, entry in installed("mecazen.configs").items()}
+_SECTIONS: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(Scenario)}
+"""The types of a scenario's fields."""
 
 
 def scenario_path(name: str) -> Path:
@@ -88,41 +86,14 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         _override(raw, key, value)
     if isinstance(world := raw.get("world"), dict):
         take_map(world, path)  # of an override
-    _refuse_reserved(raw, path)
+    for name in NO_KEYS:
+        if name in raw:
+            raise ConfigError(f"{path}: unknown key '{name}'")
     _take_programs(raw, path)
     _take_sensors(raw)
-    kinds = {**installed_sections(), **_own_sections(raw)}
-    # a scenario may hold sections of services that are not installed here
-    known = tuple({**kinds, **dict.fromkeys(SERVICES)}.keys() - set(Scenario.__struct_fields__))
-    sections = {name: raw.pop(name) for name in known if name in raw}
-    decoded = {
-        name: _convert(section, kinds[name], name, origin)
-        for name, section in sections.items()
-        if name in kinds
-    }
-    own = [name for name in known if name not in SHARED]
-    differing = [
-        _take_own(robot, {**raw, **sections}, own, path) for robot in _tables(raw.get("robots"))
-    ]
-    scenario = _convert(raw, Scenario, "", origin, extra=tuple(kinds))
-    robots = tuple(
-        msgspec.structs.replace(
-            robot,
-            sections={
-                name: _convert(section, kinds[name], f"robots.{robot.name}.{name}", origin)
-                for name, section in tables.items()
-                if name in kinds
-            },
-            others={name: section for name, section in tables.items() if name not in kinds},
-        )
-        for robot, tables in zip(scenario.robots, differing, strict=True)
-    )
-    return msgspec.structs.replace(
-        scenario,
-        robots=robots,
-        sections={name: decoded.get(name, kind()) for name, kind in sorted(kinds.items())},
-        others={name: section for name, section in sections.items() if name not in kinds},
-    )
+    for robot in _tables(raw.get("robots")):
+        _complete(robot, raw, path)
+    return _convert(raw, scenario_with(**_own_sections(raw, origin)), "", origin)
 
 
 def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequence[str]] | None:
@@ -148,14 +119,14 @@ def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequ
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> None:
-    """Find the files of one's own programs, and have those that are nodes of their own take part.
+    """Resolve the paths of user programs, and add user nodes to the services.
 
-    What is wrong with their types is said when they are converted.
+    Wrong types are refused when the tables are converted.
     """
     programs = raw.get("programs")
     if not isinstance(programs, dict):
         return
-    taken = ("router", "clock", COLLECTOR, *Scenario.__struct_fields__)
+    taken = {"router", "clock", COLLECTOR, "guard"} | (_SECTIONS.keys() - TABLE.keys())
     for part, program in programs.items():
         if part in taken or not re.fullmatch("[A-Za-z0-9_-]+", part):
             raise ConfigError(
@@ -163,7 +134,7 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
                 "letters, digits, _ and -, can"
             )
         if isinstance(program, str) and ".py:" in program:
-            # a file of one's own lies beside the scenario, wherever the process is started
+            # the path of a user program is relative to the scenario's folder
             programs[part] = str((path.parent / program).resolve())
     listed = raw.get("services", Scenario.__struct_defaults__[0])
     own = [name for name in programs if name not in TABLE and name not in listed]
@@ -172,10 +143,10 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
 
 
 def _take_sensors(raw: dict[str, Any]) -> None:
-    """Have the services take part that the kind of sensor needs, and the crowd where it is needed.
+    """Add the services that the kind of sensor needs, and the crowd where it is needed.
 
-    It is where others walk, or where several robots look at each other and at each other's persons.
-    What is wrong with the types is said when they are converted.
+    It is needed where others walk, or where several robots see each other and all persons. Wrong
+    types are refused when the tables are converted.
     """
     sensor, listed = raw.get("sensor", {}), raw.get("services", Scenario.__struct_defaults__[0])
     if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
@@ -193,56 +164,63 @@ def _take_sensors(raw: dict[str, Any]) -> None:
     raw["services"] = [*listed, *(name for name in needed if name not in listed)]
 
 
-def _own_sections(raw: dict[str, Any]) -> dict[str, type[Section]]:
-    """Return the types of the sections that programs of one's own bring along.
+def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Section]]:
+    """Return the types of the sections that user nodes bring along, by the names of the nodes.
 
     Raises:
-        ConfigError: A program that only the scenario knows can't be imported.
+        ConfigError: A program that only the scenario knows can't be imported, or takes the place
+            of a node with a section that others can't read.
     """
-    sections: dict[str, type[Section]] = {}
-    given = raw.get("programs")
+    given, services = raw.get("programs"), raw.get("services")
     tables = given if isinstance(given, dict) else {}
     programs = {name: program for name, program in tables.items() if isinstance(program, str)}
-    for name in programs:
+    listed = map(str, services) if isinstance(services, list) else ()
+    installed = [name for name in listed if name in installed_nodes() and name not in TABLE]
+    found: dict[str, type[Section]] = {}
+    for name in dict.fromkeys([*programs, *installed]):
         try:
-            kind = find(name, programs)
+            section = getattr(find(name, programs), "SECTION", None)
         except ConfigError:
-            # who plays a part of the table is needed only where it runs, and is refused there
-            if name in TABLE:
-                continue
-            raise
-        section = getattr(kind, "SECTION", None)
-        if section is not None:
-            sections[name] = section
-    return sections
+            if name not in TABLE:
+                raise
+            # a class in a node's place is needed only where it runs, and is refused there
+            _drop_unreadable(name, raw, origin)
+            continue
+        if section is None:
+            continue
+        if not name.isidentifier():
+            raise ConfigError(
+                f"programs: {name!r} has a section, so its name must be letters, digits and _"
+            )
+        if name in _SECTIONS and not issubclass(section, ours := _SECTIONS[name]):
+            raise ConfigError(
+                f"{programs[name]}: in the place of {name} its SECTION must be a subclass of "
+                f"mecazen.config.{ours.__name__}"
+            )
+        found[name] = section
+    return found
 
 
-def _refuse_reserved(table: dict[str, Any], path: Path) -> None:
-    for name in (*RESERVED, FLEET):
-        if name in table:
-            raise ConfigError(f"{path}: unknown key '{name}'")
+def _drop_unreadable(name: str, raw: dict[str, Any], origin: _Origin) -> None:
+    """Leave the defaults where only a program that is not here can read the section `name`."""
+    for table in (raw, *_tables(raw.get("robots"))):
+        try:
+            _convert(table.get(name, {}), _SECTIONS.get(name, Section), name, origin)
+        except ConfigError:
+            del table[name]
 
 
 def _tables(value: Any) -> list[dict[str, Any]]:
-    """Return the tables in a list of them; what is none is refused when it is converted."""
+    """Return the tables in a list; other values are refused when the list is converted."""
     return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
 
 
-def _take_own(
-    robot: dict[str, Any], everyone: dict[str, Any], names: Sequence[str], path: Path
-) -> dict[str, Any]:
-    """Take the sections `names` out of a robot's table, laid over those for `everyone`.
-
-    Of the table's other keys, the robot file is read, and the sensor is completed.
-    """
-    _refuse_reserved(robot, path)
+def _complete(robot: dict[str, Any], everyone: dict[str, Any], path: Path) -> None:
+    """Read the file of one robot's table, and lay its sections over those for `everyone`."""
     if (file := _read_part("robot", robot, path)) is not None:
         _convert(robot["robot"], Robot, "", _Origin(file[0]))
-    if "sensor" in robot:
-        robot["sensor"] = _laid_over(everyone.get("sensor", {}), robot["sensor"])
-    return {
-        name: _laid_over(everyone.get(name, {}), robot.pop(name)) for name in names if name in robot
-    }
+    for name in robot.keys() - {"name", "robot", "start"}:
+        robot[name] = _laid_over(everyone.get(name, {}), robot[name])
 
 
 def _laid_over(below: Any, above: Any) -> Any:
@@ -280,10 +258,8 @@ def load_table(path: Path, kind: type[SectionT]) -> SectionT:
 def effective(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain tables that load to the same scenario again."""
     tables = msgspec.to_builtins(scenario, enc_hook=str)
-    del tables[FLEET]
-    for tables_of in (tables, *tables["robots"]):
-        for name in RESERVED:
-            tables_of.update(tables_of.pop(name))
+    for name in NO_KEYS:
+        del tables[name]
     return cast(dict[str, Any], _without_none(tables))
 
 
@@ -356,7 +332,7 @@ class _Origin(NamedTuple):
 
     path: Path
     files: Mapping[str, Path] = {}
-    """Of the parts that have one of their own."""
+    """The files of robot and world, where they have one."""
     settings: tuple[str, ...] = ()
     """The keys that are overridden."""
     changes: tuple[str, ...] = ()
@@ -376,13 +352,11 @@ class _Origin(NamedTuple):
         return str(file)
 
 
-def _convert(
-    raw: Any, kind: type[SectionT], prefix: str, origin: _Origin, extra: tuple[str, ...] = ()
-) -> SectionT:
+def _convert(raw: Any, kind: type[SectionT], prefix: str, origin: _Origin) -> SectionT:
     def to_path(wanted: type, value: Any) -> Path:
         if wanted not in {Path, Folder} or not isinstance(value, str):
             raise ValueError(f"got {show(value)}")
-        # what is set on the command line is found from there as well
+        # paths of the command line are relative to its folder as well
         for folder in (origin.path.parent, Path.cwd()):
             found = (folder / value).resolve()
             if found.is_dir() if wanted is Folder else found.is_file():
@@ -393,4 +367,4 @@ def _convert(
     try:
         return msgspec.convert(raw, kind, dec_hook=to_path)
     except msgspec.ValidationError as error:
-        raise ConfigError(explain(error, raw, kind, prefix, origin.name, extra)) from None
+        raise ConfigError(explain(error, raw, kind, prefix, origin.name)) from None

@@ -1,6 +1,6 @@
 """What a node is: a class that computes its outputs from its inputs, tick by tick.
 
-It knows no bus, no wall clock and no stamps; `mecazen.runtime` gives it its inputs and publishes
+It knows no bus, no wall clock and no stamps; `mecazen.loop` gives it its inputs and publishes
 what it returns, whether all nodes share a process or each has its own.
 """
 
@@ -16,6 +16,7 @@ from mecazen.keys import Call, Topic
 from mecazen.messages import Message, MessageT, Time
 from mecazen.row import Row, due, every, latest
 from mecazen.schema import Section
+from mecazen.wire import NS_PER_S
 
 __all__ = ["Inputs", "Node", "Outputs", "Row", "Tick", "World", "due", "every", "latest"]
 
@@ -46,19 +47,22 @@ class Inputs:
 
     Args:
         samples: The newest message of each topic that has one.
-        ages_s: Simulated time since each topic's newest message was used first [s]; of those
-            that have no sample here, it has come with an earlier step.
+        known_ns: When each topic's last message was used before this step [ns].
+        now_ns: Simulated time [ns].
     """
 
-    __slots__ = ("_ages_s", "_samples", "refused")
+    __slots__ = ("_known_ns", "_now_ns", "refused", "samples")
 
     def __init__(
         self,
         samples: Mapping[Topic[Any], Message],
-        ages_s: Mapping[Topic[Any], float] | None = None,
+        known_ns: Mapping[Topic[Any], int] | None = None,
+        now_ns: int = 0,
     ) -> None:
-        self._samples = samples
-        self._ages_s = ages_s or {}
+        self.samples = samples
+        """What the node has not refused."""
+        self._known_ns = known_ns or {}
+        self._now_ns = now_ns
         self.refused: list[tuple[Topic[Any], str]] = []
         """What the node could not use, and why."""
 
@@ -68,24 +72,31 @@ class Inputs:
         Raises:
             KeyError: None has.
         """
-        return self._samples[topic]  # type: ignore[return-value]  # a topic carries its type
+        return self.samples[topic]  # type: ignore[return-value]  # a topic carries its type
 
     def get(self, topic: Topic[MessageT]) -> MessageT | None:
         """Return a message, or None where none has come since the last step."""
-        return self._samples.get(topic)  # type: ignore[return-value]
+        return self.samples.get(topic)  # type: ignore[return-value]
 
     def age_s(self, topic: Topic[Any]) -> float:
         """Return for how long the topic's newest message has been known [s]; inf: never."""
-        return 0.0 if topic in self._samples else self._ages_s.get(topic, math.inf)
+        return 0.0 if topic in self.samples else self.gap_s(topic)
 
     def gap_s(self, topic: Topic[Any]) -> float:
         """Return how long before this step a topic's last message was used [s]; inf: never."""
-        return self._ages_s.get(topic, math.inf)
+        known_ns = self._known_ns.get(topic)
+        return math.inf if known_ns is None else (self._now_ns - known_ns) / NS_PER_S
+
+    def renamed(self, topics: Mapping[Topic[Any], Topic[Any]]) -> Inputs:
+        """Return the inputs of some topics, by other topics."""
+        samples = {to: self.samples[topic] for topic, to in topics.items() if topic in self.samples}
+        known = {to: self._known_ns[of] for of, to in topics.items() if of in self._known_ns}
+        return Inputs(samples, known, self._now_ns)
 
     def refuse(self, topic: Topic[Any], reason: str) -> None:
-        """Say that a message can't be used: it is counted and reported, as if it never came."""
+        """Refuse a message: it is counted and reported, as if it had never come."""
         self.refused.append((topic, reason))
-        self._samples = {other: m for other, m in self._samples.items() if other is not topic}
+        self.samples = {other: m for other, m in self.samples.items() if other is not topic}
 
 
 class Computing(ABC):
@@ -118,10 +129,11 @@ class Computing(ABC):
         the constructor has made of the old one, a class makes anew here; what belongs to the run
         stays.
         """
-        for name, section in self.scenario.sections.items():
+        for name in self.scenario.__struct_fields__:
+            section = getattr(self.scenario, name)
             for attribute, value in vars(self).items():
-                if value is section:
-                    vars(self)[attribute] = scenario.sections[name]
+                if isinstance(value, Section) and value is section:
+                    vars(self)[attribute] = getattr(scenario, name)
         self.scenario = scenario
 
     def diagnostics(self) -> Mapping[str, object]:

@@ -1,7 +1,7 @@
 """Parameters: the settings of a scenario that may change while a simulation runs.
 
 They are the fields that are declared `mecazen.schema.Live`. A change is a setting as with `--set`,
-by its key and in TOML, and what is allowed is what is allowed there.
+by its key and in TOML, with the same ranges.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import msgspec
 import msgspec.inspect as mi
 
-from mecazen.config import Scenario, SectionT
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, one_line, show
 from mecazen.graph import SERVICES
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
-from mecazen.schema import LIVE, Section
+from mecazen.schema import LIVE, Section, SectionT
 
 ROBOTS = "robots"
 """Begins the keys of what differs for one of several robots, by its name."""
@@ -62,18 +62,16 @@ def parameters(scenario: Scenario) -> dict[str, Live]:
         found |= {
             f"{ROBOTS}.{robot.name}.{key}": live
             for key, live in own.items()
-            if key.partition(".")[0] in scenario.sections
+            if key.partition(".")[0] in robot.__struct_fields__
         }
     return found
 
 
 def _of_services(scenario: Scenario) -> dict[str, Live]:
-    sections = {name: getattr(scenario, name, None) for name in scenario.services}
-    sections |= {name: scenario.sections.get(name, sections[name]) for name in sections}
     return {
         f"{name}.{'.'.join(path)}": live
-        for name, section in sections.items()
-        if isinstance(section, Section)
+        for name in scenario.services
+        if isinstance(section := getattr(scenario, name, None), Section)
         for path, live in _within(section)
     }
 
@@ -179,12 +177,10 @@ def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
         if key in known:
             continue
         close = difflib.get_close_matches(key, known, n=1)
-        section, _, rest = key.partition(".")
-        if section in scenario.others and section not in scenario.sections:
-            problem = f"{section} is not installed where the clock runs, so nobody can check it"
-        elif section in SERVICES and section not in scenario.services:
+        section = key.partition(".")[0]
+        if section in SERVICES and section not in scenario.services:
             problem = f"{section} takes no part in this scenario"
-        elif _is_setting(scenario, section, rest):
+        elif _is_setting(scenario, key):
             problem = f"can't change while it runs: `--set {key}=…` counts from the start"
         else:
             problem = "no such parameter; "
@@ -192,29 +188,25 @@ def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
         raise ConfigError(one_line(f"{key}: {problem}"))
 
 
-def _is_setting(scenario: Scenario, section: str, path: str) -> bool:
+def _is_setting(scenario: Scenario, key: str) -> bool:
     """Return whether a key is one of the configuration."""
-    value: Any = scenario.sections.get(section, getattr(scenario, section, None))
-    for name in filter(None, path.split(".")):
+    value: Any = scenario
+    for name in key.split("."):
         if not isinstance(value, Section) or name not in type(value).__struct_fields__:
             return False
         value = getattr(value, name)
-    return value is not None and section in {*scenario.sections, *Scenario.__struct_fields__}
+    return value is not None
 
 
 def changed(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
     """Return a scenario with some parameters changed; without a robot's name, those of all robots.
-
-    A section of a service that is not installed here is changed unchecked.
 
     Raises:
         ConfigError: A value, or the scenario with it, is not allowed.
     """
     tree: dict[str, Any] = {}
     trees: dict[str, dict[str, Any]] = {robot.name: {} for robot in scenario.robots}
-    own: set[tuple[str, str]] = {
-        (robot.name, name) for robot in scenario.robots for name in (*robot.sections, *robot.others)
-    }
+    own = {(robot.name, name) for robot in scenario.robots for name in robot.own}
     for key, text in settings.items():
         path = key.split(".")
         if path[0] == ROBOTS and len(path) > 3 and path[1] in trees:
@@ -223,20 +215,12 @@ def changed(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
         else:
             for to in (tree, *trees.values()):
                 _put(to, path, text)
-    robots = tuple(
-        msgspec.structs.replace(
-            robot,
-            **_laid_over(
-                scenario.of(robot.name),
-                {name: of for name, of in trees[robot.name].items() if (robot.name, name) in own},
-                f"{ROBOTS}.{robot.name}.",
-                robot,
-            ),
-        )
-        for robot in scenario.robots
-    )
-    fields = _laid_over(scenario, tree, "", scenario)
-    return _replaced(scenario, {**fields, ROBOTS: robots}, "")
+    robots = []
+    for robot in scenario.robots:
+        part, prefix = scenario.of(robot.name), f"{ROBOTS}.{robot.name}."
+        mine = {name: of for name, of in trees[robot.name].items() if (robot.name, name) in own}
+        robots.append(msgspec.structs.replace(robot, **_changed(part, mine, prefix)))
+    return _replaced(scenario, _changed(scenario, tree) | {ROBOTS: tuple(robots)}, "")
 
 
 def _put(tree: dict[str, Any], path: list[str], text: str) -> None:
@@ -246,22 +230,18 @@ def _put(tree: dict[str, Any], path: list[str], text: str) -> None:
     tree[path[-1]] = text
 
 
-def _laid_over(seen: Scenario, tree: Mapping[str, Any], prefix: str, holder: Any) -> dict[str, Any]:
-    """Return the fields of a scenario, or of a robot in it, with changed sections."""
-    sections, others = dict(holder.sections), dict(holder.others)
-    fields: dict[str, Any] = {"sections": sections, "others": others}
-    for name, changes in tree.items():
-        if name in seen.sections:
-            sections[name] = _with(seen.sections[name], changes, prefix + name)
-        elif isinstance(section := getattr(seen, name, None), Section) and not prefix:
-            fields[name] = _with(section, changes, name)
-        else:
-            others[name] = _with_raw(seen.others.get(name, {}), changes)
-    return fields
+def _changed(scenario: Scenario, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Section]:
+    """Return the sections of a scenario, or of its part of one robot, that change."""
+    return {
+        name: _with(getattr(scenario, name, None), changes, prefix + name)
+        for name, changes in tree.items()
+    }
 
 
-def _with(section: Section, changes: Any, key: str) -> Section:
+def _with(section: Section | None, changes: Any, key: str) -> Section:
     fields: dict[str, Any] = {}
+    if not isinstance(section, Section):
+        raise ConfigError(one_line(f"{key}: no such section"))
     kinds = _kinds(type(section))
     for name, change in (changes if isinstance(changes, dict) else {"": changes}).items():
         here, value = f"{key}.{name}", getattr(section, name, None)
@@ -296,11 +276,3 @@ def _replaced(whole: SectionT, fields: Mapping[str, Any], key: str) -> SectionT:
         return msgspec.structs.replace(whole, **fields)
     except ValueError as error:
         raise ConfigError(one_line(": ".join(filter(None, (key, str(error)))))) from None
-
-
-def _with_raw(table: Any, changes: Any) -> Any:
-    """Return tables of an unknown section with changes laid over them."""
-    if not isinstance(changes, dict):
-        return from_text(changes)
-    below = table if isinstance(table, dict) else {}
-    return {**below, **{name: _with_raw(below.get(name), of) for name, of in changes.items()}}

@@ -16,7 +16,7 @@ from typing import Any
 
 from mecazen import graph
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, told
+from mecazen.errors import ConfigError, explained
 from mecazen.graph import Graph
 from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
@@ -82,7 +82,7 @@ def _import(place: str) -> ModuleType:
     except (ImportError, OSError, SyntaxError) as error:
         raise ConfigError(f"{place}: can't be imported: {error}") from None
     except Exception as error:
-        raise ConfigError(f"{place}: can't be imported: {told(error)}") from error
+        raise ConfigError(f"{place}: can't be imported: {explained(error)}") from error
 
 
 def _from_file(place: str) -> ModuleType:

@@ -29,3 +29,6 @@ class Folder(PosixPath):
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of a configuration file: immutable, and strict about its keys."""
+
+
+SectionT = TypeVar("SectionT", bound=Section)

@@ -16,7 +16,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
-from mecazen_follower.config import FollowerConfig
+from mecazen.config import FollowerConfig
 from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
 from mecazen_tools.run_figure import draw_arrows
 

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from mecazen import messages as m
 from mecazen.config import Scenario
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D, overlap, wrap
 from mecazen.graph import TABLE
 from mecazen.keys import (
@@ -30,7 +31,6 @@ from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX
 from mecazen.wire import encode
-from mecazen.world import Box, Cylinder
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_tools.simulate import InProcess
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
-from mecazen.world import Box, Cylinder
 
 from mecazen_experiments.table import Floats, Poses
 

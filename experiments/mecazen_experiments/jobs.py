@@ -17,11 +17,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 from mecazen.config import Scenario
+from mecazen.config.people import Recorded
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
-from mecazen_people.config import Recorded
 from mecazen_people.paths import make_path
-from mecazen_target.config import TargetConfig
 from mecazen_tools.simulate import in_lockstep
 
 from mecazen_experiments.config import BaseCase, Case, Settings
@@ -100,7 +99,7 @@ def series(
     settings = (*case.settings, *settings)
     scenario = load_scenario(case.scenario, settings)
     variants: Iterable[tuple[str | None, Settings, str]]
-    if walks and isinstance(scenario.section(TargetConfig, "target").path, Recorded):
+    if walks and isinstance(scenario.target.path, Recorded):
         variants = [_with_walk(case.scenario, settings, walk) for walk in walks]
     else:
         variants = [(None, settings, fingerprint(scenario))]
@@ -116,7 +115,7 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
     """Return the walk's name, the settings with it and its duration, and their fingerprint."""
     settings = (*settings, f"target.path.file={msgspec.json.encode(str(walk.resolve())).decode()}")
     loaded = load_scenario(scenario, settings)
-    path = loaded.section(TargetConfig, "target").path
+    path = loaded.target.path
     assert isinstance(path, Recorded)
     try:
         end_s = make_path(path).duration

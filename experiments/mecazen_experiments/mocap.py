@@ -15,8 +15,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import AngleDeg, Positive, Section
-from mecazen_follower.config import FollowerConfig
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
 from rich.table import Table
 
 from mecazen_experiments.capture import capture
@@ -171,7 +170,7 @@ def measure(job: Job) -> tuple[Quality, Curves]:
         MecazenError: As of `capture`, or nobody walks.
     """
     scenario = load_scenario(job.scenario, job.settings)
-    return quality(capture(job), scenario.section(FollowerConfig, "follower").standoff)
+    return quality(capture(job), scenario.follower.standoff)
 
 
 def summarise(

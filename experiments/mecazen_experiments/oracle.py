@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mecazen.config import SensorConfig
+from mecazen.config.estimators import Params
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SCAN, TARGET_ODOM
@@ -11,9 +12,9 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, due, every
 from mecazen.wire import NS_PER_S
 from mecazen_follower.association import Measurement
-from mecazen_follower.config import FollowerConfig
-from mecazen_follower.estimators import Array, Estimate, Estimator, Params
+from mecazen_follower.estimators import Array, Estimate, Estimator
 from mecazen_follower.following import Following
+from mecazen_follower.making import make_planner
 from mecazen_follower.node import data_sheet, sight_of, view_of
 from mecazen_follower.planner.costs import Body
 from mecazen_follower.tracking import Frame
@@ -55,11 +56,11 @@ class OracleFollower(Node):
     def reset(self, seed: int) -> None:
         """Begin a run."""
         self._truth = Truth(Params())
-        config = self.scenario.section(FollowerConfig, "follower")
+        config = self.scenario.follower
         drive, robot = Drive.of(self.scenario), self.scenario.robot
         body = Body(*robot.footprint, self.scenario.world.person.radius_m)
         sensor = data_sheet(self.scenario)
-        planner = config.make_planner(drive, body, sight_of(self.scenario, sensor), seed)
+        planner = make_planner(config, drive, body, sight_of(self.scenario, sensor), seed)
         view = view_of(self.scenario, sensor, config)
         self._following = Following(config, SensorConfig(), drive, view, planner=planner)
         self._following.people.estimator = self._truth

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.skeleton import ANGLES, JOINTS, SIDES
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
 
 from mecazen_experiments.capture import SEEN, Capture, angles
 from mecazen_experiments.gait import Gait, about_path, parameters, true_gait

@@ -10,7 +10,6 @@ from pathlib import Path
 import msgspec
 from mecazen.config import Scenario
 from mecazen.loading import load_scenario
-from mecazen_follower.config import FollowerConfig
 from mecazen_tools.simulate import Result, simulate
 from mecazen_tools.trajectory import Trajectory
 
@@ -49,7 +48,7 @@ def run(job: Job) -> Record:
     gc.collect()
     begin = time.perf_counter()
     scenario, result, trajectory = simulated(job)
-    standoff = scenario.section(FollowerConfig, "follower").standoff
+    standoff = scenario.follower.standoff
     scores = score(Table.of(trajectory), standoff)
     wall_s = time.perf_counter() - begin
     # not getrusage: its maximum includes the memory of the process that started this one

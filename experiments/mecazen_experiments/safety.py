@@ -17,11 +17,12 @@ from string import Template
 from typing import Annotated, Literal, NamedTuple
 
 import msgspec
+from mecazen.config.follower import VIEWS
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Finite, Section
-from mecazen_follower.goal import VIEWS, Standoff
+from mecazen.standoff import Standoff
 from rich.table import Column, Table
 
 from mecazen_experiments.config import BaseCase, Name, Runs, Settings

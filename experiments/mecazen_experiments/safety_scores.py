@@ -8,12 +8,11 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 import numpy.typing as npt
-from mecazen.config import Scenario
+from mecazen.config import Scenario, WorldConfig
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen.world import Box, WorldConfig
-from mecazen_follower.config import FollowerConfig
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
 
 from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
 from mecazen_experiments.scores import deviations, first_motion, score
@@ -70,7 +69,7 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     to_person = gap_to_person(robot, seen.robot, *seen.person)
     to_others = [gap_to_person(robot, seen.robot, *body) for body in seen.others]
     to_world = _world(robot, seen, world)
-    standoff = scenario.section(FollowerConfig, "follower").standoff
+    standoff = scenario.follower.standoff
     begin = first_motion(seen.table) or 0
     begins_s = float(seen.table["t_s"][begin])
     frames = seen.frames >= begins_s

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
 from mecazen_follower.tracking import TrackingState
 from mecazen_tools.trajectory import COVARIANCE
 

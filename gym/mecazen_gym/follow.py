@@ -19,7 +19,6 @@ from mecazen.messages import Observation as Frame
 from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
 from mecazen.wire import NS_PER_S
-from mecazen_follower.config import FollowerConfig
 from mecazen_tools.simulation import Simulation, State, load
 from msgspec.structs import replace
 
@@ -96,7 +95,7 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         if duration_s is not None:
             settings["sim.duration_s"] = duration_s
         self.scenario = _without_follower(load(scenario, settings))
-        self.follower = self.scenario.section(FollowerConfig, "follower")
+        self.follower = self.scenario.follower
         self.period_s, self._ticks = period_s, _ticks(period_s, self.scenario.sim.tick_s)
         if not far_m > 0.0:
             raise ConfigError(f"far_m = {far_m:g} must be above 0")

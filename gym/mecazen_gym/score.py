@@ -13,7 +13,7 @@ from typing import Annotated
 import msgspec
 import typer
 from mecazen.config import Scenario
-from mecazen.errors import NodeError, told
+from mecazen.errors import NodeError, explained
 from mecazen_tools.cli import main
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
 from rich.markup import escape
@@ -57,7 +57,7 @@ def episode(scenario: Scenario, policy: str, seed: int) -> Score:
             observation, reward, terminated, truncated, info = env.step(act(observation))
             total += reward
     except Exception as error:
-        raise NodeError(f"{policy}: {told(error)}") from error
+        raise NodeError(f"{policy}: {explained(error)}") from error
     measures = env.sim.scores()
     return Score(
         policy, seed, total, info["time_s"], terminated, measures.d_err_m, measures.theta_err_deg

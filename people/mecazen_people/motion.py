@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol
 
+from mecazen.config.people import Gait
 from mecazen.geometry import Pose2D, Twist2D
-
-from mecazen_people.config import Gait
 
 
 class Motion(NamedTuple):

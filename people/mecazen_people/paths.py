@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from mecazen.config import people as config
 from mecazen.geometry import Pose2D, Twist2D, rotate
 
-from mecazen_people import config
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.motion import Motion, Path
 from mecazen_people.recorded import Track, read_track

@@ -10,7 +10,7 @@ import pytest
 from harness import COMMAND_GUARD_S, wait
 from mecazen.bus import Bus, LocalBus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.keys import Topic
 from mecazen.messages import String
 from mecazen.wire import Stamp

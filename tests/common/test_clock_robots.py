@@ -6,14 +6,14 @@ from harness import Listener
 from mecazen import keys
 from mecazen.errors import BusError, StepTimeoutError
 from mecazen.messages import Empty, ResetRequest
-from mecazen.robots import seed_of
+from mecazen.keys import call_of_robot
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
 TWO = (("physics", "controller", "target"), "one", "two")
 
 
-def test_each_robot_is_told_of_in_its_namespace_with_a_seed_of_its_own():
+def test_each_robot_moves_in_its_namespace_and_all_samples_of_a_tick_have_one_stamp():
     rig = Rig(*TWO)
     shared = Listener(rig.bus, keys.CLOCK)
     for name in ("one", "two"):
@@ -22,9 +22,7 @@ def test_each_robot_is_told_of_in_its_namespace_with_a_seed_of_its_own():
     rig.clock.step()
     for name, x in (("one", 0.01), ("two", 0.005)):
         heard = rig.take(name)[-3:]
-        assert {sample.stamp for sample in heard} == {
-            Stamp(TICK_NS, rig.clock.stamp.run, seed_of(3, name))
-        }
+        assert {sample.stamp for sample in heard} == {Stamp(TICK_NS, rig.clock.stamp.run, 3)}
         assert x_of(heard) == x
     assert [sample.stamp for sample in shared.take()][-1] == rig.clock.stamp
 
@@ -42,35 +40,35 @@ def test_in_lockstep_all_robots_services_are_waited_for_and_named(answers, missi
         rig.answer(name=name)
     with pytest.raises(StepTimeoutError, match=f"^{missing} did not answer tick 0"):
         rig.clock.step()
-    rig.buses["two"].presence.update("controller", alive=False)
+    rig.bus.presence.update("two/controller", alive=False)
     with pytest.raises(StepTimeoutError, match=r"^two/controller did not answer tick 0"):
         rig.clock.step()
 
 
-def test_a_reset_puts_all_robots_back_with_seeds_from_the_new_one():
+def test_a_reset_puts_all_robots_back_with_the_new_seed():
     rig = Rig(*TWO)
     rig.tick()
     rig.ask(keys.SIM_RESET, ResetRequest(seed=8))
     for name, heard in (("one", rig.tick()), ("two", rig.take("two"))):
         last = heard[-1]
         assert last.message.pose.pose.position.x == 0.0
-        assert (last.stamp.time_ns, last.stamp.seed) == (0, seed_of(8, name))
+        assert (last.stamp.time_ns, last.stamp.seed) == (0, 8)
 
 
 def test_time_is_asked_for_in_no_ones_namespace_and_the_robot_in_each():
     rig = Rig(*TWO)
     assert rig.bus.call(keys.SIM_STATE, Empty()).seed == 3
-    assert rig.buses["one"].call(keys.ROBOT_DESCRIPTION, Empty()).data == "<robot one>"
-    with pytest.raises(BusError, match=r"^robot_description: shy"):
-        rig.buses["two"].call(keys.ROBOT_DESCRIPTION, Empty())
-    assert list(rig.buses["two"].fetch_files("robot_description/*").values()) == [b"two"]
+    assert rig.bus.call(call_of_robot(keys.ROBOT_DESCRIPTION, "one"), Empty()).data == "<robot one>"
+    with pytest.raises(BusError, match=r"^two/robot_description: shy"):
+        rig.bus.call(call_of_robot(keys.ROBOT_DESCRIPTION, "two"), Empty())
+    assert list(rig.bus.fetch_files("two/robot_description/*").values()) == [b"two"]
 
 
 def test_its_health_tells_robots_apart():
     rig = Rig(*TWO)
-    rig.buses["one"].put_bytes("joint_command", b"{")
+    rig.bus.put_bytes("one/joint_command", b"{")
     for alive in (False, True):
-        rig.buses["two"].presence.update("target", alive=alive)
+        rig.bus.presence.update("two/target", alive=alive)
     for _ in range(100):
         rig.tick()
     report = rig.health.take()[-1].message

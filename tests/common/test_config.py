@@ -2,21 +2,26 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
 
 import msgspec
 import pytest
 import tomli_w
 from harness import ROOT, SCENARIOS, error_of
-from mecazen import loading
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, scenario_path
 from mecazen.robot import Payload
-from mecazen.schema import Folder, Section
+from mecazen.schema import Folder
 from mecazen.ticks import whole_ticks
+
+TOY = """
+from typing import Annotated
+
+import msgspec
+from mecazen.keys import ODOM
+from mecazen.node import Node, Row, every
+from mecazen.schema import Section
 
 
 class Slow(Section, tag="slow", tag_field="kind"):
@@ -28,20 +33,18 @@ class Fast(Section, tag="fast", tag_field="kind"):
 
 
 class Toy(Section):
-    """A service's section with one of everything."""
-
     walk: Slow | Fast = Slow()
     weights: dict[str, float] = msgspec.field(default_factory=dict)
     limit: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
     mixed: float | str = 0.0
 
 
+class ToyNode(Node):
+    ROW = Row("toy", inputs=(every(ODOM),))
+    SECTION = Toy
+"""
+"""A user node whose section has one of everything."""
 FAST = "[toy.walk]\nkind = 'fast'\n"
-
-
-@pytest.fixture
-def toy(monkeypatch):
-    monkeypatch.setattr(loading, "installed_sections", lambda: {"toy": Toy})
 
 
 def problem(path: Path, *overrides: str) -> str:
@@ -60,7 +63,7 @@ FILE = "file; allowed: a path to a file"
         ("seeed = 1", "seeed: unknown key; did you mean seed? allowed: "),
         ("[sim]\ntik_s = 1.0", "sim.tik_s: unknown key; did you mean tick_s? allowed: "),
         ("[foo]\nx = 1", "foo: unknown key; allowed: bus, "),
-        ("sections = {}", "unknown key 'sections'"),
+        ("robot_name = 'a'", "unknown key 'robot_name'"),
         ("others = {}", "unknown key 'others'"),
         ('[sim]\n"two\\nlines" = 1', r"sim.two\nlines: unknown key; allowed: "),
         ("[sim]\ntick_s = 'fast'", f"sim.tick_s: got 'fast'; allowed: {NUMBER_OF_TICKS}"),
@@ -244,7 +247,6 @@ def test_when_a_file_is_missing_expect_its_path(write_scenario):
     assert problem(path).startswith("scenarios/none.toml: can't be read: ")
 
 
-@pytest.mark.usefixtures("toy")
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -265,18 +267,12 @@ def test_when_a_file_is_missing_expect_its_path(write_scenario):
         ("[toy]\nmixed = true", "toy.mixed: got true; allowed: a number or a string"),
     ],
 )
-def test_when_a_services_section_is_wrong_expect_the_same_care(write_scenario, text, expected):
-    assert problem(write_scenario(text)).startswith(f"scenarios/test.toml: {expected}")
-
-
-@pytest.mark.usefixtures("toy")
-def test_the_sections_of_services_that_are_not_installed_stay_as_they_were_given(write_scenario):
-    loaded = load_scenario(write_scenario("[follower]\nview = 'back'\n[toy]\nmixed = 'x'"))
-    assert set(loaded.sections) == {"toy"}
-    assert loaded.section(Toy, "toy").mixed == "x"
-    assert loaded.section(Toy, "other") == Toy()
-    assert loaded.others == {"follower": {"view": "back"}}
-    assert effective(loaded)["follower"] == {"view": "back"}
+def test_when_the_section_of_a_user_node_is_wrong_expect_the_same_care(
+    write_scenario, tmp_path, text, expected
+):
+    (tmp_path / "toy.py").write_text(TOY)
+    path = write_scenario(f"programs.toy = '../toy.py:ToyNode'\n{text}")
+    assert problem(path).startswith(f"scenarios/test.toml: {expected}")
 
 
 @pytest.mark.parametrize(
@@ -322,10 +318,10 @@ def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
     assert loaded.robot.name == "nexus"
 
 
-@pytest.mark.usefixtures("toy")
 def test_the_effective_configuration_loads_again_to_the_same(write_scenario, tmp_path):
+    (tmp_path / "toy.py").write_text(TOY)
     path = write_scenario(
-        "seed = 7\n[programs]\nfollower = 'my.py:Mine'\n"
+        "seed = 7\n[programs]\nfollower = 'my.py:Mine'\ntoy = '../toy.py:ToyNode'\n"
         "[sim]\ntick_s = 0.02\n[sensor]\nocclusions_s = [[1.0, 2.5]]\n"
         "[bus]\nzenoh_config = 'zenoh.json5'\nnamespace = 'a/b'\n"
         "[toy.walk]\nkind = 'fast'\nspeed_m_s = 0.1\n[toy.weights]\na = 0.1\n"

@@ -5,7 +5,7 @@ import logging
 import pytest
 from mecazen.bus.endpoints import is_open
 from mecazen.bus.session import session_config
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 
 LOCAL = [

@@ -103,9 +103,8 @@ def test_a_request_beyond_its_limit_is_refused_and_counted():
 
 def test_a_sample_beyond_its_limit_is_counted_and_reaches_nobody(caplog):
     bus = LocalBus()
-    robot = bus.namespaced("one")
-    robot.subscribe(keys.TARGET_CMD_VEL, lambda *_: pytest.fail("delivered"))
-    robot.put_bytes("target/cmd_vel", encode(forward(11.0), "msgpack"))
-    bus.spin()
+    topic = keys.of_robot(keys.TARGET_CMD_VEL, "one")
+    bus.subscribe(topic, lambda *_: pytest.fail("delivered"))
+    bus.put_bytes("one/target/cmd_vel", encode(forward(11.0), "msgpack"))
     assert bus.refused == {"one/target/cmd_vel": 1}
     assert "linear velocity 11.0 is out of range, at most 10 m/s" in caplog.text

@@ -2,14 +2,15 @@
 
 from typing import Literal
 
+import msgspec
 import pytest
 from carts import ALONE, Rig
 from harness import Listener, error_of, load_robot
 from harness import Rig as ServiceRig
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.changes import Change
-from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
+from mecazen.config import Change, Scenario, SimConfig
+from mecazen.config import scenario as config
 from mecazen.errors import BusError, ConfigError
 from mecazen.node import Node
 from mecazen.parameters import changed, described, parameters, refuse_unknown, to_text
@@ -39,11 +40,10 @@ class Mine(Section):
 
 
 def scenario_with(*robots, services=("physics", "mine"), **more):
-    own = tuple(
-        RobotConfig(name=name, start=StartConfig(y_m=2.0 * n), sections=sections)
-        for n, (name, sections) in enumerate(robots)
-    )
-    return Scenario(load_robot(), services, robots=own, sections={"mine": Mine()}, **more)
+    each = enumerate(robots)
+    own = [{"name": name, "start": {"y_m": 2.0 * n}, **tables} for n, (name, tables) in each]
+    tables = {"robot": load_robot(), "services": services, "robots": own, **more}
+    return msgspec.convert(msgspec.to_builtins(tables), config.scenario_with(mine=Mine))
 
 
 def test_live_fields_are_parameters_and_say_what_is_allowed():
@@ -74,10 +74,10 @@ def test_a_change_is_as_the_loader_takes_it_and_may_leave_out_what_may_be_left_o
     start = scenario_with()
     settings = {"mine.reach_m": "2", "mine.gains.kp": "1e-3", "mine.side": "right"}
     both = {"mine.bearing_deg": "90", "mine.heading_deg": "-90.0", "mine.order": '["b"]'}
-    after = changed(start, settings | both).sections["mine"]
+    after = changed(start, settings | both).mine
     assert after == Mine(2.0, 90.0, -90.0, "right", ("b",), gains=Gains(1e-3))
     left_out = both | {"mine.bearing_deg": "", "mine.heading_deg": "", "mine.turns": "false"}
-    assert changed(start, left_out).sections["mine"] == Mine(order=("b",), turns=False)
+    assert changed(start, left_out).mine == Mine(order=("b",), turns=False)
     assert [to_text(v) for v in (None, 0.1, float("inf"), True, "a")] == [
         "",
         "0.1",
@@ -112,25 +112,13 @@ def test_what_is_not_allowed_is_refused_in_one_line(key, text, line):
     assert error_of(ConfigError, change).startswith(line)
 
 
-def test_a_section_that_is_not_installed_is_changed_unchecked_but_never_asked_for():
-    start = scenario_with(others={"follower": {"standoff_m": 1.0, "control": {"kind": "pid"}}})
-    after = changed(start, {"follower.control.kp": "2", "follower.view": "back"})
-    assert after.others["follower"] == {
-        "standoff_m": 1.0,
-        "view": "back",
-        "control": {"kind": "pid", "kp": 2},
-    }
-    key = {"follower.standoff_m": "1"}
-    assert "not installed where" in error_of(ConfigError, lambda: refuse_unknown(start, key))
-
-
 def test_without_a_name_all_robots_are_changed_and_with_one_only_that():
-    start = scenario_with(("one", {}), ("two", {"mine": Mine(side="right")}))
+    start = scenario_with(("one", {}), ("two", {"mine": {"side": "right"}}))
 
     def reach(settings):
         refuse_unknown(start, settings)
         seen = changed(start, settings)
-        return [seen.of(name).sections["mine"].reach_m for name in ("one", "two")]
+        return [seen.of(name).mine.reach_m for name in ("one", "two")]
 
     of_two = {"robots.two.mine.reach_m": "2"}
     assert reach({"mine.reach_m": "3"}) == [3.0, 3.0]
@@ -139,7 +127,7 @@ def test_without_a_name_all_robots_are_changed_and_with_one_only_that():
     # the last one counts
     assert reach({**of_two, "mine.reach_m": "3"}) == [3.0, 3.0]
     assert reach({"mine.reach_m": "3", **of_two}) == [3.0, 2.0]
-    assert changed(start, of_two).of("two").sections["mine"].side == "right"
+    assert changed(start, of_two).of("two").mine.side == "right"
     wrong = {"robots.six.mine.reach_m": "1"}
     assert "did you mean" in error_of(ConfigError, lambda: reach(wrong))
 
@@ -153,7 +141,7 @@ def test_what_is_set_stays_over_a_reset_and_the_script_begins_anew():
 
     def at(tick):
         differs = changing.take(tick)
-        mine = changing.scenario.sections["mine"]
+        mine = changing.scenario.mine
         return differs, mine.reach_m, mine.gains.kp, mine.side
 
     assert [at(tick) for tick in (0, 1)] == [(True, 0.5, 9.0, "left"), (False, 0.5, 9.0, "left")]
@@ -189,22 +177,22 @@ class Follower(Node):
 
     def __init__(self, scenario):
         super().__init__(scenario)
-        self.config = scenario.sections["follower"]
+        self.config = scenario.follower
         self.steps = []
 
     def reset(self, seed):
         self.steps.append("reset")
 
     def step(self, tick, inputs):
-        self.steps.append((tick.number, self.config.reach_m))
+        self.steps.append((tick.number, self.config.standoff_m))
         return {}
 
 
 @pytest.fixture
 def node():
-    scenario = Scenario(load_robot(), sections={"follower": Mine()}, sim=SimConfig(mode="lockstep"))
+    scenario = Scenario(load_robot(), sim=SimConfig(mode="lockstep"))
     rig = ServiceRig("follower", scenario, kinds={"follower": Follower})
-    steps = rig.service.nodes[0].node.steps
+    steps = rig.node.steps
 
     def put(tick, revision=0, run=1):
         rig.put(keys.ODOM, m.Odometry(), rig.at(tick, run)._replace(revision=revision))
@@ -225,49 +213,49 @@ def node():
 
 
 def test_a_change_counts_from_its_tick_on_however_early_it_is_known(node):
-    assert node(4)[-1] == (4, 0.5)
-    node.change(6, 1, reach_m="2")
-    assert [node(5), node(6), node(7)] == [[(5, 0.5)], [(6, 2.0)], [(7, 2.0)]]
-    node.change(8, 1, reach_m="3")  # said again, for those who come late
+    assert node(4)[-1] == (4, 1.0)
+    node.change(6, 1, standoff_m="2")
+    assert [node(5), node(6), node(7)] == [[(5, 1.0)], [(6, 2.0)], [(7, 2.0)]]
+    node.change(8, 1, standoff_m="3")  # said again, for those who come late
     assert node(8) == [(8, 2.0)]
 
 
 def test_a_step_waits_for_the_parameters_that_count_in_its_tick(node):
     node(4)
     assert [node(5, 1), node(6, 2)] == [[], []]
-    assert node.change(5, 1, reach_m="2") == [(5, 2.0)]
-    assert node.change(6, 2, reach_m="3") == [(6, 3.0)]
+    assert node.change(5, 1, standoff_m="2") == [(5, 2.0)]
+    assert node.change(6, 2, standoff_m="3") == [(6, 3.0)]
     # who comes late is told of a later tick
     assert node(7, 3) == []
-    assert node.change(100, 3, reach_m="4") == [(7, 4.0)]
+    assert node.change(100, 3, standoff_m="4") == [(7, 4.0)]
 
 
 def test_a_stamp_that_lies_about_changes_costs_no_more_than_its_own_step(node):
     node(4)
-    assert [node(5, 2**32 - 1), node(6)] == [[], [(6, 0.5)]]
+    assert [node(5, 2**32 - 1), node(6)] == [[], [(6, 1.0)]]
 
 
 def test_what_counts_from_the_first_tick_of_a_run_is_there_when_it_begins(node):
     assert node(0, 1) == ["reset", "reset"]  # of the service, and of the run
-    assert node.change(0, 1, reach_m="2") == ["reset", (0, 2.0)]
+    assert node.change(0, 1, standoff_m="2") == ["reset", (0, 2.0)]
     assert node(0, 1, run=2) == ["reset", (0, 2.0)]
 
 
 def test_when_who_owns_time_has_begun_anew_changes_are_forgotten(node):
     node(4)
-    node.change(5, 1, reach_m="2")
+    node.change(5, 1, standoff_m="2")
     assert node(5, 1) == [(5, 2.0)]
-    assert node(0, 0, run=2) == ["reset", (0, 0.5)]
-    node.change(1, 1, run=2, reach_m="3")
+    assert node(0, 0, run=2) == ["reset", (0, 1.0)]
+    node.change(1, 1, run=2, standoff_m="3")
     assert node(1, 1, run=2) == [(1, 3.0)]
 
 
 def test_a_change_that_is_not_allowed_or_has_no_stamp_is_not_taken(node):
     node(4)
-    node.change(5, 1, reach_m="-1")
+    node.change(5, 1, standoff_m="-1")
     node.change(5, 1, nothing="1")
     node.rig.bus.put_bytes("sim/parameters", b'{"revision":7}')
-    assert node(5) == [(5, 0.5)]
+    assert node(5) == [(5, 1.0)]
     assert node.rig.bus.refused == {"sim/parameters": 2}
 
 
@@ -277,20 +265,19 @@ def test_a_change_is_published_before_its_tick_and_then_each_second():
     rig.clock.begin()
     rig.tick()
     rig.clock.changing.ask({})
-    rig.clock.changing._asked = {"mine.reach_m": "2"}
+    rig.clock.changing._asked = {"follower.standoff_m": "2"}
     assert [sample.key for sample in heard.take()] == ["clock"] * 2
     rig.tick()
     first, clock = heard.take()
     assert (first.key, first.message.revision) == ("sim/parameters", 1)
     assert first.stamp == clock.stamp
     assert clock.stamp.revision == 1
-    assert first.message.parameters == (m.Parameter("mine.reach_m", "2"),)
+    assert first.message.parameters == (m.Parameter("follower.standoff_m", "2"),)
     for _ in range(99):
         rig.tick()
     again = [sample for sample in heard.take() if sample.key == "sim/parameters"]
     assert [sample.message.parameters for sample in again] == [first.message.parameters]
     rig.bus.declare_alive("late")
-    rig.bus.spin()
     assert [sample.message.revision for sample in heard.take()] == [1]
 
 

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from harness import SCENARIOS, error_of
 from mecazen import keys, programs
-from mecazen.config import RobotConfig, Scenario, SimConfig
+from mecazen.config import FollowerConfig, RobotConfig, Scenario, SimConfig
 from mecazen.errors import ConfigError
 from mecazen.graph import TABLE
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
@@ -18,6 +18,7 @@ from mecazen.programs import classes, find, graph_of, installed_nodes
 from mecazen.row import due, every, latest
 
 NODE = """
+from mecazen.config import FollowerConfig
 from mecazen.row import Row, every, latest
 from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, ODOM, TARGET_CMD_VEL
 from mecazen.node import Node, World
@@ -35,6 +36,14 @@ class Mine(Node):
 
 class Leader(Node):
     ROW = Row("leader", inputs=(every(ODOM),), outputs=(CMD_VEL,))
+
+
+class More(FollowerConfig):
+    gain: Positive = 1.0
+
+
+class Gainer(Leader):
+    SECTION = More
 
 
 class Earth(World):
@@ -121,7 +130,7 @@ def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section
     scenario = load_scenario(write_scenario(f"{programs_table}[mine]\ngain = 2.0\n"))
     assert scenario.services == (*Scenario.__struct_defaults__[0], "mine")
     assert scenario.parts[-1] == ("mine", "")
-    assert scenario.sections["mine"].gain == 2.0
+    assert scenario.mine.gain == 2.0
     assert graph_of(scenario).row("mine").part_of == "mine"
     for wrong, expected in {
         "gain = 0": "mine.gain: got 0; allowed: a number > 0",
@@ -130,6 +139,33 @@ def test_a_program_that_the_table_does_not_know_takes_part_with_a_strict_section
         path = write_scenario(f"{programs_table}[mine]\n{wrong}\n")
         with pytest.raises(ConfigError, match=f"^{path}.*{expected}"):
             load_scenario(path)
+
+
+def test_a_class_in_a_nodes_place_may_add_settings_to_its_section(write_scenario, tmp_path):
+    added = "[follower]\nstandoff_m = 2.0\ngain = 3.0\n"
+    follower = load_scenario(
+        write_scenario(f"[programs]\nfollower = '../my.py:Gainer'\n{added}")
+    ).follower
+    assert (follower.standoff_m, follower.gain) == (2.0, 3.0)
+    with pytest.raises(ConfigError, match=r"must be a subclass of .*FollowerConfig$"):
+        load_scenario(write_scenario("[programs]\nfollower = '../my.py:Mine'\n"))
+    # where the file is not, as in a container of another service, only it could read the section
+    elsewhere = "follower = 'elsewhere.py:Gainer'\nodometry = 'elsewhere.py:Gainer'\n"
+    path = write_scenario(f"[programs]\n{elsewhere}{added}[odometry]\ngain = 3.0\n")
+    assert load_scenario(path).follower == FollowerConfig()
+
+
+def test_a_user_node_with_a_section_has_a_name_that_python_can_say(write_scenario):
+    path = write_scenario("[programs]\nmy-node = '../my.py:Mine'\n")
+    expected = "^programs: 'my-node' has a section, so its name must be letters, digits and _$"
+    with pytest.raises(ConfigError, match=expected):
+        load_scenario(path)
+
+
+def test_a_user_node_whose_section_has_no_defaults_needs_one(write_scenario, tmp_path):
+    (tmp_path / "my.py").write_text(NODE.replace("Positive = 1.0", "Positive", 1))
+    with pytest.raises(ConfigError, match=r"mine: missing; must be a table$"):
+        load_scenario(write_scenario("[programs]\nmine = '../my.py:Mine'\n"))
 
 
 def test_where_services_name_it_a_program_takes_part_once(write_scenario):
@@ -177,7 +213,11 @@ def test_what_takes_a_place_must_give_what_others_wait_for(scenario, place, outp
 
 @pytest.mark.parametrize(
     ("place", "program", "wanted"),
-    [("viewer", "Mine", "Observer"), ("follower", "Earth", "Node"), ("physics", "Mine", "World")],
+    [
+        ("viewer", "Leader", "Observer"),
+        ("follower", "Earth", "Node"),
+        ("physics", "Leader", "World"),
+    ],
 )
 def test_what_takes_a_place_is_of_its_kind(write_scenario, place, program, wanted):
     scenario = load_scenario(write_scenario(f"programs.{place} = '../my.py:{program}'\n"))

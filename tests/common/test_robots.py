@@ -6,35 +6,15 @@ import tomllib
 import pytest
 import tomli_w
 from harness import ROBOTS, error_of
-from mecazen import loading
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
+from mecazen.config.people import Standing, Straight
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
 from mecazen.loading import effective, load_scenario, robots_in, to_toml
 from mecazen.robots import seed_of, split_key
 from mecazen.runtime.host import part_of
-from mecazen.schema import Section
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
-
-
-class Walk(Section, tag="walk", tag_field="kind"):
-    speed_m_s: float = 0.1
-    length_m: float = 1.0
-
-
-class Stand(Section, tag="stand", tag_field="kind"):
-    x_m: float = 0.0
-
-
-class Target(Section):
-    path: Walk | Stand = Walk()
-    height_m: float = 1.0
-
-
-@pytest.fixture(autouse=True)
-def installed(monkeypatch):
-    monkeypatch.setattr(loading, "installed_sections", lambda: {"target": Target})
 
 
 def test_a_scenario_without_robots_is_that_of_its_only_one(scenario):
@@ -57,27 +37,28 @@ def test_each_robot_has_its_start_namespace_seed_and_services(write_scenario):
 
 def test_a_robot_may_be_another_and_its_services_may_differ(write_scenario, tmp_path):
     path = write_scenario(
-        "[target.path]\nkind = 'walk'\nspeed_m_s = 0.5\nlength_m = 3.0\n[sensor]\nfov_deg = 90.0\n"
+        "[target.path]\nkind = 'straight'\nspeed_m_s = 0.5\nlength_m = 3.0\n"
+        "[sensor]\nfov_deg = 90.0\n"
         "[[robots]]\nname = 'one'\ntarget.path.length_m = 4.0\nsensor.rate_hz = 50.0\n"
         "[[robots]]\nname = 'two'\nstart = {x_m = 2.0}\nrobot = '../robots/artbul.toml'\n"
-        "target.path = {kind = 'stand', x_m = 3.0}\n"
+        "target.path = {kind = 'standing', x_m = 3.0}\n"
     )
     (tmp_path / "robots" / "artbul.toml").write_text((ROBOTS / "artbul.toml").read_text())
     loaded = load_scenario(path)
     one, two = loaded.of("one"), loaded.of("two")
     assert (one.robot.name, two.robot.name) == ("nexus", "artbul")
-    assert one.section(Target, "target").path == Walk(speed_m_s=0.5, length_m=4.0)
-    assert two.section(Target, "target").path == Stand(x_m=3.0)
+    assert one.target.path == Straight(speed_m_s=0.5, length_m=4.0)
+    assert two.target.path == Standing(x_m=3.0)
     assert (one.sensor.rate_hz, one.sensor.fov_deg) == (50.0, 90.0)
     assert (two.sensor.rate_hz, two.sensor.fov_deg) == (25.0, 90.0)
-    assert loaded.section(Target, "target").path == Walk(speed_m_s=0.5, length_m=3.0)
+    assert loaded.target.path == Straight(speed_m_s=0.5, length_m=3.0)
 
 
 def test_the_effective_configuration_of_robots_loads_again_to_the_same(write_scenario, tmp_path):
     loaded = load_scenario(
-        write_scenario(f"{TWO}target.path = {{kind = 'stand'}}\nfollower.view = 'side_left'\n")
+        write_scenario(f"{TWO}target.path = {{kind = 'standing'}}\nfollower.view = 'side_left'\n")
     )
-    assert loaded.of("two").others == {"follower": {"view": "side_left"}}
+    assert loaded.of("two").follower.view == "side_left"
     again = tmp_path / "again.toml"
     again.write_text(tomli_w.dumps(effective(loaded)))
     assert load_scenario(again) == loaded
@@ -97,11 +78,11 @@ def test_whose_a_key_is_is_told_by_the_names_of_a_configuration(write_scenario):
 
 def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
     path = write_scenario(TWO)
-    settings = ("robots.two.start.x_m=2.0", "target.height_m=1.5", "robots.two.target.height_m=1.9")
-    loaded = load_scenario(path, settings)
+    of_two = "robots.two.start.x_m=2.0", "robots.two.target.body.height_m=1.9"
+    loaded = load_scenario(path, ("target.body.height_m=1.5", *of_two))
     assert loaded.of("two").start.pose == Pose2D(2.0, 1.5, 0.0)
-    assert loaded.of("one").section(Target, "target").height_m == 1.5
-    assert loaded.of("two").section(Target, "target").height_m == 1.9
+    assert loaded.of("one").target.body.height_m == 1.5
+    assert loaded.of("two").target.body.height_m == 1.9
 
 
 @pytest.mark.parametrize(
@@ -113,14 +94,16 @@ def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
         ("[[robots]]\nname = ''", "robots.0.name: got ''; allowed: a string that matches"),
         ("[[robots]]\nname = 'a/b'", "robots.0.name: got 'a/b'; allowed: a string that matches"),
         ("[[robots]]\nname = 'a*'", "robots.0.name: got 'a*'; allowed: a string that matches"),
-        ("[[robots]]\nname = 'sim'", "robots.0: name = 'sim' begins a key of mecazen's own"),
-        ("[[robots]]\nname = 'mecazen'", "robots.0: name = 'mecazen' begins a key of mecazen's"),
+        ("[[robots]]\nname = 'sim'", "robots.sim: name = 'sim' begins a key of mecazen's own"),
+        (
+            "[[robots]]\nname = 'mecazen'",
+            "robots.mecazen: name = 'mecazen' begins a key",
+        ),
         (TWO.replace("two", "one"), "robots: each name at most once"),
         (TWO.replace("1.5", "0.3"), "robots: one and two overlap at their starts"),
-        ("[[robots]]\nname = 'a'\nphysics = {}", "robots.0.physics: unknown key"),
-        ("[[robots]]\nname = 'a'\nsections = {}", "unknown key 'sections'"),
+        ("[[robots]]\nname = 'a'\nphysics = {}", "robots.a.physics: unknown key"),
         ("[[robots]]\nname = 'a'\ntarget.height = 1.0", "robots.a.target.height: unknown key"),
-        ("[[robots]]\nname = 'a'\nsensor.rate_hz = 0", "robots.0.sensor.rate_hz: got 0; allowed"),
+        ("[[robots]]\nname = 'a'\nsensor.rate_hz = 0", "robots.a.sensor.rate_hz: got 0; allowed"),
         ("[[robots]]\nname = 'a'\nrobot = 'none.toml'", "none.toml: no such file"),
     ],
 )

@@ -12,7 +12,7 @@ from mecazen import messages as m
 from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.session import open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.messages import Odometry, SimState, String, Twist, Vector3
@@ -51,10 +51,11 @@ def ros(router, write_scenario):
             stack.callback(bus.close)
             for robot in scenario.names:
                 for call, handler in (served or {}).items():
-                    bus.namespaced(robot).serve(call, handler)
+                    bus.serve(keys.call_of_robot(call, robot), handler)
             side = RosSide(scenario.bus, service)
             stack.callback(side.close)
-            RosNode(side, service, bus, scenario, graph_of(scenario))
+            put = lambda topic, message: bus.publisher(topic).put(message, None)  # noqa: E731
+            RosNode(side, service, "", bus, scenario, graph_of(scenario), put)
             other = stack.enter_context(open_session(BusConfig(connect=(meet,)), "client"))
             return SimpleNamespace(name=name, bus=bus, session=other)
 

@@ -3,11 +3,12 @@
 from math import inf
 from typing import Literal
 
+import msgspec
 import pytest
 from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import RobotConfig, Scenario, StartConfig
+from mecazen.config.scenario import scenario_with
 from mecazen.errors import BusError, ConfigError
 from mecazen.parameters import described, parameters, settings_of
 from mecazen.ros import cdr
@@ -49,12 +50,9 @@ class Node:
     """The parameters of a node, and the changes of the simulation that has it."""
 
     def __init__(self, robot="", *robots):
-        own = tuple(
-            RobotConfig(name=name, start=StartConfig(y_m=2.0 * n)) for n, name in enumerate(robots)
-        )
-        scenario = Scenario(
-            load_robot(), ("physics", "mine"), robots=own, sections={"mine": Mine()}
-        )
+        own = [{"name": name, "start": {"y_m": 2.0 * n}} for n, name in enumerate(robots)]
+        tables = {"robot": load_robot(), "services": ("physics", "mine"), "robots": own}
+        scenario = msgspec.convert(msgspec.to_builtins(tables), scenario_with(mine=Mine))
         self.changing = Changing(scenario, lambda *_: None)
         self.parameters = NodeParameters("mine", robot, self._ask)
 

@@ -9,7 +9,7 @@ from harness import error_of, wait
 from mecazen import keys
 from mecazen.bus.session import includes, open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.wire import Stamp
 

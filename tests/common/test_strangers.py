@@ -6,7 +6,7 @@ from harness import wait
 from mecazen import keys
 from mecazen.bus import base
 from mecazen.bus.session import open_session
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.messages import SimState
 from mecazen.text import printable
 from mecazen.wire import MAX_ENVELOPE_BYTES, MAX_SAMPLE_BYTES

@@ -7,10 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 from harness import error_of
+from mecazen.config import WorldConfig
+from mecazen.config.world import Box, Door, Patch, Ramp, Table, Wall
 from mecazen.errors import ConfigError
 from mecazen.loading import effective, from_tables, load_scenario, to_toml
 from mecazen.occupancy import read_map
-from mecazen.world import Box, Door, Patch, Ramp, Table, Wall, WorldConfig
 
 ROOT = Path(__file__).parents[2]
 PLACES = sorted((ROOT / "configs/worlds").glob("*.toml"))

@@ -16,7 +16,7 @@ from mecazen.bus import StoppedError, base
 from mecazen.bus.queries import QueryInbox
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
 from mecazen.messages import Clock, Empty, SimState, StepRequest, Time, Twist, Vector3
@@ -327,33 +327,21 @@ def test_when_a_subscription_is_no_key_expression_expect_one_line(open_bus):
     assert ".rs" not in text
 
 
-def test_a_bus_beside_is_a_namespace_within_that_of_its_session(open_bus):
+def test_a_robots_keys_are_in_its_namespace_within_that_of_the_session(open_bus):
     name = f"test{secrets.token_hex(6)}"
     root, one = open_bus(namespace=name), open_bus(namespace=f"{name}/one")
-    beside = root.namespaced("one")
     heard, answers = [], []
-    beside.subscribe(keys.CMD_VEL, lambda twist, _: heard.append(twist.linear.x))
+    commands = keys.of_robot(keys.CMD_VEL, "one")
+    root.subscribe(commands, lambda twist, _: heard.append(twist.linear.x))
     root.subscribe(keys.CMD_VEL, lambda twist, _: heard.append("in no one's namespace"))
-    beside.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState(tick=7)))
-    beside.serve_files("robot_description", {"a.stl": b"mesh"})
-    beside.declare_alive("physics")
+    root.declare_alive("physics", "one")
     one.subscribe_bytes("odom", lambda key, *_: answers.append(key))
     one.declare_alive("controller")
     wait(one, lambda: "physics" in one.presence.names)
-    wait(root, lambda: "controller" in beside.presence.names)  # one queue for both
-    assert root.presence.names == set()
+    wait(root, lambda: root.presence.names == {"one/physics", "one/controller"})
     one.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
     wait(root, lambda: heard == [0.2])
-    beside.put_bytes("odom", b"{}")
+    root.put_bytes("one/odom", b"{}")
     wait(one, lambda: answers == ["odom"])
     one.put_bytes("cmd_vel", b"{")
     wait(root, lambda: root.refused == {"one/cmd_vel": 1})
-    asker = open_bus("client", namespace=name).namespaced("one")
-    assert asker.alive() == {"physics", "controller"}
-    with ThreadPoolExecutor() as pool:
-        asked = pool.submit(asker.call, keys.SIM_STATE, Empty())
-        wait(root, asked.done)
-        assert asked.result().tick == 7
-        fetched = pool.submit(asker.fetch_files, "robot_description/**")
-        wait(root, fetched.done)
-        assert fetched.result() == {"robot_description/a.stl": b"mesh"}

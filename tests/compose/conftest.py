@@ -12,7 +12,7 @@ import pytest
 from harness import Newest
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError, MecazenError
 from mecazen.geometry import Pose2D
 from mecazen_bench.compose import Compose, command, docker

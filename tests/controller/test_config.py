@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
-from mecazen.drive import Limits
-from mecazen_controller.config import ControllerConfig
+from mecazen.config import ControllerConfig
+from mecazen.config.controller import OdometryScale
+from mecazen.drive import Limits, axis_limits
 from mecazen_controller.kinematics import MecanumKinematics
 
 ROBOT = SimpleNamespace(
@@ -23,21 +24,22 @@ def test_defaults_are_those_a_ros_user_expects():
     assert (config.command_key, config.odometry_key) == ("cmd_vel", "odom")
     assert (config.odom_frame_id, config.base_frame_id) == ("odom", "base_link")
     assert config.wheel_joints[0] == "front_left_wheel_joint"
-    assert config.odometry_scale.factors == (1.0, 1.0, 1.0)
+    assert config.odometry_scale == OdometryScale(1.0, 1.0, 1.0)
 
 
 def test_lengths_come_from_the_robot_unless_given():
-    assert load().kinematics(ROBOT) == MecanumKinematics(0.05, 0.15, 0.1)
-    assert load(half_track_m=0.2).kinematics(ROBOT) == MecanumKinematics(0.05, 0.15, 0.2)
+    assert MecanumKinematics.of(ROBOT, load()) == MecanumKinematics(0.05, 0.15, 0.1)
+    assert MecanumKinematics.of(ROBOT, load(half_track_m=0.2)) == MecanumKinematics(0.05, 0.15, 0.2)
 
 
 def test_limits_per_axis_default_deceleration_to_acceleration_and_jerk_to_none():
-    x, y, yaw = load(
+    config = load(
         limits={
             "x": {"max_deceleration_m_s2": 4.0},
             "y": {"max_velocity_m_s": math.inf, "max_jerk_m_s3": 9.0},
         }
-    ).limits.limits
+    )
+    x, y, yaw = axis_limits(config.limits)
     assert x == Limits(2.0, 2.5, 4.0, math.inf)
     assert y == Limits(math.inf, 2.5, 2.5, 9.0)
     assert yaw == Limits(3.0, 8.0, 8.0, math.inf)

@@ -7,12 +7,12 @@ from harness import Steps, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario, StartConfig
-from mecazen.drive import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config import controller as c
+from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.wire import RefusedError
-from mecazen_controller import config as c
 from mecazen_controller.node import ControllerNode, OdometryNode
 
 # The robot `nexus`: wheels of 0.05 m, half-lengths of 0.15 m each, at most 40 rad/s.
@@ -25,7 +25,7 @@ START = StartConfig(x_m=1.0, y_m=2.0, yaw_deg=90.0)
 
 def scenario(**settings):
     config = c.ControllerConfig(**settings)
-    return Scenario(robot=NEXUS, start=START, sections={"controller": config})
+    return Scenario(robot=NEXUS, start=START, controller=config)
 
 
 def joints(speeds, names=WHEEL_JOINTS):

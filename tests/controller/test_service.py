@@ -6,12 +6,11 @@ import pytest
 from harness import Rig, load_robot
 from hostile import forged, malformed
 from mecazen import keys
-from mecazen.config import Scenario, SimConfig
-from mecazen.drive import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config import ControllerConfig, Scenario, SimConfig
+from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import JointState, OdometryRequest, Pose, Twist
 from mecazen.robot import WHEEL_JOINTS
-from mecazen_controller.config import ControllerConfig
 
 NEXT_RUN = 2**32 - 1
 ISOLATED = ("physics", "controller")
@@ -25,9 +24,9 @@ class Controller(Rig):
     """A controller that obeys at once, unless told otherwise."""
 
     def __init__(self, services=ISOLATED, **settings):
-        sections = {"controller": ControllerConfig(limits=UNLIMITED, **settings)}
+        config = ControllerConfig(limits=UNLIMITED, **settings)
         lockstep = SimConfig(mode="lockstep")
-        scenario = Scenario(load_robot(), services=services, sim=lockstep, sections=sections)
+        scenario = Scenario(load_robot(), services=services, sim=lockstep, controller=config)
         super().__init__("controller", scenario, keys.ODOM, keys.JOINT_COMMAND)
 
     def tick(self, tick, speeds=STANDING, run=1):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.world import Box, Cylinder
+from mecazen.config.world import Box, Cylinder
 from mecazen_crowd import forces
 
 AHEAD = np.array([[1.0, 0.0]])

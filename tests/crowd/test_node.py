@@ -4,13 +4,13 @@ import msgspec
 import pytest
 from harness import SCENARIOS, Steps, error_of
 from mecazen import keys
+from mecazen.config import CrowdConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock, Point, Skeleton, Time, planar_odometry
 from mecazen.skeleton import JOINTS
-from mecazen_crowd.config import CrowdConfig
 from mecazen_crowd.node import CrowdNode
 
 WALKERS = (

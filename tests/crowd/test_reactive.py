@@ -4,9 +4,9 @@ import math
 from itertools import combinations, pairwise
 
 import pytest
+from mecazen.config.crowd import Goal, Reactive
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen.world import Box
-from mecazen_crowd.config import Goal, Reactive
 from mecazen_crowd.reactive import CLEAR_M, Errand, Other, Pedestrians, drawn
 
 RADIUS_M, DT_S = 0.2, 0.02

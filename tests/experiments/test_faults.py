@@ -7,7 +7,6 @@ from mecazen.loading import load_scenario, load_table
 from mecazen_experiments.config import Experiment, experiment_path
 from mecazen_experiments.scores import score
 from mecazen_experiments.table import Table
-from mecazen_follower.config import FollowerConfig
 from mecazen_tools.simulate import simulate
 
 SCENARIO = Path(__file__).parents[2] / "configs" / "scenarios" / "back.toml"
@@ -32,7 +31,7 @@ def found():
 
     def scored(faults):
         scenario = load_scenario(SCENARIO, (*SHORT, f"sensor.faults={faults}"))
-        standoff = scenario.section(FollowerConfig, "follower").standoff
+        standoff = scenario.follower.standoff
         return score(Table.of(simulate(scenario, "faults")[1]), standoff).whole
 
     return {name: scored(faults) for name, faults in FAULTS.items()}

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config.world import Box, Cylinder
 from mecazen.skeleton import INDEX, LIMBS
-from mecazen.world import Box, Cylinder
 from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
 from mecazen_experiments.table import Poses
 from people import HEIGHT, NEXUS, body

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from experiments.walks import RATE_HZ, SPEED_M_S, STRIDE_S, pendulum, person
+from mecazen.config.people import Body, Limp
 from mecazen_experiments.capture import angles
 from mecazen_experiments.gait import about_path, events, parameters, true_gait
-from mecazen_people.config import Body, Limp
 
 
 def test_angles_of_straight_legs_are_the_thigh_s():

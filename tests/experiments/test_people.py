@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mecazen.config.people import Recorded
 from mecazen.geometry import Pose2D, wrap
 from mecazen_experiments.scores import nees
-from mecazen_follower.estimators import ESTIMATORS, make_params
-from mecazen_people.config import Recorded
+from mecazen_follower.estimators import make_estimator
 from mecazen_people.paths import make_path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -33,7 +33,7 @@ def scores(name, walk, **params):
     """Return mean NEES and mean error of the heading [deg] after each frame of a walk."""
     assert PEDESTRIANS is not None
     path = make_path(Recorded(file=PEDESTRIANS / f"{walk}.csv"))
-    estimator = ESTIMATORS[name](make_params(name, params))
+    estimator = make_estimator(name, params)
     rng, errors, covariances = np.random.default_rng(1), [], []
     for number in range(int(path.duration / FRAME_S)):
         estimator.predict(FRAME_S)

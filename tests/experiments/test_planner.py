@@ -8,11 +8,12 @@ import pytest
 from follower.rooms import DRIVE
 from harness import SCENARIOS, load_robot
 from mecazen import keys
-from mecazen.drive import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.drive import axis_limits
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.limiter import LimiterState, limit_twist
 from mecazen.loading import load_scenario
-from mecazen_controller.config import ControllerConfig
+from mecazen_controller.kinematics import MecanumKinematics
 from mecazen_follower.planner.rollout import Able, follow, roll
 from mecazen_tools.simulate import InProcess, simulate
 
@@ -67,9 +68,9 @@ def test_in_a_corridor_the_robot_goes_behind_and_then_back_to_the_side():
 @pytest.mark.parametrize("deceleration", [None, 4.0])
 def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(deceleration):
     linear = LinearLimits(max_deceleration_m_s2=deceleration)
-    limits = AxisLimits(linear, linear, AngularLimits(max_acceleration_rad_s2=4.0)).limits
+    limits = axis_limits(AxisLimits(linear, linear, AngularLimits(max_acceleration_rad_s2=4.0)))
     drive = DRIVE._replace(axes=limits)
-    kinematics = ControllerConfig().kinematics(load_robot())
+    kinematics = MecanumKinematics.of(load_robot())
     steps, dt, tick = 8, 0.125, 0.00125
     # along odom's axes: off at full speed, sideways as well, then to rest
     commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)

@@ -9,12 +9,11 @@ from experiments.made_up import BACK, TICK_S, beside, covariances, line, run, tw
 from harness import SCENARIOS
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mecazen.config import wanted_view
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
+from mecazen.standoff import Standoff
 from mecazen_experiments.scores import Score, Scores, score
 from mecazen_experiments.table import Poses, Table
-from mecazen_follower.goal import Standoff
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE
 
@@ -206,7 +205,7 @@ def real():
     settings = ("sim.duration_s=8",)
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
     _, trajectory = simulate(scenario, "back")
-    return Table.of(trajectory), trajectory.scores(*wanted_view(scenario))
+    return Table.of(trajectory), trajectory.scores(scenario.follower.standoff)
 
 
 def test_the_published_measures_of_a_real_run_are_those_of_the_simulator(real):

@@ -7,7 +7,7 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_experiments.smoother import LEVELS, Sight, least_errors, smooth
 from mecazen_experiments.table import Poses
-from mecazen_follower.estimators import ESTIMATORS, make_params
+from mecazen_follower.estimators import make_estimator
 
 RATE = 25.0
 STD = np.array([0.05, 0.05, 0.2])
@@ -51,7 +51,7 @@ def test_the_last_state_is_the_filters():
         "acceleration_std_m_s2": WALKS[3],
         "yaw_acceleration_std_rad_s2": WALKS[4],
     }
-    estimator = ESTIMATORS["ekf_ctrv"](make_params("ekf_ctrv", params))
+    estimator = make_estimator("ekf_ctrv", params)
     for sight in sights:
         estimator.predict(1.0 / RATE)
         estimator.update(sight.pose, sight.covariance)

@@ -2,7 +2,7 @@
 
 import pytest
 from harness import SCENARIOS
-from mecazen.drive import AxisLimits
+from mecazen.config.controller import AxisLimits
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import simulate
 

@@ -12,7 +12,6 @@ from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.run import Record
 from mecazen_experiments.schedule import Failure, RunsFailedError
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
-from mecazen_follower.config import FollowerConfig
 
 from experiments import made_up
 
@@ -34,7 +33,7 @@ class Robot:
     def _record(self, job: Job) -> Record:
         self.seeds.add(job.key.seed)
         scenario = load_scenario(job.scenario, job.settings)
-        standoff_m = scenario.section(FollowerConfig, "follower").standoff_m
+        standoff_m = scenario.follower.standoff_m
         if standoff_m > self._fails_above:
             raise RunsFailedError([Failure(job, "out of the world")])
         d_err_m = 0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed

@@ -1,11 +1,11 @@
 """Walks of known angles and events, as a body tracker might report them."""
 
 import numpy as np
+from mecazen.config.people import Body
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen_experiments.capture import Motion as Reported
 from mecazen_people.body.walker import Walker
-from mecazen_people.config import Body
 from mecazen_people.motion import Motion
 
 RATE_HZ = 25.0

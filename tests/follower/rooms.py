@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 from harness import load_robot
-from mecazen.config import Scenario
+from mecazen.config import FollowerConfig, Scenario
+from mecazen.config.follower import PlannerConfig
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.planner.config import PlannerConfig
+from mecazen_follower.making import make_controller, make_planner
 from mecazen_follower.planner.costs import Body, Sight
 from mecazen_follower.planner.rollout import Able, step_towards
 from mecazen_follower.polar import View
@@ -56,7 +56,7 @@ def scan(lidar, circles):
 
 def planner_of(config=None, sight=CAMERA, **settings):
     config = FollowerConfig(planner=PlannerConfig(**{"samples": 400, **settings}), **config or {})
-    return config, config.make_planner(DRIVE, BODY, sight, seed=1)
+    return config, make_planner(config, DRIVE, BODY, sight, seed=1)
 
 
 def standing(place, velocity=(0.0, 0.0)):
@@ -69,7 +69,7 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     The robot is a circle about its rectangle here. `walkers` are (x, y, vx, vy) at time 0.
     """
     config, planner = planner_of(config)
-    law = config.make_controller(DRIVE, View(math.radians(22.5)))
+    law = make_controller(config, DRIVE, View(math.radians(22.5)))
     able = Able(DRIVE, 2.0, TICK, 1)
     person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)

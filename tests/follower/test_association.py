@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.config import SensorConfig
+from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D, wrap
 from mecazen_follower.association import DOUBT_S, Measurement, is_flipped
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.tracking import Frame, PersonTracker
 
 FRAME_S = 0.04

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mecazen.config import SensorConfig
+from mecazen.config import FollowerConfig, SensorConfig
+from mecazen.config.follower import PidControl, PolarControl
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.association import Measurement
-from mecazen_follower.config import FollowerConfig, PidControl, PolarControl
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.tracking import Frame

@@ -4,17 +4,16 @@ import msgspec
 import pytest
 from follower.test_node import Follower
 from follower.walks import ORIGIN, PROPORTIONAL
+from mecazen.config.follower import LinearGains, PidControl, PlannerConfig, PolarControl
 from mecazen.geometry import Pose2D
-from mecazen_follower.config import LinearGains, PidControl, PolarControl
-from mecazen_follower.planner.config import PlannerConfig
 
 PERSON = Pose2D(1.5, 0.3, 0.2)
 
 
 def with_follower(scenario, **settings):
     """The scenario with other settings of its follower."""
-    section = msgspec.structs.replace(scenario.sections["follower"], **settings)
-    return msgspec.structs.replace(scenario, sections={"follower": section})
+    section = msgspec.structs.replace(scenario.follower, **settings)
+    return msgspec.structs.replace(scenario, follower=section)
 
 
 def drive(follower, ticks):

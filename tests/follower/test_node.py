@@ -7,10 +7,10 @@ from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
 from harness import Steps, load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import Scenario, SensorConfig
+from mecazen.config import FollowerConfig, Scenario, SensorConfig
+from mecazen.config.follower import LinearGains, PidControl
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_follower.config import FollowerConfig, LinearGains, PidControl
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.node import FollowerNode
 
@@ -24,7 +24,7 @@ class Follower(Steps):
     def __init__(self, tick_s=None, latency_s=0.0, **settings):
         config = FollowerConfig(**{"estimator": "none", "control": PROPORTIONAL, **settings})
         sensor = SensorConfig(latency_s=latency_s)
-        scenario = Scenario(robot=NEXUS, sensor=sensor, sections={"follower": config})
+        scenario = Scenario(robot=NEXUS, sensor=sensor, follower=config)
         super().__init__(FollowerNode, scenario, tick_s)
 
     def tick(

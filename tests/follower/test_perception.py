@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from harness import SCENARIOS
-from mecazen.config import SensorConfig
+from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D, wrap
 from mecazen.keys import SCAN, SKELETONS
 from mecazen.loading import load_scenario
@@ -13,7 +13,6 @@ from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
 from mecazen.skeleton import JOINTS
 from mecazen_follower.association import NO_HEADING, Measurement
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.perception.body import pose_of, poses_of
 from mecazen_follower.perception.legs import PAIR_STD_M, SINGLE_STD_M, persons
 from mecazen_follower.perception.node import Body, Legs

@@ -7,14 +7,13 @@ import pytest
 from follower.rooms import BODY, CAMERA, DRIVE, legs, planner_of, scan, standing, wall
 from harness import error_of, load_robot
 from mecazen import keys
-from mecazen.config import Scenario
+from mecazen.config import FollowerConfig, Scenario
+from mecazen.config.follower import PRIORITIES, PidControl, PlannerConfig
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_follower.config import FollowerConfig, PidControl
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
 from mecazen_follower.node import FollowerNode
-from mecazen_follower.planner.config import PRIORITIES, PlannerConfig
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs, Scene, Sight
 from mecazen_follower.planner.field import CELL_M, Field, Shadows
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
@@ -201,7 +200,7 @@ def planner_command_again(person):
 
 def scenario(**planner):
     config = FollowerConfig(planner=PlannerConfig(**planner) if planner else None)
-    return Scenario(robot=load_robot(), sections={"follower": config})
+    return Scenario(robot=load_robot(), follower=config)
 
 
 def test_scans_are_taken_where_there_is_a_planner():

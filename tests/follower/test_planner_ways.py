@@ -5,7 +5,7 @@ import math
 import pytest
 from follower.rooms import BODY, follow, wall
 from mecazen.geometry import wrap
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
 
 SIDE = {"view": "side_left", "standoff_m": 1.2}
 PLACE = Standoff(1.2, math.pi / 2, -math.pi / 2)

@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from follower.walks import angles, poses, standoffs, twists
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
+from mecazen.config import FollowerConfig
+from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen_follower.config import FollowerConfig, PidControl
-from mecazen_follower.goal import Standoff
+from mecazen.standoff import Standoff
+from mecazen_follower.making import make_controller
 from mecazen_follower.polar import Approach, PolarController
+from planar import angles, poses, standoffs, twists
 
 DT = 0.01
 BACK = Standoff(1.0, math.pi, 0.0)
@@ -84,7 +86,7 @@ def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance,
 
 def test_pids_drive_through_the_person_where_it_goes_around():
     start = Pose2D(1.5, 0.0, 0.0)
-    pid = FollowerConfig(control=PidControl()).make_controller()
+    pid = make_controller(FollowerConfig(control=PidControl()))
     assert min(a.distance(b) for a, b in follow(pid, start, 5.0)) < 0.05
     assert min(a.distance(b) for a, b in follow(make(), start, 5.0)) > 0.95
 

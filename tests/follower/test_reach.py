@@ -4,13 +4,14 @@ import math
 
 import pytest
 from harness import load_robot
-from mecazen.config import Scenario, SensorConfig
+from mecazen.config import ControllerConfig, FollowerConfig, Scenario, SensorConfig
+from mecazen.config.controller import AxisLimits, LinearLimits
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen_follower.association import Measurement
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.following import SEARCH, Following
+from mecazen_follower.making import make_controller
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.polar import ALL_AROUND, View, kept_view
 from mecazen_follower.tracking import Frame
@@ -27,7 +28,7 @@ def walk(config, walking, seconds, view=ALL_AROUND):
 
     The person's body twist at a time is `walking`; the follower knows pose and velocity.
     """
-    controller = config.make_controller(DRIVE, view)
+    controller = make_controller(config, DRIVE, view)
     person = Pose2D()
     robot = config.standoff.goal(person)
     for tick in range(round(seconds / DT)):
@@ -53,7 +54,8 @@ def test_the_drive_is_that_of_the_robot_and_its_controller():
     # cot 30° along y; the lever of half track and half wheelbase, 0.15 m each, is a difference
     gain = math.sqrt(3.0)
     assert (crossed.sideways, crossed.lever) == pytest.approx((gain, 0.15 * (gain - 1.0)))
-    slow = Scenario(robot=NEXUS, others={"controller": {"limits": {"x": {"max_velocity_m_s": 1}}}})
+    limits = AxisLimits(x=LinearLimits(max_velocity_m_s=1.0))
+    slow = Scenario(robot=NEXUS, controller=ControllerConfig(limits=limits))
     assert [axis.velocity for axis in Drive.of(slow).axes] == [1.0, 2.0, 3.0]
 
 
@@ -108,7 +110,7 @@ def test_a_robot_that_does_not_see_all_around_turns_to_where_the_person_went(sid
 def test_a_standoff_within_the_bodies_is_refused_in_one_line():
     def node(standoff_m):
         config = FollowerConfig(standoff_m=standoff_m)
-        return FollowerNode(Scenario(robot=NEXUS, sections={"follower": config}))
+        return FollowerNode(Scenario(robot=NEXUS, follower=config))
 
     with pytest.raises(ConfigError) as refused:
         node(0.5)

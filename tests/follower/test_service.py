@@ -6,10 +6,9 @@ from harness import Rig, load_robot
 from hostile import forged, malformed
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import Scenario, SimConfig
+from mecazen.config import FollowerConfig, Scenario, SimConfig
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import ESTIMATORS
 
 NEXT_RUN = 2**32 - 1
@@ -21,9 +20,9 @@ class Follower(Rig):
     """A follower that drives at 1 m/s for each metre that is missing."""
 
     def __init__(self, estimator="none", services=ALL):
-        sections = {"follower": FollowerConfig(estimator=estimator, control=PROPORTIONAL)}
+        config = FollowerConfig(estimator=estimator, control=PROPORTIONAL)
         lockstep = SimConfig(mode="lockstep")
-        scenario = Scenario(load_robot(), services=services, sim=lockstep, sections=sections)
+        scenario = Scenario(load_robot(), services=services, sim=lockstep, follower=config)
         super().__init__("follower", scenario, keys.FOLLOWER_STATE, keys.CMD_VEL)
 
     def odom(self, tick, robot=ORIGIN, run=1):

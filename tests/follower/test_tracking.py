@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.config import SensorConfig
+from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D
 from mecazen_follower.association import Measurement
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.tracking import Frame, PersonTracker, Tracker, TrackingState
 
 NOISE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))

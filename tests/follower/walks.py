@@ -3,11 +3,9 @@
 import math
 
 import numpy as np
-from hypothesis import strategies as st
-from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_follower.config import AngularGains, LinearGains, PidControl
-from mecazen_follower.estimators import ESTIMATORS, make_params
-from mecazen_follower.goal import Standoff
+from mecazen.config.follower import AngularGains, LinearGains, PidControl
+from mecazen.geometry import Pose2D, wrap
+from mecazen_follower.estimators import make_estimator
 
 DT = 0.01
 ORIGIN = Pose2D()
@@ -16,16 +14,11 @@ _LINEAR = LinearGains(kp=1.0, ki=0.0, limit=2.0)
 PROPORTIONAL = PidControl(_LINEAR, _LINEAR, AngularGains(kp=1.0, ki=0.0, limit=2.0))
 """1 m/s for each metre that is missing."""
 
-coordinates = st.floats(-100.0, 100.0)
-angles = st.floats(-math.pi, math.pi)
-poses = st.builds(Pose2D, coordinates, coordinates, angles)
-twists = st.builds(Twist2D, *[st.floats(-5.0, 5.0)] * 3)
-standoffs = st.builds(Standoff, st.floats(0.1, 10.0), angles, angles)
 NOISE = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
 
 
 def make(name, **params):
-    return ESTIMATORS[name](make_params(name, params))
+    return make_estimator(name, params)
 
 
 def walk(estimator, seconds, velocity, start=ORIGIN):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from mecazen import messages as m
+from mecazen.config import GuardConfig
+from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
-from mecazen.guard import GuardConfig
-from mecazen.sensors import LidarConfig
 from mecazen_guard.surroundings import SPACING_M, Surroundings
 
 LIDAR, CONFIG = LidarConfig(), GuardConfig()

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mecazen.config.people import Body, Straight
 from mecazen_people.body.norm import TABLE, read_norm
 from mecazen_people.body.recording import read_recording
 from mecazen_people.body.segments import Segments
 from mecazen_people.body.walker import Walker
-from mecazen_people.config import Body, Straight
 from people.walks import angles, curve_errors, drive, walk
 
 MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"

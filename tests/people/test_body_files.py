@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mecazen.config.people import Body, Straight
 from mecazen.errors import ConfigError
 from mecazen.skeleton import SIDES
 from mecazen_people.body.files import read
 from mecazen_people.body.recording import read_recording
 from mecazen_people.body.segments import Segments
 from mecazen_people.body.walker import Walker
-from mecazen_people.config import Body, Straight
 from people.walks import curve_errors, joint, slip, walk
 
 MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from mecazen.config.people import Body, Limp, Shuffle, StiffKnee, Straight
 from mecazen.errors import ConfigError
 from mecazen.skeleton import INDEX, SIDES
 from mecazen_people.body.norm import TABLE, read_norm
 from mecazen_people.body.walker import Walker
-from mecazen_people.config import Body, Limp, Shuffle, StiffKnee, Straight
 from people.walks import SETTLED_S, slip, walk
 
 

@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mecazen.config.people import Body, Circle, Standing, Straight, UTrack
 from mecazen.geometry import Pose2D
 from mecazen.skeleton import INDEX, LIMBS, PARENTS, SIDES
 from mecazen_people.body.walker import Walker
-from mecazen_people.config import Body, Circle, Standing, Straight, UTrack
 from mecazen_people.motion import Motion
 from people.walks import SETTLED_S, drive, joint, slip, walk
 

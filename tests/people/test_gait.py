@@ -3,8 +3,8 @@
 import math
 
 import pytest
+from mecazen.config.people import Gait, Standing, Straight
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_people.config import Gait, Standing, Straight
 from mecazen_people.motion import Motion, with_gait
 from mecazen_people.paths import make_path
 

@@ -6,8 +6,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_people.config import (
+from mecazen.config.people import (
     Circle,
     Driven,
     FigureOfEight,
@@ -20,6 +19,7 @@ from mecazen_people.config import (
     Walk,
     Waypoints,
 )
+from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_people.paths import make_path
 from people.differences import differences
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mecazen.config.people import Gait, Recorded
 from mecazen.geometry import Twist2D, wrap
-from mecazen_people.config import Gait, Recorded
 from mecazen_people.paths import make_path
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
 from people.differences import differences

@@ -1,7 +1,7 @@
 import msgspec
 import pytest
-from mecazen.world import Box, Cylinder, WorldConfig
-from mecazen_physics.config import PhysicsConfig
+from mecazen.config import PhysicsConfig, WorldConfig
+from mecazen.config.world import Box, Cylinder
 
 
 def test_defaults_need_nothing():

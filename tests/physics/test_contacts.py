@@ -7,9 +7,9 @@ import math
 import dartpy as dart
 import numpy as np
 import pytest
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
-from mecazen.world import Box, Cylinder
 from mecazen_physics.contacts import ContactCandidates, Footprint
 from mecazen_physics.rollers import Roller
 from msgspec.structs import replace

@@ -6,9 +6,9 @@ import math
 
 import msgspec
 import pytest
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.world import Box
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.rollers import yaw_gain
 from physics_rig import Rig, wheel_speeds

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config.world import Person
 from mecazen.geometry import Twist2D
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
-from mecazen.world import Person
 from mecazen_physics.bodies import build_legs
 from mecazen_physics.people import LEGS, MovingPerson, place
 from physics_rig import Rig, wheel_speeds

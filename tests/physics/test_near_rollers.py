@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from mecazen.config.world import Box
 from mecazen.robot import Robot
-from mecazen.world import Box
 from mecazen_physics import dart_robot, model, motors
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import WheelCommand

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config.world import Door, Patch, Ramp, Ridge, Wall
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.world import Door, Patch, Ramp, Ridge, Wall
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.ridges import Profile
 from physics_rig import Rig, masses, wheel_speeds

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from harness import load_robot
+from mecazen.config.world import Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.world import Cylinder
 from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import WheelCommand

@@ -9,9 +9,9 @@ import sys
 import dartpy as dart
 import numpy as np
 import pytest
+from mecazen.config.world import Box, Cylinder, Person
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import WHEEL_JOINTS, Payload
-from mecazen.world import Box, Cylinder, Person
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.errors import DivergedError, UnsupportedError
 from mecazen_physics.rollers import lateral_gain, yaw_gain

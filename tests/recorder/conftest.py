@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from harness import Command, mecazen, wait
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.keys import topic_of
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import stamp_of, tick

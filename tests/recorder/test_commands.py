@@ -139,7 +139,7 @@ ROBOT = RobotDescription("<robot/>", {"meshes/r.stl": b"solid"})
 def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_like(net, tmp_path):
     path = tmp_path / "asked.mcap"
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data="seed = 3")))
-    serve_description(net.bus, ROBOT)
+    serve_description(net.bus, "", ROBOT)
     recorder = record(net, path)
     net.publish(range(2))
     finish(net, recorder, path, 2 * PER_TICK)
@@ -153,15 +153,15 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
     names = ("one", "two")
     toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
-    buses = [net.bus.namespaced(name) for name in names]
-    for name, bus in zip(names, buses, strict=True):
-        serve_description(bus, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
+    for name in names:
+        serve_description(net.bus, name, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     recorder = record(net, first)
     for number in range(10):
-        for seed, bus in enumerate(buses):
-            bus.publisher(keys.ODOM).put(odometry(number), stamp_of(number, seed=seed))
-    buses[1].put_bytes("odom", b"{", JSON_ENCODING)
+        for name in names:
+            odom = keys.of_robot(keys.ODOM, name)
+            net.bus.publisher(odom).put(odometry(number), stamp_of(number))
+    net.bus.put_bytes("two/odom", b"{", JSON_ENCODING)
     net.bus.put_bytes("two/camera", b"\xff", "image/png")
     assert "21 samples, 1 refused or dropped" in finish(net, recorder, first, 21)
     expected = samples(first)
@@ -214,11 +214,11 @@ def test_a_replay_tells_what_robots_look_like(net, tmp_path, names):
         stamp = stamp_of(number)
         writer.write(join_key("odom", names[-1]), odometry(number), stamp, stamp.time_ns)
     writer.close()
-    odom = Newest(net.bus.namespaced(names[-1]), keys.ODOM)
+    odom = Newest(net.bus, keys.of_robot(keys.ODOM, names[-1]))
     net.start("replay", path, "--loop")
     net.wait(lambda: odom.message is not None)
     for name in names:
-        described = ask_description(net.bus.namespaced(name), timeout_s=10.0)
+        described = ask_description(net.bus, name, timeout_s=10.0)
         assert described == RobotDescription(f"<{name}/>", ROBOT.meshes)
 
 

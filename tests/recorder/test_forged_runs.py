@@ -9,11 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig, RecorderConfig
 from mecazen.wire import Stamp, encode
 from mecazen_recorder import recorder as module
 from mecazen_recorder import writer
-from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recorder import Recorder
 from mecazen_recorder.runs import FIRST_BYTES

@@ -10,13 +10,14 @@ import tomli_w
 from harness import assert_one_line, load_robot, mecazen
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.config import RobotConfig, Scenario, StartConfig
+from mecazen.config import RecorderConfig, RobotConfig, Scenario, StartConfig
 from mecazen.errors import MecazenError
 from mecazen.keys import topic_of
 from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
-from mecazen.runtime.host import make_service
-from mecazen_recorder.config import RecorderConfig
+from mecazen.runtime.drivers import observe
+from mecazen.runtime.host import Host
+from mecazen.runtime.worker import Worker
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.recorder import Recorder
@@ -77,23 +78,25 @@ def recorded(tmp_path, mine):
         path = tmp_path / "run.mcap"
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = LocalBus()
-        for robot in scenario.names:
-            make_service("follower", bus, scenario, robot)
+        workers = [Worker(Host([("follower", r)], bus, scenario)) for r in scenario.names]
         config = msgspec.convert({"file": str(path), "encoding": encoding}, RecorderConfig)
         recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
         for run in range(7, 7 + runs):
             for number in range(first, TICKS):
                 for other, robot in enumerate(scenario.names):
-                    publish(bus.namespaced(robot), number, other, stamp_of(number, run, 3 + other))
-                bus.spin()
+                    publish(bus, robot, number, other, stamp_of(number, run))
+                for worker in workers:
+                    while worker.step():
+                        pass
         recorder.close()
         return path
 
-    def publish(bus, number, other, stamp):
+    def publish(bus, robot, number, other, stamp):
+        observation, odom = (keys.of_robot(t, robot) for t in (keys.OBSERVATION, keys.ODOM))
         if number % FRAME_TICKS == 0:
             seen = Observation(poses=(odometry(1).pose,) * (number % 3))
-            bus.publisher(keys.OBSERVATION).put(seen, stamp)
-        bus.publisher(keys.ODOM).put(odometry(number / 7 + other), stamp)
+            bus.publisher(observation).put(seen, stamp)
+        bus.publisher(odom).put(odometry(number / 7 + other), stamp)
 
     return make
 
@@ -134,7 +137,7 @@ def test_each_of_several_robots_is_computed_anew_by_itself(mine, recorded):
     for robot in ("one", "two"):
         compared = recompute(recording, mine, robot)
         assert compared.difference is None
-        assert compared.counts == {"cmd_vel": TICKS}
+        assert compared.counts == {f"{robot}/cmd_vel": TICKS}
 
 
 @pytest.mark.parametrize(
@@ -227,16 +230,17 @@ def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
         robot=load_robot(),
         services=("follower", "recorder"),
         programs={"follower": program()},
-        sections={"recorder": config},
+        recorder=config,
     )
     bus = LocalBus()
-    make_service("follower", bus, scenario)
-    recorder = make_service("recorder", bus, scenario)
+    worker = Worker(Host([("follower", "")], bus, scenario))
+    recorder = observe("recorder", bus, scenario)
     odom, clock = bus.publisher(keys.ODOM), bus.publisher(keys.CLOCK)
     for number in (0, 100, 200):
         clock.put(keys.CLOCK.type(), stamp_of(number))
         odom.put(odometry(number), stamp_of(number))
-        bus.spin()
+        while worker.step():
+            pass
     recorder.close()
     recording = Recording(tmp_path / "run.mcap", trusted=True)
     by_key = Counter(sample.key for sample in recording.samples())

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import turned
 from mecazen.robot import Camera as Mount
-from mecazen.sensors import TrackerConfig
 from mecazen_sensors.camera import Camera
 from people import NEXUS
 

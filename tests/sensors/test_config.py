@@ -2,8 +2,8 @@
 
 import msgspec
 import pytest
+from mecazen.config import SensorsConfig
 from mecazen.robot import Camera
-from mecazen.sensors import SensorsConfig
 
 
 def test_every_setting_can_be_left_out():

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config import WorldConfig
+from mecazen.config.sensors import DepthConfig
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.messages import Image, Time
 from mecazen.robot import Camera
-from mecazen.sensors import DepthConfig
 from mecazen.wire import decode, encode
-from mecazen.world import Box, WorldConfig
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.scene import Scene
 from people import HEIGHT, NEXUS, body

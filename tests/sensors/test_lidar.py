@@ -5,12 +5,13 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from mecazen.config import WorldConfig
+from mecazen.config.sensors import LidarConfig
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan, Time
 from mecazen.robot import Attachment
-from mecazen.sensors import LidarConfig
 from mecazen.wire import decode, encode
-from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_sensors.lidar import STEPS_PER_M, Lidar
 from mecazen_sensors.scene import Scene
 from people import HEIGHT, NEXUS, body

@@ -15,8 +15,9 @@ sys.path[:0] = [{tests!r}]
 from mecazen.geometry import Pose2D
 from mecazen.messages import Time
 from mecazen.wire import encode
-from mecazen.world import Box, WorldConfig
-from mecazen.sensors import DepthConfig, LidarConfig, TrackerConfig
+from mecazen.config import WorldConfig
+from mecazen.config.world import Box
+from mecazen.config.sensors import DepthConfig, LidarConfig, TrackerConfig
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar
 from mecazen_sensors.scene import Scene

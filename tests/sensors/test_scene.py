@@ -6,10 +6,11 @@ import analytic
 import mujoco
 import numpy as np
 import pytest
+from mecazen.config import WorldConfig
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen.skeleton import INDEX, LIMBS
-from mecazen.world import Box, Cylinder, WorldConfig
 from mecazen_sensors.scene import Scene
 from people import HEIGHT, NEXUS, body, walking
 

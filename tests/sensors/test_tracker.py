@@ -4,14 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config import WorldConfig
+from mecazen.config.sensors import TrackerConfig
+from mecazen.config.world import Cylinder
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.messages import Skeletons
 from mecazen.robot import Camera
-from mecazen.sensors import TrackerConfig
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import decode, encode
-from mecazen.world import Cylinder, WorldConfig
 from mecazen_sensors.scene import Scene
 from mecazen_sensors.tracker import RESOLUTION, Tracker
 from people import HEIGHT, NEXUS, body, walking

@@ -24,7 +24,7 @@ from harness import (
     options,
 )
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.loading import effective, load_scenario
 from mecazen_tools.cli import main
 from mecazen_tools.processes import private_router

@@ -73,7 +73,8 @@ def test_the_command_line_scores_each_robot():
 
 def of_each(running, topic) -> dict[str, Newest]:
     """The newest sample of a topic of each robot."""
-    return {name: Newest(running.bus.namespaced(name), topic) for name in running.scenario.names}
+    names = running.scenario.names
+    return {name: Newest(running.bus, keys.of_robot(topic, name)) for name in names}
 
 
 def test_in_real_time_each_robot_follows_its_own_person(stack):

@@ -6,7 +6,7 @@ import pytest
 from harness import SCENARIOS, tools
 from mecazen import keys
 from mecazen.bus.session import open_session
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock, Empty, Odometry, Twist, Vector3
 from mecazen.ros import cdr

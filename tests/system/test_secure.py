@@ -17,7 +17,7 @@ import zenoh
 from harness import ROOT, SCENARIOS, assert_one_line, endpoint_of, mecazen, tools
 from mecazen import keys
 from mecazen.bus.session import open_session, session_config
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.graph import services
 from mecazen.loading import load_scenario

@@ -131,7 +131,7 @@ def test_what_is_wrong_is_said_in_one_line():
 def test_numbers_of_numpy_are_numbers():
     settings = {"follower.standoff_m": np.float32(1.5)}
     with Simulation("back", seed=np.int64(3), **settings) as sim:
-        assert (sim.scenario.seed, sim.scenario.sections["follower"].standoff_m) == (3, 1.5)
+        assert (sim.scenario.seed, sim.scenario.follower.standoff_m) == (3, 1.5)
         sim.reset(seed=np.uint32(4))
     with Simulation("teleop", duration_s=0.1) as sim:
         sim.command(np.float32(0.5))

@@ -10,7 +10,7 @@ import pytest
 from harness import command, forward, tools, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import GuardState, Time, planar_odometry
 

@@ -1,8 +1,8 @@
 """The person's section of a scenario."""
 
 import msgspec
-from mecazen_people.config import Body, Driven, Gait, UTrack
-from mecazen_target.config import TargetConfig
+from mecazen.config import TargetConfig
+from mecazen.config.people import Body, Driven, Gait, UTrack
 
 
 def test_a_person_of_whom_nothing_is_said_walks_the_u_track_as_healthy_people_do():

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.config import SensorConfig
-from mecazen.faults import SensorFaults
+from mecazen.config import SensorConfig, SensorFaults
 from mecazen.geometry import Pose2D, wrap
 from mecazen_target.sensor import Sensor
 

@@ -5,15 +5,14 @@ import math
 import pytest
 from harness import Steps, load_robot
 from mecazen import keys
-from mecazen.config import Scenario, SensorConfig, SimConfig
+from mecazen.config import Scenario, SensorConfig, SimConfig, TargetConfig
+from mecazen.config.people import Circle, Driven, Gait, Recorded, Standing, Straight
 from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Time, Twist, planar_odometry
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import encode
-from mecazen_people.config import Circle, Driven, Gait, Recorded, Standing, Straight
-from mecazen_target.config import TargetConfig
 from mecazen_target.node import TargetNode
 
 NEXUS = load_robot()
@@ -31,7 +30,7 @@ class Target(Steps):
             seed=seed,
             sim=SimConfig(tick_s=tick_s),
             sensor=SensorConfig(**{"position_std_m": 0.0, "yaw_std_deg": 0.0, **sensor}),
-            sections={"target": TargetConfig(path=path, gait=gait)},
+            target=TargetConfig(path=path, gait=gait),
         )
         super().__init__(TargetNode, scenario)
 

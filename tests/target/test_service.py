@@ -4,11 +4,10 @@ import pytest
 from harness import Rig, assert_sendable, load_robot
 from hostile import forged, malformed
 from mecazen import keys
-from mecazen.config import Scenario, SensorConfig
+from mecazen.config import Scenario, SensorConfig, TargetConfig
+from mecazen.config.people import Driven
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Time, Twist, planar_odometry
-from mecazen_people.config import Driven
-from mecazen_target.config import TargetConfig
 
 NEXT_RUN = 2**32 - 1
 
@@ -20,7 +19,7 @@ class Target(Rig):
         scenario = Scenario(
             robot=load_robot(),
             sensor=SensorConfig(position_std_m=0.0, yaw_std_deg=0.0),
-            sections={"target": TargetConfig(path=Driven(timeout_s=0.05))},
+            target=TargetConfig(path=Driven(timeout_s=0.05)),
         )
         super().__init__("target", scenario, keys.TARGET_ODOM, keys.OBSERVATION)
 

@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 from harness import error_of
 from mecazen.bus.session import session_config
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.graph import SERVICES
 from mecazen.schema import Folder

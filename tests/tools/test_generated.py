@@ -5,7 +5,7 @@ import re
 import pytest
 from harness import ROOT
 from mecazen.bus.session import session_config
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.loading import load_scenario
 from mecazen_tools.generated import files

@@ -7,7 +7,7 @@ import pytest
 from harness import wait
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.keys import CALLS, TOPICS
 from mecazen_tools.strays import KEYS, OPEN, Strays, asked_only, likes, slips, unknown_key
 

@@ -8,10 +8,12 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
+from mecazen.standoff import Standoff
 from mecazen.wire import Stamp
 from mecazen_tools.trajectory import COLUMNS, Scores, Trajectory
 
 TICK_NS = 10_000_000
+BEHIND = Standoff(1.0, math.pi, 0.0)
 ALL = ("physics", "controller", "target", "follower")
 
 
@@ -24,7 +26,6 @@ class Run:
 
     def put(self, topic, tick, message):
         self.bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))
-        self.bus.spin()
 
     def pose(self, topic, tick, *pose):
         odometry = planar_odometry(Time(), "world", "base", Pose2D(*pose), Twist2D(0.5, 0.25, 1.0))
@@ -129,7 +130,7 @@ def test_a_run_is_complete_when_every_column_is():
 def test_a_run_that_has_not_begun_has_no_rows_and_no_scores():
     run = Run(2)
     assert run.trajectory.rows() == []
-    assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)
+    assert run.trajectory.scores(BEHIND) == Scores(None, None)
     assert run.trajectory.csv().count(b"\n") == 1
 
 
@@ -146,7 +147,7 @@ def test_the_distance_error_is_the_mean_of_what_the_distance_is_off():
     for tick, person in enumerate([(1.0, 0.0), (3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
         run.tick(tick, person=(*person, 0.0))
     # from the first motion on, distances 5, 0.5 and 1 where 1 is wanted: 4, 0.5 and 0
-    assert run.trajectory.scores(1.0, 0.0).d_err_m == 1.5
+    assert run.trajectory.scores(BEHIND).d_err_m == 1.5
 
 
 def test_the_heading_error_is_the_mean_of_the_wrapped_difference():
@@ -155,7 +156,7 @@ def test_the_heading_error_is_the_mean_of_the_wrapped_difference():
     run.tick(1, robot=(0.0, 0.0, math.radians(170)), person=(1.1, 0.0, math.radians(-170)))
     run.tick(2, robot=(0.0, 0.0, math.radians(10)), person=(1.1, 0.0, 0.0))
     # 20° the short way, and 10°; yaws pass through quaternions, each with a few roundings
-    assert run.trajectory.scores(1.0, 0.0).theta_err_deg == pytest.approx(15.0, rel=1e-13)
+    assert run.trajectory.scores(BEHIND).theta_err_deg == pytest.approx(15.0, rel=1e-13)
 
 
 def test_the_heading_error_is_from_the_heading_that_is_wanted():
@@ -163,7 +164,7 @@ def test_the_heading_error_is_from_the_heading_that_is_wanted():
     run.tick(0)
     run.tick(1, robot=(0.0, 0.0, math.radians(-170)), person=(1.0, 0.0, math.radians(90)))
     # the robot's heading is 100° ahead of the person's where -90° is wanted: 190° is 170°
-    scores = run.trajectory.scores(1.0, math.radians(-90))
+    scores = run.trajectory.scores(Standoff(1.0, math.pi / 2, -math.pi / 2))
     assert scores.theta_err_deg == pytest.approx(170.0, rel=1e-13)
 
 
@@ -176,7 +177,7 @@ def test_without_a_person_or_with_one_who_stands_there_are_no_scores():
     standing.tick(1)
     for run in (alone, standing):
         assert run.trajectory.complete
-        assert run.trajectory.scores(1.0, 0.0) == Scores(None, None)
+        assert run.trajectory.scores(BEHIND) == Scores(None, None)
 
 
 def test_of_several_robots_each_has_its_columns_and_scores_and_all_make_the_hash():
@@ -185,9 +186,8 @@ def test_of_several_robots_each_has_its_columns_and_scores_and_all_make_the_hash
     for name, gap in (("one", 1.5), ("two", 3.0)):
         for topic, x in ((keys.GROUND_TRUTH, 0.0), (keys.TARGET_ODOM, gap)):
             odometry = planar_odometry(Time(), "world", "base", Pose2D(x=x), Twist2D())
-            bus.namespaced(name).publisher(topic).put(odometry, Stamp(0, 1, 0))
             assert not trajectory.complete
-            bus.spin()
+            bus.publisher(keys.of_robot(topic, name)).put(odometry, Stamp(0, 1, 0))
     assert trajectory.complete
     row = dict(zip(trajectory.columns, trajectory.rows()[0], strict=True))
     assert len(row) == 2 * (len(COLUMNS) - 1) + 1

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from harness import load_robot
 from mecazen import messages as m
-from mecazen.config import Scenario
+from mecazen.config import Scenario, WorldConfig
+from mecazen.config.world import Patch, Ramp
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
-from mecazen.world import Patch, Ramp, WorldConfig
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import Components
 from mecazen_viewer.entities import Entity

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from mecazen_viewer.config import ViewerConfig
+from mecazen.config import ViewerConfig
 from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import RerunError
 from mecazen_viewer.server import Server, serving
@@ -154,7 +154,7 @@ def test_a_viewer_whose_server_has_died_survives_a_reset_and_so_do_others():
 def test_when_the_viewer_is_killed_the_server_ends_too():
     code = (
         "from mecazen_viewer.server import serving\n"
-        "from mecazen_viewer.config import ViewerConfig\n"
+        "from mecazen.config import ViewerConfig\n"
         "from mecazen_viewer.layout import blueprint\n"
         "import psutil, sys\n"
         "with serving(ViewerConfig(web_port=0, data_port=0), blueprint([''])):\n"
@@ -174,7 +174,7 @@ MEMORY = """
 import numpy as np
 import psutil
 import rerun as rr
-from mecazen_viewer.config import ViewerConfig
+from mecazen.config import ViewerConfig
 from mecazen_viewer.layout import blueprint
 from mecazen_viewer.server import serving
 from viewer_stage import Stage

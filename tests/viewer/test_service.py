@@ -3,7 +3,7 @@
 import logging
 
 import pytest
-from hostile import FORGED, FUZZ, put_all, puts
+from hostile import FORGED, FUZZ, puts
 from hypothesis import given
 from mecazen import keys
 from mecazen import messages as m
@@ -33,27 +33,27 @@ def test_what_is_late_of_an_ended_run_begins_no_recording():
 def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none():
     stage = Stage()
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
-    stage.bus.spin()
     assert stage.shown == []
     stage.play(run=5, ticks=1)
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
-    stage.bus.spin()
     assert len(stage.shown) == 1
 
 
 @pytest.mark.parametrize(
-    ("robots", "whose"), [((), "the robot"), (("one", "two"), "two")], ids=["one", "several"]
+    ("robots", "whose", "key"),
+    [((), "the robot", "robot_description"), (("one", "two"), "two", "two/robot_description")],
+    ids=["one", "several"],
 )
 def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robot(
-    caplog, robots, whose
+    caplog, robots, whose, key
 ):
     stage = Stage(described=False, robots=robots)
     for robot in robots[:-1]:
-        serve_description(stage.bus.namespaced(robot), RobotDescription(URDF, {}))
+        serve_description(stage.bus, robot, RobotDescription(URDF, {}))
     with caplog.at_level(logging.WARNING):
         stage.play(run=1, ticks=20)
     assert [record.getMessage() for record in caplog.records] == [
-        f"msg='no picture of {whose}: robot_description: nobody answers'"
+        f"msg='no picture of {whose}: {key}: nobody answers'"
     ]
     assert stage.memories[-1].num_msgs() > 0
 
@@ -69,9 +69,8 @@ def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_sa
     stage = Stage(robots=robots)
     stage.play(run=1, ticks=1)
     far = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(1e9), Twist2D())
-    publisher = stage.bus.namespaced(stage.names[-1]).publisher(keys.GROUND_TRUTH)
-    publisher.put(far, Stamp(10**9, 1, 7))
-    stage.bus.spin()
+    topic = keys.of_robot(keys.GROUND_TRUTH, stage.names[-1])
+    stage.bus.publisher(topic).put(far, Stamp(10**9, 1, 7))
     assert stage.bus.refused == {key: 1}
     stage.play(run=1, ticks=1, begin=101)
     assert stage.bus.refused.total() == 1
@@ -103,6 +102,7 @@ GOOD = {
 def test_whatever_comes_the_viewer_goes_on(wrong):
     stage = Stage()
     assert "physics" in Scenario(robot=stage.viewer.scenario.robot).services
-    put_all(stage.bus, wrong)
+    for put in wrong:
+        stage.bus.put_bytes(*put)
     stage.play(run=4711, ticks=1)
     assert stage.viewer.stamp.run == 4711

@@ -27,7 +27,7 @@ import msgspec
 from mecazen import graph
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
-from mecazen.loading import installed_sections, load_scenario
+from mecazen.loading import load_scenario
 from mecazen.programs import installed_nodes
 from mecazen.runtime import __main__ as runtime
 from mecazen.runtime.process import end_with_stdin
@@ -312,5 +312,4 @@ def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
 if __name__ == "__main__":
     # else NumPy starts threads when it is imported; its products here are too small for them
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    installed_sections()
     serve(lambda: load_scenario(Path(sys.argv[1]), tuple(sys.argv[2:])))

@@ -13,10 +13,10 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
-from mecazen.config import Scenario, wanted_view
+from mecazen.config import Scenario
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.robots import join_key
-from mecazen.world import Box
 
 from mecazen_tools.drawing import COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE
 from mecazen_tools.trajectory import POSE, TWIST, Trajectory
@@ -141,8 +141,8 @@ def _draw_way(axes: Axes, way: Course, scenario: Scenario, colour: str, *, follo
     size = max(float(np.ptp(places, axis=0).max()), 1.0)
     some = robot[:: max(1, len(robot) // ARROWS)]
     draw_arrows(axes, tuple(some[:, 1:4].T), colour, 0.05 * size, 0.006 * size)
-    standoff = getattr(scenario.sections.get("follower"), "standoff", None)
-    if follows and standoff is not None and len(person):
+    standoff = scenario.follower.standoff
+    if follows and len(person):
         bearing = person[:, 3] + standoff.bearing
         x = person[:, 1] + standoff.distance * np.cos(bearing)
         y = person[:, 2] + standoff.distance * np.sin(bearing)
@@ -153,7 +153,7 @@ def _draw_errors(
     distance: Axes, heading: Axes, way: Course, scenario: Scenario, colour: str
 ) -> None:
     """Draw what the scores are the means of, with their signs."""
-    wanted_m, wanted_rad = wanted_view(scenario)
+    wanted_m, _, wanted_rad = scenario.follower.standoff
     t, of_robot, of_person = np.intersect1d(way.robot[:, 0], way.person[:, 0], return_indices=True)
     robot, person = way.robot[of_robot], way.person[of_person]
     off = np.hypot(*(robot - person)[:, 1:3].T) - wanted_m

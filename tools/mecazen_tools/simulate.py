@@ -14,16 +14,17 @@ from pathlib import Path
 import msgspec
 from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Scenario, wanted_view
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
-from mecazen.runtime.clock import TimeOwner
-from mecazen.runtime.host import make_service
-from mecazen.runtime.readiness import announce_readiness, declare_alive
+from mecazen.runtime.clock import Clock
+from mecazen.runtime.drivers import observe
+from mecazen.runtime.host import Host
+from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 
 from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
@@ -66,61 +67,49 @@ def in_lockstep(scenario: Scenario) -> Scenario:
 class InProcess:
     """All services of a scenario in this process, in lockstep: `step` is a tick.
 
-    `seen_by` returns the bus as a service of some name sees it, or the trajectory as `trajectory`.
-
     Raises:
         ConfigError: The scenario does not suit a service, or nothing in it owns time.
     """
 
-    def __init__(
-        self, scenario: Scenario, seen_by: Callable[[LocalBus, str], Bus] = lambda bus, _: bus
-    ) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         self.scenario = in_lockstep(scenario)
         self.bus = LocalBus()
-        bus = seen_by(self.bus, "trajectory")
-        self.trajectory = _trajectory(bus, self.scenario, self.scenario.services)
-        self.members = []
+        self.trajectory = _trajectory(self.bus, self.scenario, self.scenario.services)
+        observing = [part for part in self.scenario.parts if part[0] in OBSERVERS]
+        self.host = Host(
+            [part for part in self.scenario.parts if part not in observing],
+            self.bus,
+            self.scenario,
+        )
+        self.clock = Clock(self.host)
+        self.observers = [observe(part, self.bus, self.scenario) for part, _ in observing]
         for service, robot in self.scenario.parts:
-            member = make_service(service, seen_by(self.bus, service), self.scenario, robot)
-            declare_alive(member.bus, service, member.scenario)
-            self.members.append(member)
-        owners = [member for member in self.members if isinstance(member, TimeOwner)]
-        if not owners:
-            raise ConfigError("services: nothing to simulate without physics")
-        self.clock = owners[0]
+            self.bus.declare_alive(service, robot)
 
     def begin(self) -> None:
-        """Publish the first state of the run."""
+        """Make the first tick of the run."""
         self.clock.begin()
 
     def reset(self, seed: int) -> None:
-        """Put everything back to the start, before it begins anew with noise from `seed`."""
-        self.end()
+        """Put everything back to the start, before it begins again with noise from `seed`."""
         self.scenario = msgspec.structs.replace(self.scenario, seed=seed)
         self.trajectory.reset()
         self.clock.reset(seed)
 
     def step(self) -> None:
-        """Deliver all answers to this tick, and advance to the next."""
+        """Make the next tick."""
         self.clock.step()
 
-    def end(self) -> None:
-        """Deliver the answers to this tick, and all else that was published in it."""
-        self.clock.await_answers()
-        self.bus.spin()
-
     def ticks(self) -> Iterator[None]:
-        """Make the whole run; yield at each tick when all of it is answered, but for the last."""
+        """Make the whole run; yield after each tick but the last."""
         self.begin()
         for _ in range(1, self.scenario.sim.ticks):
-            self.clock.await_answers()
             yield
             self.step()
-        self.end()
 
     def close(self) -> None:
         """End the services' work."""
-        for member in self.members:
+        for member in (self.host, *self.observers):
             member.close()
 
 
@@ -134,12 +123,9 @@ def simulate(
     """
     with closing(InProcess(scenario)) as run:
         begin = time.perf_counter()
-        run.begin()
-        for tick in range(1, scenario.sim.ticks):
-            run.step()
+        for tick, _ in enumerate(run.ticks(), 1):
             if tick % PROGRESS_TICKS == 0:
                 progress(tick)
-        run.end()
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
     return result(run.scenario, name, run.trajectory, wall_s), run.trajectory
@@ -162,7 +148,7 @@ def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float)
     if not trajectory.complete:
         raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
     scores = {
-        robot: trajectory.scores(*wanted_view(scenario.of(robot)), robot)
+        robot: trajectory.scores(scenario.of(robot).follower.standoff, robot)
         for robot in scenario.names
     }
     duration_s = scenario.sim.ticks * scenario.sim.tick_ns / NS_PER_S
@@ -236,16 +222,13 @@ def collect(
             f"to collect, the services and this need sim.mode=lockstep, and {COLLECTOR!r} "
             "among `services`"
         )
-    seen: set[tuple[str, str]] = set()
+    seen: set[str] = set()
+    parts = {join_key(*part) for part in scenario.parts}
 
     def check() -> None:
-        alive = {
-            (part, robot)
-            for robot in scenario.names
-            for part in bus.namespaced(robot).presence.names & set(scenario.services)
-        }
+        alive = bus.presence.names & parts
         seen.update(alive)
-        if gone := sorted({join_key(*part) for part in seen - alive}):
+        if gone := sorted(seen - alive):
             raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
 
     bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)
@@ -269,8 +252,8 @@ def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
     """Take part in a run as its collector; return the trajectory to be."""
     parts = [part for part in scenario.services if part != COLLECTOR]
     trajectory = _trajectory(bus, scenario, parts)
-    declare_alive(bus, COLLECTOR, scenario)
-    announce_readiness(bus, COLLECTOR, scenario)
+    bus.declare_alive(COLLECTOR)
+    announce_readiness(bus, COLLECTOR, "", scenario)
     return trajectory
 
 

@@ -12,14 +12,15 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from mecazen import keys
-from mecazen.config import Scenario, wanted_view
+from mecazen.config import Scenario
+from mecazen.config.people import Driven
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
 from mecazen.loading import effective, from_tables, load_scenario, scenario_path
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.programs import graph_of
-from mecazen.wire import JSON_ENCODING, NS_PER_S, Stamp, encode
+from mecazen.wire import NS_PER_S, Stamp
 
 from mecazen_tools.simulate import InProcess
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -94,8 +95,8 @@ class Simulation:
         self._run = InProcess(loaded)
         self._graph = graph_of(loaded)
         self._latest: dict[str, Message] = {}
-        self._held: dict[str, bytes] = {}
-        """What is commanded before each tick, by key."""
+        self._held: dict[Topic[Twist], Twist] = {}
+        """What is commanded before each tick."""
         for robot in loaded.names:
             for topic in self._graph.topics:
                 self._listen(topic, robot)
@@ -144,10 +145,9 @@ class Simulation:
             raise MecazenError(
                 f"the run is over after {self.scenario.sim.duration_s:g} s; duration_s sets it"
             )
-        for key, payload in self._held.items():
-            self._run.bus.put_bytes(key, payload, JSON_ENCODING)
+        for topic, command in self._held.items():
+            self._run.bus.publisher(topic).put(command, None)
         self._run.step()
-        self._run.end()
         return self.state
 
     def run(self, seconds: float | None = None) -> State:
@@ -193,8 +193,7 @@ class Simulation:
             ConfigError: The path is known in advance, there is no robot of this name, or a velocity
                 is not finite.
         """
-        path = getattr(self.scenario.of(robot).sections.get("target"), "path", None)
-        if not hasattr(path, "timeout_s"):
+        if not isinstance(self.scenario.of(robot).target.path, Driven):
             raise ConfigError("command_person needs target.path = { kind = 'driven' }")
         self._hold(keys.TARGET_CMD_VEL, robot, Twist2D(vx, vy, wz))
 
@@ -212,8 +211,8 @@ class Simulation:
         truth = self._motion(keys.GROUND_TRUTH, robot)
         person = self._motion(keys.TARGET_ODOM, robot) or (None, None)
         odom = self._motion(keys.ODOM, robot) or (None, None)
-        command = self.latest(_key(keys.CMD_VEL, robot))
-        follower = self.latest(_key(keys.FOLLOWER_STATE, robot))
+        command = self.latest(keys.of_robot(keys.CMD_VEL, robot).key)
+        follower = self.latest(keys.of_robot(keys.FOLLOWER_STATE, robot).key)
         if truth is None:
             raise ConfigError(f"no robot {robot!r}; robots: {', '.join(self.scenario.names)}")
         return State(
@@ -244,7 +243,7 @@ class Simulation:
     def scores(self, robot: str | None = None) -> Scores:
         """Return the published measures of following so far, of the first robot or a named one."""
         name = self.scenario.names[0] if robot is None else robot
-        return self.trajectory.scores(*wanted_view(self.scenario.of(name)), name)
+        return self.trajectory.scores(self.scenario.of(name).follower.standoff, name)
 
     def view(self) -> Any:
         """Return Rerun's notebook widget, which shows the run from its start and as it goes on.
@@ -252,7 +251,7 @@ class Simulation:
         Raises:
             MecazenError: The widget is not installed, or the run was begun without `view=True`.
         """
-        for member in self._run.members:
+        for member in self._run.observers:
             if (widget := getattr(member, "widget", None)) is not None:
                 return widget()
         raise MecazenError("nothing has drawn this run: Simulation(..., view=True) does")
@@ -269,19 +268,18 @@ class Simulation:
 
     def _begin(self) -> None:
         self._run.begin()
-        self._run.end()
 
     def _listen(self, topic: Topic[Any], robot: str) -> None:
-        key = topic.key if topic.shared else _key(topic, robot)
+        on_bus = keys.of_robot(topic, robot)
 
         def take(message: Message, stamp: Stamp | None) -> None:
             del stamp
-            self._latest[key] = message
+            self._latest[on_bus.key] = message
 
-        self._run.bus.namespaced(robot).subscribe(topic, take)
+        self._run.bus.subscribe(on_bus, take)
 
     def _motion(self, topic: Topic[Odometry], robot: str) -> tuple[Pose2D, Twist2D] | None:
-        odometry = self.latest(_key(topic, robot))
+        odometry = self.latest(keys.of_robot(topic, robot).key)
         if not isinstance(odometry, Odometry):
             return None
         return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()
@@ -298,7 +296,7 @@ class Simulation:
         velocity = Twist2D(*map(float, velocity))  # NumPy's numbers as well
         if not all(map(math.isfinite, velocity)):
             raise ConfigError(f"{velocity} must be finite numbers [m/s, m/s, rad/s]")
-        self._held[_key(topic, robot)] = encode(Twist.planar(velocity), "json")
+        self._held[keys.of_robot(topic, robot)] = Twist.planar(velocity)
 
 
 def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) -> Scenario:
@@ -325,7 +323,3 @@ def _toml(value: Any) -> str:
 def _number(value: Any) -> float:
     """Return a number that JSON doesn't know, such as NumPy's, as one of Python."""
     return int(value) if isinstance(value, Integral) else float(value)
-
-
-def _key(topic: Topic[Any], robot: str) -> str:
-    return f"{robot}/{topic.key}" if robot else topic.key

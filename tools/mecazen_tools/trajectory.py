@@ -17,6 +17,7 @@ from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.robots import join_key
+from mecazen.standoff import Standoff
 from mecazen.wire import Stamp
 
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -159,8 +160,8 @@ class Trajectory:
         """Return the hash of the CSV: equal exactly when every number is."""
         return hashlib.sha256(self.csv()).hexdigest()
 
-    def scores(self, standoff_m: float, heading_rad: float, robot: str = "") -> Scores:
-        """Return a robot's measures for a distance and a difference of headings to keep."""
+    def scores(self, standoff: Standoff, robot: str = "") -> Scores:
+        """Return the measures of a robot that is to keep this place."""
         robots = self._columns[robot, keys.GROUND_TRUTH.key]
         persons = self._columns.get((robot, keys.TARGET_ODOM.key), {})
         pairs = [
@@ -171,12 +172,9 @@ class Trajectory:
         pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
         if not pairs:
             return Scores(d_err_m=None, theta_err_deg=None)
-        return Scores(
-            d_err_m=math.fsum(abs(r.distance(p) - standoff_m) for r, p in pairs) / len(pairs),
-            theta_err_deg=math.degrees(
-                math.fsum(abs(wrap(r.yaw - p.yaw - heading_rad)) for r, p in pairs) / len(pairs)
-            ),
-        )
+        distances = math.fsum(abs(r.distance(p) - standoff.distance) for r, p in pairs)
+        headings = math.fsum(abs(wrap(r.yaw - p.yaw - standoff.heading)) for r, p in pairs)
+        return Scores(distances / len(pairs), math.degrees(headings / len(pairs)))
 
     def _follow(
         self,
@@ -195,7 +193,7 @@ class Trajectory:
             if stamp is not None:
                 column.setdefault(stamp.time_ns // tick_ns, read(message))
 
-        bus.namespaced(robot).subscribe(topic, take, every=True)
+        bus.subscribe(keys.of_robot(topic, robot), take, every=True)
 
 
 def _planar(row: Row) -> Pose2D:

@@ -8,8 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
 
@@ -25,6 +24,9 @@ Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
 Handler = Callable[[MessageT, Stamp | None], None]
 """Takes a message and the stamp of its tick; no stamp where an external publisher sent none."""
+
+Nothing = Callable[[Stamp], None]
+"""Takes the stamp of a tick in which a message was due and there is none."""
 
 DRAINED_AT_MOST = 1000
 """Much more than ever waits where nobody floods."""
@@ -47,6 +49,9 @@ class Publisher(Protocol[Message_contra]):
     def put(self, message: Message_contra, stamp: Stamp | None) -> None:
         """Publish `message` as of the tick of `stamp`; without one, as external programs do."""
 
+    def put_nothing(self, stamp: Stamp) -> None:
+        """Publish that there is no message in a tick in which one is due."""
+
 
 class Reply(Protocol[Message_contra]):
     """The answer to one query; given once, now or later."""
@@ -59,7 +64,10 @@ class Reply(Protocol[Message_contra]):
 
 
 class Presence:
-    """Which services are alive: the names under `mecazen/` that hold a liveliness token."""
+    """Which services are alive: the names of those that hold a liveliness token.
+
+    The name of a robot's service begins with the robot's: `two/controller`.
+    """
 
     def __init__(self) -> None:
         self.names: set[str] = set()
@@ -87,53 +95,26 @@ class Presence:
             changed()
 
 
-class Subscribers(Generic[MessageT]):
-    """The handlers of a key within the process, in the order of subscribing."""
-
-    def __init__(self, topic: Topic[MessageT]) -> None:
-        self.topic = topic
-        self.handlers: list[Handler[MessageT]] = []
-
-
 class Bus(ABC):
     """Publish, subscribe, query, answer and liveliness.
 
-    A bus delivers what arrives in `spin_once`. A payload that its key does not carry, or with
-    an implausible number (see `mecazen.limits`), is refused: the bus counts it in `refused`,
-    logs it at most once a second for each key, and does not deliver it, so the last good value
-    stays.
-
-    Several services may share a bus: what one publishes, those of the same process get as the
-    message object itself, every sample in the order of publishing.
+    A payload that its key does not carry, or with an implausible number (see `mecazen.limits`),
+    is refused: the bus counts it in `refused`, logs it at most once a second for each key, and
+    does not deliver it, so the last good value stays.
     """
+
+    hears_itself: ClassVar[bool]
+    """Whether subscribers get what is published through the same object."""
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
-        """Refused payloads by whole key, of all namespaces."""
+        """Refused payloads by key."""
         self.ignored: dict[str, str] = {}
-        """What was last ignored of somebody's sample, by whole key: a field that there is not."""
+        """The unknown field that was last ignored in a sample, by key."""
         self.presence = Presence()
         self._last_report: dict[str, float] = {}
-        self._prefix = ""
-        self._namespaced: dict[str, Self] = {}
-        # by whole key, and shared with all namespaces
-        self._subscribers: dict[str, Subscribers[Any]] = {}
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
         self._files: dict[str, bytes] = {}
-
-    def namespaced(self, name: str) -> Self:
-        """Return the bus of a namespace within this one's; this bus where `name` is empty.
-
-        The `spin_once` of any delivers what arrives on all; all close together.
-        """
-        if not name:
-            return self
-        if name not in self._namespaced:
-            bus = copy(self)
-            bus._prefix, bus._namespaced = f"{self._prefix}{name}/", {}
-            bus.presence = Presence()
-            self._namespaced[name] = bus
-        return self._namespaced[name]
 
     @abstractmethod
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
@@ -141,12 +122,18 @@ class Bus(ABC):
 
     @abstractmethod
     def subscribe(
-        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+        self,
+        topic: Topic[MessageT],
+        handler: Handler[MessageT],
+        *,
+        every: bool = False,
+        nothing: Nothing | None = None,
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        Of what comes from other processes the newest good sample replaces those that still
-        wait, so a flood neither delays nor fills anything. With `every` all are kept.
+        The newest good sample replaces those that still wait, so a flood neither delays nor
+        fills anything. With `every` all are kept. `nothing` is called for a tick that has no
+        message.
         """
 
     @abstractmethod
@@ -157,7 +144,7 @@ class Bus(ABC):
 
     def serves(self, call: Call[Any, Any]) -> bool:
         """Return whether this process answers queries on a call's key."""
-        return self._prefix + call.key in self._servers
+        return call.key in self._servers
 
     @abstractmethod
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
@@ -181,8 +168,8 @@ class Bus(ABC):
         """
 
     @abstractmethod
-    def declare_alive(self, name: str) -> None:
-        """Hold the liveliness token `mecazen/<name>` until the bus is closed."""
+    def declare_alive(self, name: str, robot: str = "") -> None:
+        """Hold a service's liveliness token until the bus is closed."""
 
     @abstractmethod
     def spin_once(self, timeout_s: float | None = None) -> bool:
@@ -211,7 +198,6 @@ class Bus(ABC):
 
     def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count what came on `key` as refused, and log it at most once a second."""
-        key = self._prefix + key
         if key not in self.refused and len(self.refused) >= REFUSED_KEYS:
             key = OTHER_KEYS
         self.refused[key] += count
@@ -235,7 +221,6 @@ class Bus(ABC):
             return  # what is skipped of an unknown field need not be right
         told = next(unknown_fields(given, message), None)
         if told is not None:
-            key = self._prefix + key
             self.ignored[key] = told
             if self._may_report(key):
                 logger.warning("msg=ignored key=%s reason=%r", key, told)
@@ -248,40 +233,13 @@ class Bus(ABC):
             self._last_report[key] = now
         return is_due
 
-    def overheard(self, topic: Topic[MessageT]) -> list[Handler[MessageT]]:
-        """Return who takes what this process publishes on a topic; more may be added."""
-        return self._subscribers_of(topic).handlers
-
     def server(self, call: Call[RequestT, AnswerT]) -> Callable[[RequestT, Reply[AnswerT]], None]:
         """Return what answers a call within this process.
 
         Raises:
             KeyError: Nothing does.
         """
-        return self._servers[self._prefix + call.key]
-
-    def _whole_key(self, topic: Topic[Any]) -> str:
-        """Return a topic's key with the namespace, which those that robots share are not in."""
-        return topic.key if topic.shared else self._prefix + topic.key
-
-    def _subscribers_of(self, topic: Topic[MessageT]) -> Subscribers[MessageT]:
-        return self._subscribers.setdefault(self._whole_key(topic), Subscribers(topic))
-
-    def _deliver_bytes(
-        self, key: str, payload: bytes, encoding: str, attachment: bytes | None
-    ) -> None:
-        """Deliver bytes that were put within the process, as if they came from outside."""
-        subscribers = self._subscribers.get(self._prefix + key)
-        if subscribers is None or not subscribers.handlers:
-            return
-        try:
-            sample = decode_sample(subscribers.topic, payload, encoding, attachment)
-        except RefusedError as refusal:
-            self.refuse(key, str(refusal))
-        else:
-            if sample[1] is None:
-                self.warn_of_unknown_fields(key, payload, encoding, sample[0])
-            deliver(subscribers.handlers, *sample)
+        return self._servers[call.key]
 
     def _ask(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = math.inf
@@ -346,5 +304,5 @@ def decode_sample(
         raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
     stamp = None if attachment is None else Stamp.unpack(attachment)
     message = decode(payload, topic.type, encoding)
-    refuse_implausible(topic.key, message)
+    refuse_implausible(topic.name, message)
     return message, stamp

@@ -24,12 +24,12 @@ from mecazen.bus.receiving import direct
 from mecazen.bus.ros_queries import Respond, attached, attachment_of, by_parameters, by_query, serve
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Scenario
-from mecazen.graph import SHARED, Graph
+from mecazen.config import BusConfig, Scenario
+from mecazen.description import RobotDescription, ask_description
+from mecazen.graph import Graph
 from mecazen.keys import Topic
 from mecazen.limits import refuse_implausible
-from mecazen.messages import Empty, Message, String
+from mecazen.messages import Message, String
 from mecazen.ros import cdr
 from mecazen.ros.description import fixed_frames, portable
 from mecazen.ros.fields import RosTypeError
@@ -51,6 +51,8 @@ from mecazen.wire import RefusedError, Stamp
 
 logger = logging.getLogger(__name__)
 
+DESCRIPTION_S = 10.0
+"""How long the description of a robot may take."""
 MISSES = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5)
 """How soon those who missed a latched sample learn of it, as in rmw_zenoh [s]."""
 
@@ -102,14 +104,24 @@ class RosNode:
     Args:
         side: Of the service's process.
         name: The service's.
-        bus: Of its robot.
+        robot: Its robot, if there are several and it belongs to one.
+        bus: What it publishes on.
         scenario: As its robot sees it.
         graph: The nodes of the scenario.
+        put: Publishes a message without a stamp, here and elsewhere.
     """
 
     def __init__(
-        self, side: RosSide, name: str, bus: ZenohBus, scenario: Scenario, graph: Graph
+        self,
+        side: RosSide,
+        name: str,
+        robot: str,
+        bus: ZenohBus,
+        scenario: Scenario,
+        graph: Graph,
+        put: Callable[[Topic[Any], Message], None],
     ) -> None:
+        self._put = put
         namespace = scenario.bus.namespace or ""
         self._side = side
         self._node = Node(side.domain, side.id, next(side.numbers), namespace, ros_name(name))
@@ -117,47 +129,45 @@ class RosNode:
         side.declare_token(self._node.token)
         here = Place(namespace)
         for row in graph.services.get(name, ()):
-            for robot in scenario.names:
-                self._add(row, graph, bus.namespaced(robot), here.within(robot))
+            for other in scenario.names:
+                self._add(row, graph, robot or other, here.within(other))
             for topic in row.outputs:
                 if _is_common(row, topic):
-                    self._publish(bus.overheard(topic), topic, name_of(row, topic), here)
+                    self._publish(bus.listeners(topic), topic, name_of(row, topic), here)
             for service in SERVICES:
                 if service.call in row.calls:
                     self._serve(service, here)
             if keys.SET_PARAMETERS in row.calls:
-                for other in scenario.services:
-                    for robot in ("",) if other in SHARED else scenario.names:
-                        self._serve_parameters(other, robot, here.within(robot))
+                for part, one in scenario.parts:
+                    self._serve_parameters(part, one, here.within(one))
         if name in scenario.services:
-            for one in PARAMETER_SERVICES:
-                whole = here.whole(f"{ros_name(name)}/{one.name}")
-                self._declare("SS", whole, *_service_type(one), PARAMETERS)
+            for service_of_parameters in PARAMETER_SERVICES:
+                whole = here.whole(f"{ros_name(name)}/{service_of_parameters.name}")
+                self._declare("SS", whole, *_service_type(service_of_parameters), PARAMETERS)
         health = keys.diagnostics(name)
-        self._publish(bus.overheard(health), health, health.key, here)
+        hearing = bus.listeners(keys.of_robot(health, robot))
+        self._publish(hearing, health, health.key, here)
 
-    def _add(self, row: Row, graph: Graph, bus: ZenohBus, place: Place) -> None:
+    def _add(self, row: Row, graph: Graph, robot: str, place: Place) -> None:
         """Declare what a row gives and takes of one robot."""
         if keys.ROBOT_DESCRIPTION in row.calls:
-            place = place._replace(urdf=bus.call(keys.ROBOT_DESCRIPTION, Empty()).data)
-            self._describe(bus, place)
+            description = ask_description(self._bus, robot, DESCRIPTION_S)
+            place = place._replace(urdf=description.urdf)
+            self._describe(description, place)
         for topic in row.outputs:
             if not _is_common(row, topic):
-                hearing = bus.overheard(row.on_bus(topic))
+                hearing = self._bus.listeners(keys.of_robot(row.on_bus(topic), robot))
                 self._publish(hearing, topic, name_of(row, topic), place)
         for given in row.inputs:
             if _taker(graph, given.topic) is row:
                 topic = row.on_bus(given.topic)
                 for entry in entries(given.topic, topic.key):
-                    self._take(bus, topic, entry, place)
+                    self._take(keys.of_robot(topic, robot), entry, place)
 
-    def _describe(self, bus: ZenohBus, place: Place) -> None:
+    def _describe(self, description: RobotDescription, place: Place) -> None:
         """Publish the robot's shapes and fixed frames, for whoever comes whenever."""
-        folder = f"{keys.ROBOT_DESCRIPTION.key}/"
-        files = bus.fetch_files(f"{folder}*/**")
-        meshes = {key.removeprefix(folder): data for key, data in files.items()}
         messages: tuple[Message, ...] = (
-            String(data=portable(place.urdf, meshes)),
+            String(data=portable(place.urdf, description.meshes)),
             fixed_frames(place.urdf, place.prefix),
         )
         for (name, kind), message in zip(DESCRIBED.items(), messages, strict=True):
@@ -192,9 +202,9 @@ class RosNode:
             )
             self._side.keep(publisher, listener)
 
-    def _take(self, bus: ZenohBus, topic: Topic[Any], entry: Entry, place: Place) -> None:
+    def _take(self, topic: Topic[Any], entry: Entry, place: Place) -> None:
         """Publish on the plain key, without a stamp, what comes from ROS."""
-        publisher = bus.publisher(topic)
+        bus = self._bus
         key, _ = self._declare("MS", place.whole(entry.name), *_type(entry.kind), Qos())
         source = _source(entry.name)
         refusals = Refusals(bus.queue, bus.refuse)
@@ -204,7 +214,7 @@ class RosNode:
                 raise RefusedError("put on another key expression")
             attached(sample)  # without one it is of no ROS node, and none would take it
             message = entry.convert(cdr.decode(sample.payload.to_bytes(), entry.kind))
-            refuse_implausible(topic.key, message)
+            refuse_implausible(topic.name, message)
             return message
 
         def take(sample: zenoh.Sample) -> bool:
@@ -213,7 +223,7 @@ class RosNode:
             except RefusedError as refusal:
                 bus.refuse(source, str(refusal))
                 return False
-            publisher.put(message, None)
+            self._put(topic, message)
             return True
 
         def is_good(sample: zenoh.Sample) -> bool:

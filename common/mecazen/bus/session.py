@@ -13,7 +13,7 @@ from typing import Any, Literal
 import zenoh
 
 from mecazen.bus.endpoints import is_open
-from mecazen.bus_config import BusConfig
+from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Topic
 from mecazen.robots import join_key

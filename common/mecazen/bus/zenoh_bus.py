@@ -9,16 +9,25 @@ from typing import Any, NoReturn
 
 import zenoh
 
-from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample, deliver
+from mecazen.bus.base import (
+    Bus,
+    Handler,
+    Nothing,
+    Publisher,
+    Reply,
+    StoppedError,
+    decode_sample,
+    deliver,
+)
 from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals
 from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
 from mecazen.bus.receiving import Pause, direct
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
-from mecazen.bus_config import BusConfig
-from mecazen.config import LIVELINESS
+from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
+from mecazen.robots import join_key
 from mecazen.ros.protocol import is_data_key
 from mecazen.wire import ENCODINGS, MAX_ENVELOPE_BYTES, Format, RefusedError, Stamp, encode
 
@@ -32,10 +41,10 @@ SIGNAL_CHECK_S = 0.2
 class ZenohBus(Bus):
     """A Zenoh session whose samples wait in one queue until `spin_once` takes them.
 
-    What is published within the process goes through the same queue as the message object
-    itself. A subscription of a topic does not hear it again through Zenoh: its allowed origin
-    is REMOTE. One of bytes hears all of it, through Zenoh.
+    A subscription of a topic hears other processes only; one of bytes hears this one as well.
     """
+
+    hears_itself = False
 
     def __init__(
         self,
@@ -70,8 +79,8 @@ class ZenohBus(Bus):
         self._refusals = Refusals(self._queue, self.refuse)
         self._heard: dict[tuple[str, bool], list[Handler[Any]]] = {}
         """Whom each of Zenoh's subscribers delivers to, by whole key and `every`."""
-        self._tokens: dict[str, list[zenoh.LivelinessToken]] = {}
-        """By namespace."""
+        self._listeners: dict[str, list[Handler[Any]]] = {}
+        self._tokens: list[zenoh.LivelinessToken] = []
         self._session = open_session(config, mode or config.mode, name)
 
     @property
@@ -82,32 +91,44 @@ class ZenohBus(Bus):
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return what publishes on a topic."""
         publisher = self._session.declare_publisher(
-            self._whole_key(topic),
+            topic.key,
             encoding=ENCODINGS[self._format],
             congestion_control=self._congestion,
         )
-        handlers = self._subscribers_of(topic).handlers
-        return _ZenohPublisher(publisher, self._format, handlers, self._queue)
+        return _ZenohPublisher(publisher, self._format, self.listeners(topic), self._queue)
+
+    def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
+        """Return who in this process observes what it publishes on a topic; more may be added."""
+        return self._listeners.setdefault(topic.key, [])
 
     def subscribe(
-        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
+        self,
+        topic: Topic[MessageT],
+        handler: Handler[MessageT],
+        *,
+        every: bool = False,
+        nothing: Nothing | None = None,
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
         Several subscriptions of a key share one of Zenoh's, which decodes a sample once; those
         with `every` share another.
         """
-        self._subscribers_of(topic).handlers.append(handler)
-        handlers = self._heard.setdefault((self._whole_key(topic), every), [])
+        handlers = self._heard.setdefault((topic.key, every), [])
         handlers.append(handler)
         if len(handlers) == 1:
-            self._hear(topic, handlers, every=every)
+            self._hear(topic, handlers, every=every, nothing=nothing)
 
     def _hear(
-        self, topic: Topic[MessageT], handlers: list[Handler[MessageT]], *, every: bool
+        self,
+        topic: Topic[MessageT],
+        handlers: list[Handler[MessageT]],
+        *,
+        every: bool,
+        nothing: Nothing | None,
     ) -> None:
         """Subscribe to what other processes publish on a topic."""
-        key = self._whole_key(topic)
+        key = topic.key
         refuse = partial(self._refusals.add, key)
 
         def decoded(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
@@ -118,6 +139,9 @@ class ZenohBus(Bus):
 
         def take(sample: zenoh.Sample) -> bool:
             try:
+                if nothing is not None and not sample.payload and sample.attachment is not None:
+                    nothing(Stamp.unpack(sample.attachment.to_bytes()))
+                    return True
                 message, stamp = decoded(sample)
             except RefusedError as refusal:
                 self.refuse(topic.key, str(refusal))
@@ -165,14 +189,14 @@ class ZenohBus(Bus):
         comes while more than `backlog_bytes` wait is refused: it slows down nobody and
         fills nothing.
         """
-        refuse = partial(self._refusals.add, self._prefix + key)
+        refuse = partial(self._refusals.add, key)
         full = partial(refuse, f"more than {backlog_bytes:.0f} bytes wait")
         backlog: Backlog[Sent] = Backlog(
             self._queue, lambda sent: handler(*sent), bytes_of, backlog_bytes, full
         )
 
         def receive(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr).removeprefix(self._prefix)
+            name = str(sample.key_expr)
             if is_data_key(name):
                 return
             if envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
@@ -181,7 +205,7 @@ class ZenohBus(Bus):
             # a sample of Zenoh would keep all that has come in the same batch
             backlog.receive((name, *_content(sample)))
 
-        self._declare_subscriber(self._prefix + key, receive, zenoh.Locality.ANY)
+        self._declare_subscriber(key, receive, zenoh.Locality.ANY)
 
     def _declare_subscriber(
         self, key: str, keep: Callable[[zenoh.Sample], None], origin: zenoh.Locality
@@ -195,22 +219,20 @@ class ZenohBus(Bus):
     def put_bytes(
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
-        """Publish bytes on any key; on an expression they reach other processes only."""
+        """Publish bytes on any key."""
         self._session.put(
-            self._prefix + key,
+            key,
             payload,
             encoding=encoding or None,
             attachment=attachment,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-        if self._prefix + key in self._subscribers:
-            self._queue.put(partial(self._deliver_bytes, key, payload, encoding, attachment))
 
     def serve(
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
     ) -> None:
         """Answer queries on a call's key."""
-        key = self._prefix + call.key
+        key = call.key
 
         def refuse(query: zenoh.Query, reason: str) -> None:
             self._refusals.add(key, reason)
@@ -232,7 +254,7 @@ class ZenohBus(Bus):
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
         """Answer queries on `prefix/<path>` with a file's bytes."""
-        served = {f"{self._prefix}{prefix}/{path}": data for path, data in files.items()}
+        served = {f"{prefix}/{path}": data for path, data in files.items()}
 
         def answer(query: zenoh.Query) -> None:
             with query:
@@ -241,29 +263,28 @@ class ZenohBus(Bus):
                         query.reply(key, data, encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM)
 
         def refuse(query: zenoh.Query, reason: str) -> None:
-            self._refusals.add(f"{self._prefix}{prefix}", reason)
+            self._refusals.add(prefix, reason)
             with query:
                 query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
 
         self._files |= served
         inbox = QueryInbox(self._queue, None, answer, refuse)
-        self._session.declare_queryable(f"{self._prefix}{prefix}/**", direct(inbox.receive))
+        self._session.declare_queryable(f"{prefix}/**", direct(inbox.receive))
 
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
         """Return the served files that a key expression selects, by key."""
-        selector = self._prefix + selector
         files = {key: data for key, data in self._files.items() if includes(selector, key)}
         if not files:  # otherwise this process serves them
             for reply in self._session.get(selector, timeout=timeout_s):
                 if reply.ok is not None:
                     files[str(reply.ok.key_expr)] = reply.ok.payload.to_bytes()
-        return {key.removeprefix(self._prefix): data for key, data in files.items()}
+        return files
 
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
     ) -> AnswerT:
         """Query a key and return the answer."""
-        key = self._prefix + call.key
+        key = call.key
         if key in self._servers:
             return self._ask(call, request, timeout_s)
         replies = self._session.get(
@@ -274,35 +295,27 @@ class ZenohBus(Bus):
         )
         return answer_in(replies, call)
 
-    def declare_alive(self, name: str) -> None:
-        """Hold the liveliness token `mecazen/<name>` until the bus is closed.
+    def declare_alive(self, name: str, robot: str = "") -> None:
+        """Hold a service's liveliness token until the bus is closed.
 
         Who takes part also watches who else does. Not before: Zenoh answers `alive` from
         what a watching session has heard so far, which is nothing at first.
         """
-        liveliness, prefix = self._session.liveliness(), self._alive_prefix
-        tokens = self._tokens.setdefault(self._prefix, [])
-        if not tokens:
+        liveliness = self._session.liveliness()
+        if not self._tokens:
             watch = direct(self._on_liveliness)
-            liveliness.declare_subscriber(f"{prefix}**", watch, history=True)
-        tokens.append(liveliness.declare_token(f"{prefix}{name}"))
-
-    @property
-    def _alive_prefix(self) -> str:
-        return f"{self._prefix}{LIVELINESS}/"
+            liveliness.declare_subscriber(f"**/{LIVELINESS}/**", watch, history=True)
+        token = join_key(f"{LIVELINESS}/{name}", robot)
+        self._tokens.append(liveliness.declare_token(token))
 
     def alive(self, timeout_s: float = 1.0) -> set[str]:
-        """Ask the network who holds a token; names with a slash are marks of readiness.
+        """Ask the network who holds a token; names that end in `/ready` are marks of readiness.
 
         For clients, whom the router answers. A peer, which has `presence`, is sometimes told that
         all have answered when some have not, by 6 in 1000 of Zenoh 1.10.2's answers.
         """
-        replies = self._session.liveliness().get(f"{self._alive_prefix}**", timeout=timeout_s)
-        return {
-            str(reply.ok.key_expr).removeprefix(self._alive_prefix)
-            for reply in replies
-            if reply.ok is not None
-        }
+        replies = self._session.liveliness().get(f"**/{LIVELINESS}/**", timeout=timeout_s)
+        return {name_of(reply.ok) for reply in replies if reply.ok is not None}
 
     def spin_once(self, timeout_s: float | None = None) -> bool:
         """Deliver one thing that arrived, on this thread."""
@@ -334,31 +347,39 @@ class ZenohBus(Bus):
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
-        name = str(sample.key_expr).removeprefix(self._alive_prefix)
         alive = sample.kind == zenoh.SampleKind.PUT
-        self._queue.put(partial(self.presence.update, name, alive=alive))
+        self._queue.put(partial(self.presence.update, name_of(sample), alive=alive))
 
 
 class _ZenohPublisher(Publisher[MessageT]):
-    """Publishes to other processes, and to the subscribers of this one."""
+    """Publishes to other processes, and later to observers in this one."""
 
     def __init__(
         self,
         publisher: zenoh.Publisher,
         form: Format,
-        handlers: list[Handler[MessageT]],
+        listeners: list[Handler[MessageT]],
         ready: Queue,
     ) -> None:
         self._publisher = publisher
         self._format: Format = form
-        self._handlers = handlers
+        self._listeners = listeners
         self._ready = ready
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
         attachment = None if stamp is None else stamp.pack()
         self._publisher.put(encode(message, self._format), attachment=attachment)
-        if self._handlers:
-            self._ready.put(partial(deliver, self._handlers, message, stamp))
+        if self._listeners:
+            self._ready.put(partial(deliver, self._listeners, message, stamp))
+
+    def put_nothing(self, stamp: Stamp) -> None:
+        self._publisher.put(b"", attachment=stamp.pack())
+
+
+def name_of(token: zenoh.Sample) -> str:
+    """Return the name of the service that holds a liveliness token, after that of its robot."""
+    robot, _, name = str(token.key_expr).rpartition(f"{LIVELINESS}/")
+    return f"{robot}{name}"
 
 
 def bytes_of(sent: Sent) -> int:

@@ -5,18 +5,16 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import Mapping
 from contextlib import suppress
-from functools import partial
 
 from mecazen import keys
-from mecazen.bus import Bus, Reply
+from mecazen.bus import Reply
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, NodeError, StepTimeoutError
-from mecazen.graph import OBSERVERS, Graph
+from mecazen.errors import ConfigError, StepTimeoutError
+from mecazen.graph import OBSERVERS
 from mecazen.loading import to_toml
+from mecazen.loop import Runner, Slot
 from mecazen.messages import (
-    Clock,
     Empty,
     Header,
     ParameterDescriptors,
@@ -28,14 +26,11 @@ from mecazen.messages import (
     StepRequest,
     String,
 )
-from mecazen.node import Tick, World
 from mecazen.parameters import described, parameters, refuse_unknown, settings_of, to_message
 from mecazen.programs import classes
 from mecazen.robots import join_key
 from mecazen.runtime.changing import Changing, refuse_unsuitable
-from mecazen.runtime.link import Answer, Link
-from mecazen.runtime.own import check_outputs, guarded
-from mecazen.runtime.participant import Participant
+from mecazen.runtime.host import Host
 from mecazen.runtime.schedule import Schedule
 from mecazen.wire import NS_PER_S, Stamp
 
@@ -49,48 +44,36 @@ ARRIVED_AT_MOST = 100
 """Samples that are still taken when a tick is due: many more than make up a tick."""
 
 
-class TimeOwner(Participant):
-    """The clock, and the world that it advances.
-
-    At every tick it publishes `clock` and the world's state of each robot, waits until the tick
-    is answered by every node that gives an input of the world, and advances the world to the
-    next. It answers `sim/…`.
+class Clock:
+    """Drives the loop of the process that has the world, and answers `sim/…`.
 
     Args:
-        name: The service's name.
-        bus: Without a robot's namespace.
-        scenario: The whole scenario.
-        graph: Its nodes.
-        world: The class of what is advanced.
+        host: The services, of which one has the world.
+
+    Raises:
+        ConfigError: None of them has it, or the script of changes can't be used.
     """
 
-    def __init__(
-        self, name: str, bus: Bus, scenario: Scenario, graph: Graph, world: type[World]
-    ) -> None:
-        super().__init__(name, bus, scenario)
-        self.changing = Changing(scenario, refuse_unsuitable)
-        self.lockstep = scenario.sim.mode == "lockstep"
-        self._row = row = world.row(scenario)
-        self._is_own = name in scenario.programs
-        make = partial(world, scenario)
-        self.world = guarded(name, make) if self._is_own else make()
-        self.pending: set[Answer] = set()
-        """What is still to come in answer to the tick."""
-        self.links = [
-            Link(robot, self, row, graph, self.world, self.pending) for robot in scenario.names
-        ]
-        self.schedule = Schedule(scenario.sim.tick_s, scenario.sim.speed)
+    def __init__(self, host: Host) -> None:
+        if host.world is None:
+            raise ConfigError("services: nothing to simulate without physics")
+        self.host = host
+        self.world: Runner = host.world
+        self.scenario: Scenario = host.scenario
+        self.changing = Changing(host.scenario, refuse_unsuitable)
+        self.lockstep = host.lockstep
+        self.schedule = Schedule(self.scenario.sim.tick_s, self.scenario.sim.speed)
+        self.tick = self.missed_deadlines = 0
         self.paused = False
         self.steps_left = 0
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
-        self._clock = bus.publisher(keys.CLOCK) if scenario.robots else None
-        """Simulated time for all robots together, in no one's namespace."""
+        bus = host.bus
         self._parameters = bus.publisher(keys.PARAMETERS)
-        for service in {key.partition(".")[0] for key in parameters(scenario)}:
+        for service in {key.partition(".")[0] for key in parameters(self.scenario)}:
             with suppress(ConfigError):  # to import it later would take many ticks
-                classes(service, scenario)
-        configuration = to_toml(scenario)
+                classes(service, self.scenario)
+        configuration = to_toml(self.scenario)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
         bus.serve(keys.SIM_PAUSE, self._on_pause)
@@ -100,21 +83,19 @@ class TimeOwner(Participant):
         bus.serve(keys.SIM_SPEED, self._on_speed)
         bus.serve(keys.GET_PARAMETERS, self._on_get)
         bus.serve(keys.SET_PARAMETERS, self._on_set)
-        for link in self.links:  # for who comes after a change
-            link.bus.presence.on_change.append(self._publish_parameters)
-        self.reset(scenario.seed)
+        bus.presence.on_change.append(self._publish_parameters)  # for who comes after a change
+        host.service_of(host.world).reports.append(self.diagnostics)
+        self.reset(self.scenario.seed)
+
+    @property
+    def stamp(self) -> Stamp:
+        """The stamp of the tick."""
+        return self.host.stamp
 
     def reset(self, seed: int) -> None:
         """Begin a run: the world back at its start."""
-        self.world.reset(seed)
         self.tick = self.missed_deadlines = 0
-        self.stamp = Stamp(0, secrets.randbits(32), seed)
-        for link in self.links:
-            link.reset(self.stamp)
-
-    def close(self) -> None:
-        """End the world's work."""
-        self.world.close()
+        self.host.begin(Stamp(0, secrets.randbits(32), seed, self.changing.revision))
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready; then advance until stopped."""
@@ -124,24 +105,24 @@ class TimeOwner(Participant):
             self.step()
 
     def begin(self) -> None:
-        """Publish the first state of a run."""
+        """Make the first tick of a run."""
         self.schedule.restart(self.tick)
-        self._advance()
+        self._make_tick()
 
     def step(self) -> None:
-        """Wait for the answers to this tick, advance the world by one, publish its new state.
+        """Wait for the answers to this tick, and make the next.
 
-        While time is held, it waits; where that would have no end, on the bus within a
-        process, it returns and nothing has happened.
+        While time is held, it waits; on a bus within one process, where that would have no end,
+        it returns and nothing has happened.
         """
-        self.await_answers()
+        self._await_answers()
         if not self._hold():
             return
         if self.asked_reset is not None:
             self._reset_as_asked(*self.asked_reset)
             return
         self.tick += 1
-        self._advance()
+        self._make_tick()
         if self.paused and self.steps_left:
             self.steps_left -= 1
             if self._at_the_end:
@@ -150,14 +131,35 @@ class TimeOwner(Participant):
                 self.step_reply.answer(self.sim_state())
                 self.step_reply = None
 
-    def await_answers(self) -> None:
+    def _make_tick(self) -> None:
+        """Advance the world to this tick, and take the turns of the services beside it."""
+        host, now_ns = self.host, self.tick * self.host.tick_ns
+        has_changed = self.changing.take(self.tick)
+        stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.changing.revision)
+        host.stamp = stamp
+        if has_changed:
+            self.scenario = self.changing.scenario
+            host.configure(self.scenario, self.changing.revision)
+        if has_changed or now_ns % NS_PER_S < host.tick_ns:
+            self._publish_parameters()
+        self.schedule.published(self.tick)
+        for slot in host.loop.step(self.tick, stamp):
+            if not self._has_come(slot):
+                break
+        host.has_news = True  # a command may have come after the turn that takes it
+        host.report_if_due()
+
+    def _await_answers(self) -> None:
         """Deliver what arrives until the tick is answered (lockstep) or due (real time).
 
         Raises:
             StepTimeoutError: A service that takes part is gone or silent, in lockstep.
         """
-        if not any(link.awaits for link in self.links):
-            self.bus.drain()  # no answer is awaited: what has come is delivered
+        for slot in self.world.slots:
+            slot.open(self.tick + 1, self.tick)
+        if not any(slot.awaited is not None for slot in self.world.slots):
+            self.host.bus.drain()  # no answer is awaited: what has come is delivered
+        self.host.revise()
         if self.lockstep or self.paused:
             self._await_all()
         elif self.tick == 0:
@@ -167,41 +169,71 @@ class TimeOwner(Participant):
         else:
             self._await_due()
 
-    def _advance(self) -> None:
-        """Bring the world to the present tick and publish its state."""
-        changes = self.changing.take(self.tick)
-        if changes:
-            self.scenario = self.changing.scenario
-            self.world.configure(self.scenario)
-            if self.tick == 0:
-                self.world.reset(self.stamp.seed)
-        inputs = {link.name: link.inputs() for link in self.links}
-        now_ns = self.tick * self.tick_ns
-        period_s = self.tick_ns / NS_PER_S if self.tick else 0.0
-        outputs = self.world.step(Tick(self.tick, now_ns, period_s), inputs)
-        if self._is_own:
-            self._check(outputs)
-        self.stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.changing.revision)
-        if changes or now_ns % NS_PER_S < self.tick_ns:
-            self._publish_parameters()
-        if self._clock is not None:
-            self._clock.put(Clock(clock=self.stamp.time), self.stamp)
-        for link in self.links:
-            link.note(inputs[link.name])
-            link.begin_tick(self.stamp)
-        for link in self.links:
-            link.publish(outputs[link.name])
-        self.schedule.published(self.tick)
-        if now_ns % NS_PER_S < self.tick_ns:
-            self.publish_diagnostics()
+    @property
+    def _unanswered(self) -> list[Slot]:
+        """The world's inputs whose answers to this tick are still to come."""
+        return [slot for slot in self.world.slots if slot.lacks]
 
-    def _check(self, outputs: object) -> None:
-        """Refuse what a world of one's own gives, where the runtime or others can't take it."""
-        robots = [link.name for link in self.links]
-        if not isinstance(outputs, Mapping) or set(outputs) != set(robots):
-            raise NodeError(f"{self.name}: step must return the outputs of each robot of {robots}")
-        for of_robot in outputs.values():
-            check_outputs(self.name, self._row, of_robot)
+    def _names(self, slots: list[Slot]) -> list[str]:
+        """Return the services that give some inputs."""
+        givers = [self.host.plan.giver(slot.need) for slot in slots]
+        return sorted({giver.service for giver in givers if giver is not None})
+
+    def _await_all(self) -> None:
+        deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
+        while self.asked_reset is None and (missing := self._unanswered):
+            if self._deliver(PRESENCE_POLL_S):
+                continue
+            self._refuse_silence(missing, deadline)
+            if not self.lockstep:
+                return
+
+    def _has_come(self, slot: Slot) -> bool:
+        """Wait for a sample that a turn lacks; return whether the tick is to go on."""
+        deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
+        while slot.lacks:
+            if self.asked_reset is not None:
+                return False
+            if self.lockstep:
+                if not self.host.bus.spin_once(PRESENCE_POLL_S):
+                    self._refuse_silence([slot], deadline)
+                continue
+            wait_s = self.schedule.wait_s(self.tick, answered=False)
+            if slot in self.world.slots or wait_s <= 0.0 or self.paused:
+                break
+            self.host.bus.spin_once(wait_s)
+        return True
+
+    def _refuse_silence(self, missing: list[Slot], deadline: float) -> None:
+        """Raise an error in lockstep if a service that has not answered is gone, or silent."""
+        names = self._names(missing)
+        gone = [name for name in names if name not in self.host.bus.presence.names]
+        if any(not slot.is_remote for slot in missing):  # it has had its turn
+            deadline = 0.0
+        if self.lockstep and (gone or time.monotonic() > deadline):
+            raise StepTimeoutError(
+                f"{', '.join(gone or names)} did not answer tick {self.tick} "
+                f"(t = {self.stamp.time_ns / 1e9} s)"
+            )
+
+    def _deliver(self, timeout_s: float | None) -> bool:
+        """Deliver one thing that arrives, and let a command count at once."""
+        has_come = self.host.bus.spin_once(timeout_s)
+        self.host.revise()
+        return has_come
+
+    def _await_due(self) -> None:
+        while self.asked_reset is None and not self.paused:
+            wait_s = self.schedule.wait_s(self.tick, answered=not self._unanswered)
+            if wait_s <= 0.0:
+                # what has arrived by now still counts, but a flood has no end
+                for _ in range(ARRIVED_AT_MOST):
+                    if not self._unanswered or not self._deliver(0.0):
+                        break
+                break
+            self._deliver(wait_s)
+        if self._unanswered and self.asked_reset is None and not self.paused:
+            self.missed_deadlines += 1
 
     def sim_state(self) -> SimState:
         """Return what simulated time does."""
@@ -217,13 +249,12 @@ class TimeOwner(Participant):
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the real-time factor, missed deadlines, and what the world says."""
+        """Return the real-time factor and missed deadlines."""
         return {
             "mode": self.scenario.sim.mode,
             "rtf": round(self.schedule.rtf, 3),
             "missed_deadlines": self.missed_deadlines,
             "paused": self.paused,
-            **self.world.diagnostics(),
         }
 
     def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
@@ -287,7 +318,7 @@ class TimeOwner(Participant):
         except ConfigError as error:
             reply.refuse(str(error))
             return
-        begins = Stamp((self.tick + 1) * self.tick_ns, self.stamp.run, self.stamp.seed)
+        begins = Stamp((self.tick + 1) * self.host.tick_ns, self.stamp.run, self.stamp.seed)
         reply.answer(
             Parameters(
                 header=Header(stamp=begins.time),
@@ -306,11 +337,8 @@ class TimeOwner(Participant):
             )
             self._parameters.put(message, self.stamp)
 
-    def _is_current(self, stamp: Stamp) -> bool:
-        return stamp.run == self.stamp.run
-
     def _await_services(self) -> None:
-        others = set(self.scenario.services) - {self.name}
+        others = set(self.scenario.services) - {service for service, _ in self.host.parts}
         observers = set() if self.lockstep else others & set(OBSERVERS)
         missing = self._await_ready(others - observers, self.scenario.sim.answer_timeout_s)
         missing += self._await_ready(observers, OBSERVERS_S)
@@ -324,41 +352,14 @@ class TimeOwner(Participant):
         deadline = time.monotonic() + timeout_s
         while True:
             missing = [
-                join_key(name, link.name)
-                for link in self.links
-                for name in sorted(names)
-                if f"{name}/ready" not in link.bus.presence.names
+                join_key(name, robot)
+                for name, robot in self.scenario.parts
+                if name in names
+                if join_key(f"{name}/ready", robot) not in self.host.bus.presence.names
             ]
             if not missing or (left_s := deadline - time.monotonic()) <= 0.0:
                 return missing
-            self.bus.spin_once(left_s)
-
-    def _await_all(self) -> None:
-        deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
-        while self.pending and self.asked_reset is None:
-            if self.bus.spin_once(PRESENCE_POLL_S):
-                continue
-            gone = [part for link in self.links for part in link.gone]
-            if self.lockstep and (gone or time.monotonic() > deadline):
-                missing = ", ".join(gone or (part for link in self.links for part in link.awaited))
-                raise StepTimeoutError(
-                    f"{missing} did not answer tick {self.tick} (t = {self.stamp.time_ns / 1e9} s)"
-                )
-            if not self.lockstep:
-                return
-
-    def _await_due(self) -> None:
-        while self.asked_reset is None and not self.paused:
-            wait_s = self.schedule.wait_s(self.tick, answered=not self.pending)
-            if wait_s <= 0.0:
-                # what has arrived by now still counts, but a flood has no end
-                for _ in range(ARRIVED_AT_MOST):
-                    if not self.pending or not self.bus.spin_once(0.0):
-                        break
-                break
-            self.bus.spin_once(wait_s)
-        if self.pending and self.asked_reset is None and not self.paused:
-            self.missed_deadlines += 1
+            self.host.bus.spin_once(left_s)
 
     @property
     def _at_the_end(self) -> bool:
@@ -369,7 +370,7 @@ class TimeOwner(Participant):
         while self.asked_reset is None and (
             (self.paused and not self.steps_left) or self._at_the_end
         ):
-            if not self.bus.spin_once():
+            if not self._deliver(None):
                 return False
         return True
 

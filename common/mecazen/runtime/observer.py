@@ -2,14 +2,100 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Mapping
 
-from mecazen.runtime.participant import Participant
+from mecazen.bus import Bus
+from mecazen.bus.base import Handler
+from mecazen.config import Scenario
+from mecazen.keys import Topic, of_robot
+from mecazen.messages import MessageT
+from mecazen.runtime.health import Health
+from mecazen.wire import NS_PER_S, Stamp
 
 
-class Observer(Participant):
-    """A service that shows or keeps what the nodes publish."""
+class _Heard:
+    """What has come on one key."""
+
+    def __init__(self) -> None:
+        self.count, self.heard = 0, -1
+
+
+class Observer(ABC):
+    """A service that shows or keeps what the nodes publish.
+
+    Samples of a new run begin it again with `reset`; samples of ended runs are dropped.
+
+    Args:
+        name: The service's name.
+        bus: What it observes.
+        scenario: The whole scenario.
+    """
+
+    def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
+        self.name = name
+        self.bus = bus
+        self.scenario = scenario
+        self.stamp = Stamp(0, 0, scenario.seed)
+        """The newest tick that it has heard of."""
+        self.announce: Callable[[str], None] = lambda _: None
+        """Takes the address of a page that the service serves."""
+        self._ended: deque[int] = deque(maxlen=16)
+        self._heard: dict[str, _Heard] = {}
+        self._health = Health(name, "", bus, scenario, self._heard)
 
     @abstractmethod
     def reset(self, seed: int) -> None:
         """Begin a run."""
+
+    def run(self) -> None:
+        """Work until the bus is stopped."""
+        while True:
+            self.bus.spin_once()
+
+    def close(self) -> None:  # noqa: B027  # some have nothing to do
+        """End the work, after the bus was stopped or a run is over."""
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what it reports of its health, by name."""
+        return {}
+
+    def subscribe(
+        self, topic: Topic[MessageT], handler: Handler[MessageT], robot: str = ""
+    ) -> None:
+        """Deliver the samples of a topic that belong to this run, or have no stamp.
+
+        A topic that anyone may publish on begins no run.
+        """
+        on_bus = of_robot(topic, robot)
+        heard = self._heard.setdefault(on_bus.key, _Heard())
+
+        def take(message: MessageT, stamp: Stamp | None) -> None:
+            if stamp is not None and not self._is_current(stamp, begins=not topic.open):
+                return
+            heard.count += 1
+            heard.heard = (stamp or self.stamp).time_ns // self.scenario.sim.tick_ns
+            handler(message, stamp)
+
+        self.bus.subscribe(on_bus, take)
+
+    def _is_current(self, stamp: Stamp, *, begins: bool) -> bool:
+        """Return whether a sample is of this run; one of a new run begins it."""
+        last = self.stamp
+        if stamp.run != last.run:
+            if stamp.run in self._ended or not begins:
+                return False
+            self._ended.append(last.run)
+            self.stamp = stamp
+            for heard in self._heard.values():
+                heard.heard = -1
+            self._health.reset()
+            self.reset(stamp.seed)
+        elif stamp.time_ns <= last.time_ns:
+            return True
+        elif begins:
+            self.stamp = stamp
+        if self.stamp.time_ns // NS_PER_S != last.time_ns // NS_PER_S or stamp.run != last.run:
+            self._health.publish(self.stamp, self.diagnostics())
+        return True

@@ -14,17 +14,15 @@ from mecazen import log
 from mecazen.bus.base import StoppedError
 from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import BusConfig
-from mecazen.config import Process, Scenario
+from mecazen.config import BusConfig, Process, Scenario
 from mecazen.errors import BusError
 from mecazen.graph import SHARED
-from mecazen.programs import classes, graph_of
+from mecazen.programs import graph_of
 from mecazen.robots import join_key
-from mecazen.runtime.clock import TimeOwner
-from mecazen.runtime.host import make_service, part_of
+from mecazen.runtime.drivers import drive
+from mecazen.runtime.host import Host, part_of
 from mecazen.runtime.observer import Observer
-from mecazen.runtime.participant import Participant
-from mecazen.runtime.readiness import announce_readiness, declare_alive
+from mecazen.runtime.readiness import announce_readiness
 from mecazen.runtime.report import Report, Reporter
 from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S
@@ -46,7 +44,7 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     ]
     for service, robot in parts:
         part_of(service, scenario, robot)
-    members: list[Participant] = []
+    members: list[Host | Observer] = []
     log.set_up(
         process.name,
         lambda: members[0].stamp.time_ns / NS_PER_S if members else 0.0,
@@ -58,23 +56,26 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     stop_on_signals(bus.stop)
     ros = None
     try:
-        for service, robot in parts:
-            member = make_service(service, bus, scenario, robot)
-            member.announce = lambda url: reporter.tell(Report("serving", url))
-            members.append(member)
+        driver = drive(parts, bus, scenario)
+        if isinstance(driver, Observer):
+            driver.announce = lambda url: reporter.tell(Report("serving", url))
+            members.append(driver)
+        else:
+            members.append(driver.host)
         if scenario.bus.ros2:
             ros = RosSide(scenario.bus, process.services[0])
-            for member, (_, robot) in zip(members, parts, strict=True):
-                graph = graph_of(member.scenario, classes(member.name, member.scenario))
-                RosNode(ros, member.name, bus.namespaced(robot), member.scenario, graph)
-        for member in members:
-            declare_alive(member.bus, member.name, member.scenario)
-        for member in members:
-            announce_readiness(member.bus, member.name, member.scenario)
+            put = (lambda *_: None) if isinstance(driver, Observer) else driver.host.put
+            for service, robot in parts:
+                seen = part_of(service, scenario, robot)
+                RosNode(ros, service, robot, bus, seen, graph_of(seen), put)
+        for service, robot in parts:
+            bus.declare_alive(service, robot)
+        for service, robot in parts:
+            announce_readiness(bus, service, robot, scenario)
         _set_real_time_priority(process, scenario)
         logger.info("msg=started mode=%s", scenario.sim.mode)
         reporter.tell(Report("started"))
-        leading(members).run()
+        driver.run()
     except StoppedError:
         logger.info("msg=stopped")
     finally:
@@ -83,12 +84,6 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
         if ros is not None:
             ros.close()
         bus.close()
-
-
-def leading(members: list[Participant]) -> Participant:
-    """Return the member whose loop is the process's: the one that owns time, or that observes."""
-    led = [member for member in members if isinstance(member, TimeOwner | Observer)]
-    return (led or members)[0]
 
 
 def _robots(
@@ -136,9 +131,10 @@ def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None
     except BusError:
         return  # no router yet, so nobody is to be met there either
     try:
-        for service, robot in parts:
-            if service in bus.namespaced(robot).alive():
-                raise BusError(f"another {join_key(service, robot)} is already running on this bus")
+        alive = bus.alive()
+        for name in (join_key(*part) for part in parts):
+            if name in alive:
+                raise BusError(f"another {name} is already running on this bus")
     finally:
         bus.close()
 

@@ -155,4 +155,4 @@ def read_norm(file: Path) -> Norm:
         def name_source(key: str, problem: str, *, of_table: bool) -> str:
             return str(file)
 
-        raise ConfigError(explain(error, raw, Norm, "", name_source, ())) from None
+        raise ConfigError(explain(error, raw, Norm, "", name_source)) from None

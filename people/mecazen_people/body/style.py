@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mecazen.config.people import Body
+
 from mecazen_people.body.norm import Factors, FactorTable, Fourier, Norm
-from mecazen_people.config import Body
 
 _ADULT_M = 1.75  # height of the people in the table
 _DOUBLE = 0.03  # least share of the cycle between a heel strike and the other foot's toe-off

@@ -6,6 +6,7 @@ import math
 from copy import copy
 
 import numpy as np
+from mecazen.config.people import Body
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_people.body.lookup import SLOWEST, Lookup
@@ -14,7 +15,6 @@ from mecazen_people.body.posture import Point, Posture, sagittal_angles
 from mecazen_people.body.recording import read_recording
 from mecazen_people.body.segments import Segments
 from mecazen_people.body.style import Style, reference
-from mecazen_people.config import Body
 from mecazen_people.motion import Motion
 
 _LAG_S = 0.08  # of each of two lags in series, of the twist and of the change to standing

@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from operator import mul
 from typing import NamedTuple
 
+from mecazen.config import ControllerConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
+
+NO_LENGTHS = ControllerConfig()
+"""A configuration that leaves the lengths to the robot file."""
 
 
 class WheelSpeeds(NamedTuple):
@@ -51,10 +55,14 @@ class MecanumKinematics:
     cross_gain: float = 1.0
 
     @classmethod
-    def of(cls, robot: Robot) -> MecanumKinematics:
-        """Return the kinematics of a robot file."""
-        lengths = robot.wheels.radius_m, robot.half_wheelbase, robot.half_track
-        return cls(*lengths, robot.cross_gain)
+    def of(cls, robot: Robot, config: ControllerConfig = NO_LENGTHS) -> MecanumKinematics:
+        """Return the kinematics with the lengths of the configuration, else of the robot file."""
+        return cls(
+            config.wheel_radius_m or robot.wheels.radius_m,
+            config.half_wheelbase_m or robot.half_wheelbase,
+            config.half_track_m or robot.half_track,
+            robot.cross_gain,
+        )
 
     @property
     def lever(self) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
+from mecazen.drive import axis_limits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
@@ -28,8 +29,7 @@ from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
-from mecazen_controller.config import ControllerConfig
-from mecazen_controller.kinematics import DeadReckoning, WheelSpeeds
+from mecazen_controller.kinematics import DeadReckoning, MecanumKinematics, WheelSpeeds
 
 
 class OdometryNode(Node):
@@ -39,8 +39,8 @@ class OdometryNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.section(ControllerConfig, "controller")
-        self.kinematics = self.config.kinematics(scenario.robot)
+        self.config = scenario.controller
+        self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.ticks_per_sample = scenario.ticks_per(self.ROW.rates[ODOM.key])
         self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(self.config.twist_covariance_diagonal)
@@ -50,14 +50,15 @@ class OdometryNode(Node):
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
         """Return the row with the input and the key that the configuration asks for."""
-        config = scenario.section(ControllerConfig, "controller")
+        config = scenario.controller
         inputs = cls.ROW.inputs if config.odometry == "wheel" else (every(GROUND_TRUTH),)
         return replace(cls.ROW, inputs=inputs, remap={ODOM.key: config.odometry_key})
 
     def reset(self, seed: int) -> None:
         """Stand at the start."""
         del seed
-        self.dead_reckoning = DeadReckoning(self.config.odometry_scale.factors)
+        scale = self.config.odometry_scale
+        self.dead_reckoning = DeadReckoning(Twist2D(scale.x, scale.y, scale.yaw))
         self.dead_reckoning.set(self.scenario.start.pose)
         self.time = m.Time()
         self.measured_ns: int | None = None
@@ -116,21 +117,21 @@ class ControllerNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.section(ControllerConfig, "controller")
-        self.kinematics = self.config.kinematics(scenario.robot)
+        self.config = scenario.controller
+        self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
-        self.limits = self.config.limits.limits
+        self.limits = axis_limits(self.config.limits)
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
     def configure(self, scenario: Scenario) -> None:
         """Take other limits from now on."""
         super().configure(scenario)
-        self.limits = self.config.limits.limits
+        self.limits = axis_limits(self.config.limits)
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
         """Return the row with the configured key of the command."""
-        config = scenario.section(ControllerConfig, "controller")
+        config = scenario.controller
         return replace(cls.ROW, remap={CMD_VEL.key: config.command_key})
 
     def reset(self, seed: int) -> None:

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.config.world import Box, Cylinder
 from mecazen.portable import exp, product
-from mecazen.world import Box, Cylinder
 
 Floats = npt.NDArray[np.float64]
 

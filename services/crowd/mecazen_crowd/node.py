@@ -6,6 +6,7 @@ import math
 
 from mecazen import messages as m
 from mecazen.config import Scenario
+from mecazen.config.crowd import Goal, Walker
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.graph import TABLE
@@ -15,7 +16,6 @@ from mecazen_people.body.walker import Walker as Body
 from mecazen_people.motion import Motion, Path
 from mecazen_people.paths import make_path
 
-from mecazen_crowd.config import CrowdConfig, Goal, Walker
 from mecazen_crowd.reactive import Errand, Other, Pedestrians, drawn
 
 ROBOT_MARGIN_M = 0.1
@@ -31,7 +31,7 @@ class CrowdNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = config = scenario.section(CrowdConfig, "crowd")
+        self.config = config = scenario.crowd
         self.period = scenario.ticks_per("sensors.skeleton_rate_hz")
         if any(name.startswith("walker_") for name in scenario.names):
             raise ConfigError("robots: names that begin with walker_ are those of the crowd")

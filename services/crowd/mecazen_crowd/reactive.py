@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from mecazen.config.crowd import Goal, Reactive
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
-from mecazen.world import Box, Cylinder
 from mecazen_people.motion import Motion
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
 from numpy.random import PCG64, Generator
 
 from mecazen_crowd import forces
-from mecazen_crowd.config import Goal, Reactive
 from mecazen_crowd.forces import Floats
 
 ARRIVED_M = 0.3

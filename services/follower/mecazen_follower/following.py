@@ -6,13 +6,13 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from mecazen.config import SensorConfig
+from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.standoff import Errors
 
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.goal import Errors
+from mecazen_follower.making import make_controller
 from mecazen_follower.planner.planner import Planner
 from mecazen_follower.planner.verdict import Plan
 from mecazen_follower.polar import ALL_AROUND, UNLIMITED, View
@@ -57,7 +57,7 @@ class Following:
         planner: Planner | None = None,
     ) -> None:
         self.people = PersonTracker(config, sensor, hold)
-        self._controller = config.make_controller(drive, view)
+        self._controller = make_controller(config, drive, view)
         self.planner = planner
         self._view = view
         self._side = 1.0

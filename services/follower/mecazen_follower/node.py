@@ -7,7 +7,7 @@ from dataclasses import replace as replace_row
 from itertools import repeat
 
 from mecazen import messages as m
-from mecazen.config import Scenario, SensorConfig
+from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
@@ -22,9 +22,9 @@ from mecazen.wire import NS_PER_S
 from msgspec.structs import replace
 
 from mecazen_follower.association import Measurement
-from mecazen_follower.config import FollowerConfig
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
+from mecazen_follower.making import make_planner
 from mecazen_follower.planner.costs import Body, Sight
 from mecazen_follower.polar import View, kept_view
 from mecazen_follower.tracking import Frame
@@ -55,7 +55,7 @@ class FollowerNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.section(FollowerConfig, "follower")
+        self.config = scenario.follower
         self.sensor = data_sheet(scenario)
         person, robot = scenario.world.person.radius_m, math.hypot(*scenario.robot.footprint)
         least = person + robot + CLEARANCE_M
@@ -74,7 +74,7 @@ class FollowerNode(Node):
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
         """Return the row: scans are for the planner."""
-        if scenario.section(FollowerConfig, "follower").planner is not None:
+        if scenario.follower.planner is not None:
             return cls.ROW
         return replace_row(cls.ROW, inputs=tuple(i for i in cls.ROW.inputs if i.topic is not SCAN))
 
@@ -98,7 +98,7 @@ class FollowerNode(Node):
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
-        planner = self.config.make_planner(drive, body, sight_of(self.scenario, sensor), self.seed)
+        planner = make_planner(self.config, drive, body, sight_of(self.scenario, sensor), self.seed)
         return Following(self.config, sensor, drive, view, hold_s, planner)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:

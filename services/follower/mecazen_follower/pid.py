@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from typing import Self
 
+from mecazen.config.follower import Gains
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.schema import Live, NonNegative, Positive, Section
-
-
-class Gains(Section):
-    """Gains of one axis. The output is a velocity: kp in 1/s, ki in 1/s², kd without unit."""
-
-    kp: Live[NonNegative]
-    limit: Live[Positive]
-    """Largest magnitude of the output [m/s or rad/s]."""
-    ki: Live[NonNegative] = 0.0
-    kd: Live[NonNegative] = 0.0
 
 
 class PID:

@@ -7,9 +7,9 @@ from typing import NamedTuple, Self
 
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.standoff import Standoff
 
 from mecazen_follower.allocation import Wanted, allocate
-from mecazen_follower.goal import Standoff
 
 UNLIMITED = Drive()
 HEADROOM = 0.2

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from mecazen.config import SensorConfig
+from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D
 
 from mecazen_follower.association import NO_HEADING, Association, Measurement, nearest
-from mecazen_follower.config import FollowerConfig
-from mecazen_follower.estimators import Estimate
+from mecazen_follower.estimators import Estimate, make_estimator
 from mecazen_follower.estimators.base import as_tuple
 from mecazen_follower.noise import ReportedNoise
 
@@ -102,7 +101,7 @@ class PersonTracker:
     """
 
     def __init__(self, config: FollowerConfig, sensor: SensorConfig, hold: float = 0.0) -> None:
-        self.estimator = config.make_estimator()
+        self.estimator = make_estimator(config.estimator, config.estimator_params)
         missed = MISSED_FRAMES / sensor.rate_hz
         coast_after = max(config.coast_after_s, missed)
         lost_after = max(config.lost_after_s, 2.0 * missed)

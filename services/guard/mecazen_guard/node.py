@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.drive import Drive, DriveConfig
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
@@ -36,7 +36,7 @@ class GuardNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
-        self.timeout_s = DriveConfig.of(scenario).reference_timeout_s
+        self.timeout_s = scenario.controller.reference_timeout_s
         self.silence_s = config.silent_scans / lidar.rate_hz
         x, y, _ = robot.lidar.position_m
         self.surroundings = Surroundings(config, lidar, Pose2D(x, y))
@@ -48,14 +48,14 @@ class GuardNode(Node):
         """Keep other margins from now on, or count on other limits of the controller."""
         super().configure(scenario)
         config = scenario.guard
-        self.timeout_s = DriveConfig.of(scenario).reference_timeout_s
+        self.timeout_s = scenario.controller.reference_timeout_s
         self.surroundings.config = config
         self.guard.configure(Drive.of(scenario), config.reaction_s, config.person_stop_s)
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
         """Return the row with the key of the command that the controller names."""
-        return replace(cls.ROW, remap={CMD_VEL.key: DriveConfig.of(scenario).command_key})
+        return replace(cls.ROW, remap={CMD_VEL.key: scenario.controller.command_key})
 
     def reset(self, seed: int) -> None:
         """Know nothing, and let nothing through before the first scan."""

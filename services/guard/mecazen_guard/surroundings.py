@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.config import GuardConfig
+from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
-from mecazen.guard import GuardConfig
 from mecazen.messages import LaserScan
-from mecazen.sensors import LidarConfig
 
 from mecazen_guard.guard import NONE, Floats, Points
 

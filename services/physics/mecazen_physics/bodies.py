@@ -8,12 +8,12 @@ from typing import Any
 
 import dartpy as dart
 import numpy as np
+from mecazen.config import PhysicsConfig, WorldConfig
+from mecazen.config.world import Box, Cylinder, Patch, Person
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import Box, Cylinder, Patch, Person, WorldConfig
 
 from mecazen_physics import model
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import LEGS
 from mecazen_physics.rollers import Roller

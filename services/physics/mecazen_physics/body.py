@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import dartpy as dart
+from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import ContactCandidates
 from mecazen_physics.dart_world import DartWorld, RobotBodies
 from mecazen_physics.model import full_tree

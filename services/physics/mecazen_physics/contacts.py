@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from mecazen.config import PhysicsConfig
+from mecazen.config.world import Box, Cylinder, Ridge
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import Box, Cylinder, Ridge
-
-from mecazen_physics.config import PhysicsConfig
 
 MARGIN_RAD = 0.2
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.2), 1 mm at R = 50 mm."""

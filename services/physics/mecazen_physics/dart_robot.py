@@ -8,13 +8,12 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import msgspec
+from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
 from mecazen_physics.body import AllRollersBody, RobotBody
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import (
     CLEARANCE_M,
     HORIZON_S,

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import dartpy as dart
 import numpy as np
+from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import MovingPerson, place
 

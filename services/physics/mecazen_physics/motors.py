@@ -8,11 +8,11 @@ from functools import partial
 from operator import sub
 from typing import Any, NamedTuple
 
+from mecazen.config import PhysicsConfig
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
 from mecazen_physics.body import RobotBody
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.pid import WheelPid
 from mecazen_physics.state import RobotState
 

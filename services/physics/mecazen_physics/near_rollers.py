@@ -14,14 +14,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
 from mecazen_physics.airborne import AirborneRollers
 from mecazen_physics.body import RobotBody
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
 from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError

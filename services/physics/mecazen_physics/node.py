@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 from mecazen.config import Scenario
+from mecazen.config.physics import MAX_DT_S
+from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
@@ -44,9 +46,7 @@ from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.robots import join_key
 from mecazen.skeleton import JOINTS
-from mecazen.world import Box
 
-from mecazen_physics.config import MAX_DT_S, PhysicsConfig
 from mecazen_physics.contacts import Footprint
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.people import TOO_FAR, Floats, JointMotion, MovingPerson, Seen
@@ -65,7 +65,7 @@ class PhysicsWorld(World):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.section(PhysicsConfig, "physics")
+        self.config = scenario.physics
         self.steps_per_tick = _steps(scenario.sim.tick_s, self.config.dt_s)
         self.parts = {name: scenario.of(name) for name in scenario.names}
         for name, part in self.parts.items():

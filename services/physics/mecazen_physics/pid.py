@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mecazen_physics.config import Pid
+from mecazen.config.physics import Pid
 
 
 class WheelPid:

@@ -15,9 +15,9 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 import numpy.typing as npt
+from mecazen.config.world import Ridge
 from mecazen.portable import product
 from mecazen.robot import WHEELS, Robot
-from mecazen.world import Ridge
 
 from mecazen_physics import bodies
 from mecazen_physics.dart_world import DartWorld

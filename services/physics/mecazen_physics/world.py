@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 
+from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen.world import WorldConfig
 
-from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.contacts import CLEARANCE_M, HORIZON_S, horizon_steps
 from mecazen_physics.dart_robot import HYSTERESIS, Check, DartRobot
 from mecazen_physics.dart_world import DartWorld

@@ -65,8 +65,9 @@ def record(
 
     Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
     """
+    from mecazen.config import RecorderConfig
+
     from mecazen_recorder import rerun
-    from mecazen_recorder.config import RecorderConfig
     from mecazen_recorder.recorder import record_until_stopped
 
     if rrd:
@@ -161,7 +162,7 @@ def replay(
                 f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"
             )
         for name, description in descriptions.items():
-            serve_description(bus.namespaced(name), description)
+            serve_description(bus, name, description)
         for turn in count() if loop else range(1):
             times = {"begin_ns": begin_ns, "end_ns": end_ns}
             published = publish(recording, bus, keys or ["**"], speed=speed, turn=turn, **times)

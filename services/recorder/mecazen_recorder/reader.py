@@ -19,9 +19,9 @@ from mecazen.config import Scenario
 from mecazen.description import RobotDescription
 from mecazen.errors import ConfigError
 from mecazen.explain import one_line
-from mecazen.graph import SERVICES
+from mecazen.graph import TABLE
 from mecazen.keys import TOPICS
-from mecazen.loading import from_tables, installed_sections, robots_in
+from mecazen.loading import from_tables, robots_in
 from mecazen.messages import Message, MessageT
 from mecazen.robots import split_key
 from mecazen.ros import cdr
@@ -34,6 +34,8 @@ from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """Errors of the library on missing or corrupt bytes."""
 
+WITH_FILES = ("target", "crowd", "bus")
+"""Sections that refer to files, such as a recorded walk."""
 _TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
 
 
@@ -163,10 +165,10 @@ class Recording:
         return self._robots.get(run, ("",))
 
     def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run with the named sections of services.
+        """Return the configuration of a run, with defaults for some sections unless they are named.
 
-        Files to which other sections refer, such as a walk, need not exist any more. Where the
-        recording is not trusted, programs that are not installed and their sections are left out.
+        Those are `WITH_FILES`, since such a file need not exist any more, and the sections of user
+        nodes. Where the recording is not trusted, programs that are not installed are left out.
 
         Raises:
             RecordingError: It is not in the recording.
@@ -180,12 +182,10 @@ class Recording:
             reason = one_line(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
         code = {} if self.trusted else _code(tables)
+        programs = tables.get("programs", {})
         if code:
-            kept = {name: of for name, of in tables["programs"].items() if name not in code}
-            tables["programs"] = kept
-        # guard and sensors are sections that every node reads, besides being services
-        own = {*SERVICES, *installed_sections()} - {*Scenario.__struct_fields__}
-        optional = {*code, *own, "bus"}
+            tables["programs"] = {name: of for name, of in programs.items() if name not in code}
+        optional = {*code, *programs.keys() - TABLE.keys(), *WITH_FILES}
 
         def wanted(tables: dict[str, Any]) -> dict[str, Any]:
             return {

@@ -13,13 +13,12 @@ import msgspec
 from mecazen.bus import LocalBus
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, TABLE
-from mecazen.keys import PARAMETERS, TOPICS
+from mecazen.keys import PARAMETERS
 from mecazen.messages import Message
 from mecazen.node import Node
 from mecazen.programs import classes
-from mecazen.robots import split_key
-from mecazen.runtime.host import make_nodes
-from mecazen.runtime.service import Service
+from mecazen.runtime.host import Host
+from mecazen.runtime.worker import Worker
 from mecazen.wire import NS_PER_S, Stamp, encode
 
 from mecazen_recorder.reader import Recording, Sample
@@ -27,13 +26,6 @@ from mecazen_recorder.writer import RecordingError
 
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs} - {PARAMETERS.key}
 """Keys whose last sample tells how far a recording goes."""
-
-ALL_SEE = {topic.key for topic in TOPICS if topic.shared}
-"""Keys that are in no robot's namespace."""
-
-
-KNOWN_TO_OTHERS = "controller", "guard"
-"""Services whose sections other nodes look into as well."""
 
 
 class Difference(NamedTuple):
@@ -79,21 +71,15 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     recording.refuse_code()
     for run, samples in runs.items():
         bus = LocalBus()
-        service = _make_service(recording, run, program, robot, bus)
-        compared = _recompute_run(_seen_by(robot, samples), service, bus, robot)
-        service.close()
+        worker = _make_worker(recording, run, program, robot, bus)
+        compared = _recompute_run(samples, worker, bus)
+        worker.host.close()
         counts += compared.counts
         if compared.difference is not None:
             return Comparison(counts, compared.difference)
     if not counts:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
     return Comparison(counts, None)
-
-
-def _seen_by(robot: str, samples: Sequence[Sample]) -> list[Sample]:
-    """Return what a robot's services see, with keys relative to its namespace; without one, all."""
-    split = ((sample, *split_key(sample.key, {robot} - {""})) for sample in samples)
-    return [s._replace(key=key) for s, name, key in split if name == robot or key in ALL_SEE]
 
 
 def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
@@ -112,15 +98,13 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     return whole
 
 
-def _make_service(
-    recording: Recording, run: int, program: str, robot: str, bus: LocalBus
-) -> Service:
+def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: LocalBus) -> Worker:
     """Return the nodes with their recorded configuration; raises as `recompute`."""
     scenario = recording.scenario(run)
     kinds = classes(program, scenario)
     if not all(issubclass(kind, Node) for kind in kinds.values()):
         raise ConfigError(
-            f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest anew"
+            f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest again"
         )
     programs = scenario.programs
     if ":" in program:
@@ -130,49 +114,33 @@ def _make_service(
     name = TABLE[place].part_of if place in TABLE else place
     if name not in scenario.services:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
-    sections = recording.scenario(run, name, *KNOWN_TO_OTHERS)
-    recorded = msgspec.structs.replace(sections, programs=programs)
-    service = make_nodes(name, kinds, bus, recorded, robot)
-    assert isinstance(service, Service)
-    return service
+    recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
+    return Worker(Host([(name, robot)], bus, recorded, kinds))
 
 
-def _recompute_run(
-    samples: Sequence[Sample], service: Service, bus: LocalBus, robot: str
-) -> Comparison:
-    """Feed a robot's service with its inputs among the samples and compare its outputs."""
-    rows = [node.row for node in service.nodes]
-    triggers = {row.on_bus(i.topic).key for row in rows for i in row.inputs if i.rule == "every"}
-    topics = {
-        row.on_bus(topic).key: topic
-        for row in rows
-        for topic in (*(i.topic for i in row.inputs), *row.outputs)
-    }
-    topics[PARAMETERS.key] = PARAMETERS
-    outputs = [row.on_bus(topic) for row in rows for topic in row.outputs]
-    recorded: dict[str, Outputs] = {topic.key: [] for topic in outputs}
-    recomputed: dict[str, Outputs] = {topic.key: [] for topic in outputs}
-    for topic in outputs:
-        bus.namespaced(robot).subscribe(topic, partial(_keep, recomputed[topic.key]))
-
-    def place_in_time(sample: Sample) -> tuple[int, bool, int]:
-        # the recorder gets the samples of a tick from several processes, in any order;
-        # a sample without a stamp may have come at any time within its tick
-        order = 0 if sample.key == PARAMETERS.key else 1 if sample.key in triggers else 2
-        return sample.time_ns, sample.stamp is None, order
-
+def _recompute_run(samples: Sequence[Sample], worker: Worker, bus: LocalBus) -> Comparison:
+    """Feed a service with its inputs among the samples and compare its outputs."""
+    turns = [hosted.turn for hosted in worker.host.hosted]
+    topics = {need.on_bus.key: need.on_bus for turn in turns for need in turn.needs}
+    outputs = {on_bus.key: on_bus for turn in turns for _, on_bus, _ in turn.gives}
+    topics |= {**outputs, PARAMETERS.key: PARAMETERS}
+    recorded: dict[str, Outputs] = {key: [] for key in outputs}
+    recomputed: dict[str, Outputs] = {key: [] for key in outputs}
+    for key, topic in outputs.items():
+        bus.subscribe(topic, partial(_keep, recomputed[key]))
     last_ns: dict[str, int] = {}
-    for sample in sorted(samples, key=place_in_time):
+    # a sample without a stamp may have come at any time within its tick
+    for sample in sorted(samples, key=lambda one: (one.time_ns, one.stamp is None)):
         if sample.key not in topics:
             continue
+        kind = topics[sample.key].type
         if sample.key not in recorded:
-            topic = topics[sample.key]
-            to = bus if topic.shared else bus.namespaced(robot)
-            to.put_bytes(sample.key, *sample.as_published(topic.type))
-            bus.spin()
+            bus.put_bytes(sample.key, *sample.as_published(kind))
+            while worker.step():
+                pass
         elif sample.stamp is not None:
-            _keep(recorded[sample.key], sample.message(topics[sample.key].type), sample.stamp)
-        if sample.stamp is not None and topics[sample.key].key in PERIODIC:
+            _keep(recorded[sample.key], sample.message(kind), sample.stamp)
+        if sample.stamp is not None and topics[sample.key].name in PERIODIC:
             last_ns[sample.key] = sample.time_ns
     # the last completely recorded tick
     horizon_ns = min(last_ns.values(), default=0)

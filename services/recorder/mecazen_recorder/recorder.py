@@ -16,16 +16,16 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
+from mecazen.config import RecorderConfig
 from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
-from mecazen.keys import Topic, topic_of
+from mecazen.keys import Topic, call_of_robot, of_robot, topic_of
 from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
-from mecazen.robots import join_key, split_key
+from mecazen.robots import split_key
 from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
-from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.runs import FirstSamples
 from mecazen_recorder.writer import SYNC_S, RecordingWriter
 
@@ -102,10 +102,9 @@ class Recorder:
                 for topic in heard:
                     if topic.shared and robot:
                         continue
-                    name = join_key(topic.key, robot)
-                    if any(includes(key, name) for key in recorded):
-                        take = partial(self._take, name)
-                        bus.namespaced(robot).subscribe(topic, take, every=True)
+                    on_bus = of_robot(topic, robot)
+                    if any(includes(key, on_bus.key) for key in recorded):
+                        bus.subscribe(on_bus, partial(self._take, on_bus.key), every=True)
 
     def run(self) -> None:
         """Record until the bus is stopped."""
@@ -184,7 +183,8 @@ class Recorder:
         self.now = stamp
         self._waiting.extendleft((sample, first))
         self._waiting_bytes += 2 * SAMPLE_BYTES + bytes_of(sample) + bytes_of(first)
-        served = any(self._bus.namespaced(r).serves(keys.ROBOT_DESCRIPTION) for r in self._robots)
+        calls = [call_of_robot(keys.ROBOT_DESCRIPTION, robot) for robot in self._robots]
+        served = any(map(self._bus.serves, calls))
         if self._most_bytes and not served:
             self._answer = self._asking.submit(self._ask)
         else:
@@ -228,7 +228,7 @@ class Recorder:
         descriptions = {}
         for robot in [one for one in robots if one not in self._described]:
             with suppress(BusError):  # nobody simulates, as in a replay of another recording
-                descriptions[robot] = ask_description(self._bus.namespaced(robot), ANSWER_S)
+                descriptions[robot] = ask_description(self._bus, robot, ANSWER_S)
         return _Answer(scenario, descriptions)
 
 

@@ -16,7 +16,6 @@ from mecazen.loading import to_toml
 from mecazen.programs import graph_of
 from mecazen.runtime.observer import Observer
 
-from mecazen_recorder.config import RecorderConfig
 from mecazen_recorder.recorder import Recorder
 
 logger = logging.getLogger(__name__)
@@ -32,7 +31,7 @@ class RecorderService(Observer):
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         super().__init__(name, bus, scenario)
-        config = scenario.section(RecorderConfig, "recorder")
+        config = scenario.recorder
         if scenario.sim.mode == "real_time":  # it may have been started again
             config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
         parts, topics = scenario.services, graph_of(scenario).topics

@@ -11,6 +11,7 @@ from typing import IO, NamedTuple, cast
 import msgspec
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
+from mecazen.config.recorder import Encoding
 from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import DiagnosticArray, Message
@@ -18,8 +19,6 @@ from mecazen.robots import join_key
 from mecazen.ros import cdr
 from mecazen.ros.types import definition
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
-
-from mecazen_recorder.config import Encoding
 
 LIBRARY = "mecazen"
 URDF = "robot.urdf"

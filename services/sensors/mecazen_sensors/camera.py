@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.config.sensors import DepthConfig, TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import product
 from mecazen.robot import Camera as Mount
-from mecazen.sensors import DepthConfig, TrackerConfig
 
 from mecazen_sensors.scene import Floats
 

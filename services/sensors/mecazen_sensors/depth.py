@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from mecazen import messages as m
+from mecazen.config.sensors import DepthConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import product, turned
 from mecazen.robot import Camera as Mount
-from mecazen.sensors import DepthConfig
 from numpy.random import PCG64, Generator
 
 from mecazen_sensors.camera import Camera

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 from mecazen import messages as m
+from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import turned
 from mecazen.robot import Attachment
-from mecazen.sensors import LidarConfig
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 

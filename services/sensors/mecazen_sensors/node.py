@@ -32,11 +32,9 @@ class _Sensor(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        name, robots = scenario.fleet
-        self.own = name or "target"
+        self.own = scenario.robot_name or "target"
         """The name of its own robot's person."""
-        self.others = [other for other in robots if other != name]
-        self.robots = [scenario.robot, *(robots[other] for other in self.others)]
+        self.robots = [scenario.robot, *scenario.others.values()]
         self.scene = Scene(scenario.world, self.robots)
         self.around = m.People()
         """Everybody, as last known."""
@@ -60,7 +58,7 @@ class _Sensor(Node):
             self.scene = Scene(self.scenario.world, self.robots, len(people))
         self.scene.place_robot(CARRIER, robot)
         places = {one.name: one.pose.to_planar() for one in around.robots}
-        for number, name in enumerate(self.others, 1):
+        for number, name in enumerate(self.scenario.others, 1):
             if name in places:
                 self.scene.place_robot(number, places[name])
         for number, (joints, (_, height)) in enumerate(zip(people, bodies, strict=True)):

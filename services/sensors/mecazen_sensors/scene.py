@@ -21,11 +21,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from mecazen.config import WorldConfig
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.portable import product, turned
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
-from mecazen.world import Box, WorldConfig
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]

@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen import messages as m
+from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import product, turned
 from mecazen.robot import Camera as Mount
-from mecazen.sensors import TrackerConfig
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.ticks import ticks_per_sample, whole_ticks
 from mecazen.wire import NS_PER_S

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mecazen import messages as m
-from mecazen.config import Scenario
+from mecazen.config import Scenario, people
 from mecazen.errors import ConfigError
 from mecazen.graph import TABLE
 from mecazen.keys import (
@@ -17,13 +17,11 @@ from mecazen.keys import (
     Topic,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen_people import config
 from mecazen_people.body.posture import Posture
 from mecazen_people.body.walker import Walker
 from mecazen_people.motion import Driven, Motion, with_gait
 from mecazen_people.paths import make_path, start_pose
 
-from mecazen_target.config import TargetConfig
 from mecazen_target.sensor import Frame, Sensor, latency_ticks
 
 
@@ -34,10 +32,10 @@ class TargetNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.section(TargetConfig, "target")
+        self.config = scenario.target
         path = self.config.path
         try:
-            self.path = None if isinstance(path, config.Driven) else make_path(path)
+            self.path = None if isinstance(path, people.Driven) else make_path(path)
         except ValueError as error:
             raise ConfigError(f"target.path: {error}") from None
         # both refuse what does not suit the tick
@@ -52,7 +50,7 @@ class TargetNode(Node):
     def reset(self, seed: int) -> None:
         """Stand at the start, with noise from `seed`."""
         path, tick_s = self.config.path, self.scenario.sim.tick_s
-        timeout_s = path.timeout_s if isinstance(path, config.Driven) else 0.0
+        timeout_s = path.timeout_s if isinstance(path, people.Driven) else 0.0
         self.driven = Driven(start_pose(path), timeout_s, tick_s)
         self.tick = 0
         self.motion = self.motion_at(0)

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 import numpy as np
 import rerun as rr
 from mecazen import messages as m
-from mecazen.config import Scenario, wanted_view
+from mecazen.config import Scenario
 from mecazen.description import RobotDescription
 from mecazen.geometry import Pose2D
 from mecazen.graph import CROWD
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.standoff import Standoff
 
 from mecazen_viewer import covariance, plots, senses, things, urdf
 from mecazen_viewer import entities as e
@@ -65,7 +66,7 @@ class Picture:
         self._grid: tuple[int, int] | None = None
         self._centre: tuple[int, int] | None = None
         self._shown_ns: dict[str, int] = {}
-        self._standoff = wanted_view(scenario)
+        self._standoff = scenario.follower.standoff
 
     def shapes(self) -> Iterator[Entity]:
         """Return the static entities that belong to the robot, without its body."""
@@ -199,7 +200,8 @@ class Picture:
         robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
         seen = None if robot is None or truth is None else truth.between(robot)
         wanted = person.between(goal)
-        standoff = math.hypot(wanted.x, wanted.y), wanted.yaw
+        distance, bearing = math.hypot(wanted.x, wanted.y), math.atan2(wanted.y, wanted.x)
+        standoff = Standoff(distance, bearing, wanted.yaw)
         yield from plots.errors(standoff, seen, state.distance_error, state.heading_error)
         odom = self._odom.at(time_ns)
         if seen is not None and odom is not None and spread is not None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import rerun as rr
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.robot import WHEELS
+from mecazen.standoff import Standoff
 
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import scalars
@@ -80,20 +81,19 @@ def styles(plots: Mapping[str, tuple[Line, ...]]) -> Iterator[Entity]:
 
 
 def errors(
-    standoff: tuple[float, float],
+    standoff: Standoff,
     seen: Pose2D | None,
     distance_error: float = math.nan,
     heading_error: float = math.nan,
 ) -> Iterator[Entity]:
     """Return the errors of distance [m] and heading [deg], true and as the follower estimates them.
 
-    `standoff` is the desired distance [m] and difference of headings [rad], `seen` the true pose
-    of the robot in the person's frame, None if unknown.
+    `seen` is the true pose of the robot in the person's frame, None if unknown.
     """
     distance = angle = math.nan
     if seen is not None:
-        distance = math.hypot(seen.x, seen.y) - standoff[0]
-        angle = wrap(seen.yaw - standoff[1])
+        distance = math.hypot(seen.x, seen.y) - standoff.distance
+        angle = wrap(seen.yaw - standoff.heading)
     yield e.DISTANCE, scalars([*DISTANCE_BAND_M, 0.0, distance_error, distance])
     estimated, true = math.degrees(heading_error), math.degrees(angle)
     yield e.ANGLE, scalars([*ANGLE_BAND_DEG, 0.0, estimated, true])

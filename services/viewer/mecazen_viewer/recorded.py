@@ -50,7 +50,7 @@ class Recording(Protocol):
         """Return the description of each robot, by name."""
 
     def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run with the named sections of services."""
+        """Return the configuration of a run, with the named sections."""
 
 
 def open_file(file: Path, *, native: bool) -> None:
@@ -102,7 +102,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
     recording: Recording = reader(file)
     bus = LocalBus()
     for robot, description in recording.descriptions().items():
-        serve_description(bus.namespaced(robot), description)
+        serve_description(bus, robot, description)
     files: list[Path] = []
 
     def save(layout: rrb.Blueprint, run: rr.RecordingStream) -> None:
@@ -121,7 +121,6 @@ def draw(file: Path, folder: Path) -> list[Path]:
             bus.put_bytes(sample.key, *sample.as_published())
         except RefusedError:
             continue
-        bus.spin()
     if viewer is None:
         raise ConfigError(f"{file}: holds no run")
     viewer.end()

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import rerun as rr
 from mecazen import messages as m
+from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import Camera
-from mecazen.sensors import TrackerConfig
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 
 from mecazen_viewer import components

@@ -8,8 +8,8 @@ from contextlib import ExitStack, closing, contextmanager
 
 import rerun as rr
 import rerun.blueprint as rrb
+from mecazen.config import ViewerConfig
 
-from mecazen_viewer.config import ViewerConfig
 from mecazen_viewer.rerun_process import (
     SERVES,
     SHOWS,

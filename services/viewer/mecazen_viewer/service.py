@@ -23,7 +23,6 @@ from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
 from mecazen.wire import NS_PER_S, Stamp
 
-from mecazen_viewer.config import ViewerConfig
 from mecazen_viewer.entities import TIMELINE, Entity, of_robot
 from mecazen_viewer.health import Health
 from mecazen_viewer.layout import application, blueprint
@@ -46,7 +45,7 @@ class ViewerService(Observer):
     """Shows every run, with all its robots, as a recording of its own."""
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
-        self.config = scenario.section(ViewerConfig, "viewer")
+        self.config = scenario.viewer
         self.runs = 0
         self.send: Callable[[rr.RecordingStream], None] | None = None
         """Called with the recording of each run before anything is logged in it. Without it the
@@ -138,7 +137,7 @@ class ViewerService(Observer):
             try:
                 entities = list(draw(self.pictures[robot], message, time_ns))
             except ValueError as refusal:
-                self.bus.namespaced(robot).refuse(topic.key, str(refusal))
+                self.bus.refuse(join_key(topic.key, robot), str(refusal))
                 return
             self.log(robot, entities, time_ns)
 
@@ -195,7 +194,7 @@ class ViewerService(Observer):
     def robot(self, name: str) -> Iterable[Entity]:
         """Return the static entities of a robot; none if nobody describes it."""
         try:
-            description = ask_description(self.bus.namespaced(name), DESCRIPTION_TIMEOUT_S)
+            description = ask_description(self.bus, name, DESCRIPTION_TIMEOUT_S)
             return self.pictures[name].robot_shapes(description)
         except (BusError, ValueError) as error:
             logger.warning("msg=%r", f"no picture of {name or 'the robot'}: {error}")

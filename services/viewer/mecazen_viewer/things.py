@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
+from mecazen.config.world import Ridge
 from mecazen.geometry import Pose2D
-from mecazen.world import Ridge
 
 from mecazen_viewer import components
 from mecazen_viewer import entities as e

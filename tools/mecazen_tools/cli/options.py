@@ -10,8 +10,8 @@ from typing import Annotated
 import msgspec
 import typer
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import ROUTER, SECURE_ROUTER, BusConfig
-from mecazen.config import Scenario
+from mecazen.config import BusConfig, Scenario
+from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.errors import ConfigError
 from mecazen.loading import SCENARIO_VARIABLE, SETTINGS_VARIABLE, load_scenario, scenario_path
 from mecazen.schema import Folder

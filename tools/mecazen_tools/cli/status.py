@@ -197,12 +197,6 @@ class _Listener:
     def status(self) -> Status:
         """Return how everybody is now."""
         self._alive = self._bus.alive()
-        for robot in self._robots:
-            # of what the robots share it is known already
-            alive = {
-                n for n in self._bus.namespaced(robot).alive() if n.split("/")[0] not in SHARED
-            }
-            self._alive |= {join_key(name, robot) for name in alive}
         sim = None
         if "physics" in self._alive:
             try:
@@ -229,7 +223,8 @@ class _Listener:
         Strays(self._bus, self._robots or ("",), given, self._strays.append)
 
     def _hear(self, robot: str) -> None:
-        self._bus.namespaced(robot).subscribe_bytes(ALL_DIAGNOSTICS, partial(self._take, robot))
+        key = join_key(ALL_DIAGNOSTICS, robot)
+        self._bus.subscribe_bytes(key, partial(self._take, robot))
 
     def _take(
         self, robot: str, key: str, payload: bytes, encoding: str, attachment: bytes | None
@@ -241,7 +236,7 @@ class _Listener:
             self._bus.refuse(key, str(refusal))
             return
         # whom it is of says the key, which access control guards, not the report
-        name = join_key(key.removeprefix(ALL_DIAGNOSTICS.removesuffix("*")), robot)
+        name = join_key(key.removeprefix(join_key(ALL_DIAGNOSTICS, robot)[:-1]), robot)
         if name in self.reports or len(self.reports) < REPORTS:
             self.reports[name] = {
                 pair.key: pair.value for status in report.status for pair in status.values

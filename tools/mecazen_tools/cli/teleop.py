@@ -18,7 +18,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import BusError, ConfigError
 from mecazen.geometry import Twist2D
-from mecazen.keys import Topic
+from mecazen.keys import Topic, of_robot
 from mecazen.messages import Empty, GuardState, Odometry, Twist
 from mecazen.robots import join_key
 from mecazen.text import printable
@@ -89,21 +89,20 @@ class Driven:
         self._bus = bus
         self._role = role
         self._robot = robot
-        own = bus.namespaced(robot)
-        self._publisher = own.publisher(role.command)
+        self._publisher = bus.publisher(of_robot(role.command, robot))
         self._sent: Twist | None = None
         self._last: dict[str, tuple[float, Any]] = {}
         """By key: when it came, and what."""
-        own.subscribe(role.command, self._hear_other)
-        own.subscribe(role.odometry, partial(self._hear, role.odometry.key))
-        if role is ROBOT:
-            own.subscribe(keys.GUARD_STATE, partial(self._hear, keys.GUARD_STATE.key))
-        own.declare_alive(TELEOP)
-        self._presence = own.presence
+        bus.subscribe(of_robot(role.command, robot), self._hear_other)
+        heard = (role.odometry, keys.GUARD_STATE) if role is ROBOT else (role.odometry,)
+        for topic in heard:
+            bus.subscribe(of_robot(topic, robot), partial(self._hear, topic.key))
+        bus.declare_alive(TELEOP, robot)
+        self._presence = bus.presence
         self._obeys = ""
         self._is_new = True
         """Whether it is to be asked who takes part."""
-        own.presence.on_change.append(self._on_change)
+        bus.presence.on_change.append(self._on_change)
         self._ask()
 
     def send(self, twist: Twist2D) -> None:
@@ -141,7 +140,7 @@ class Driven:
     def note(self) -> str:
         """Return what keeps commands from being obeyed; empty if nothing does."""
         key = join_key(self._role.command.key, self._robot)
-        if self._role.service not in self._presence.names:
+        if join_key(self._role.service, self._robot) not in self._presence.names:
             return f"nobody listens to {key}: is `mecazen up teleop` running?"
         if self._obeys:
             return self._obeys

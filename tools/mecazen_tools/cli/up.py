@@ -16,8 +16,9 @@ from typing import Annotated, Literal
 import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.bus_config import ROUTER, SECURE_ROUTER
 from mecazen.config import Process, Scenario
+from mecazen.config.bus import ROUTER, SECURE_ROUTER
+from mecazen.config.people import Driven
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, services
 from mecazen.loading import load_scenario, scenario_path
@@ -185,7 +186,7 @@ class Status:
         for part, robot in scenario.parts:
             if part in REPORTING:
                 hear = partial(self._on_report, join_key(part, robot))
-                bus.namespaced(robot).subscribe(keys.diagnostics(part), hear)
+                bus.subscribe(keys.of_robot(keys.diagnostics(part), robot), hear)
 
     @property
     def text(self) -> str:
@@ -271,7 +272,7 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
         if not tls:
             zenoh = f"zenoh --mode client --connect {endpoint}"
             lines.insert(2, f"{zenoh} put -k {cmd_vel} -v '{drive}'")
-    if hasattr(getattr(scenario.sections.get("target"), "path", None), "timeout_s"):
+    if isinstance(scenario.target.path, Driven):
         lines.insert(0, f"mecazen pub {walk} '{drive}' --rate 20{tls}   # walks the person")
     else:
         driven = "--set target.path=\"{kind='driven'}\""

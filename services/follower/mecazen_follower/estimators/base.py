@@ -7,13 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
+from mecazen.config.estimators import PARAMS, Params, make_params
 from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.limits import FARTHEST_M
-from mecazen.schema import Positive, Section
 
 from mecazen_follower.estimators.symmetric import Rows, is_positive
 
@@ -40,18 +39,11 @@ class Estimate(NamedTuple):
         return Estimate(pose, velocity, self.covariance)
 
 
-class Params(Section):
-    """Parameters of every estimator: the noise of a sensor that does not report it."""
-
-    position_std_m: Positive = 0.05
-    yaw_std_deg: Positive = 5.0
-
-
 class Estimator(ABC):
     """Tracks one person: `predict` at every tick, `update` with every observation.
 
     A subclass is registered under its `name`; one without a name is a base class. `params` is
-    the struct of its parameters, which are numbers.
+    the struct of its parameters, which are numbers, unless `mecazen.config.estimators` has it.
 
     Attributes:
         nis: Normalised innovation squared of the last update, None before it. If the model is
@@ -61,12 +53,11 @@ class Estimator(ABC):
     registry: ClassVar[dict[str, type[Estimator]]] = {}
     predicts: ClassVar[bool] = True
     """Whether its covariance grows with time, so that it tells who can't be the person."""
-    params_type: ClassVar[type[Params]] = Params
 
     def __init_subclass__(cls, name: str | None = None, params: type[Params] = Params) -> None:
-        cls.params_type = params
         if name is not None:
             Estimator.registry[name] = cls
+            PARAMS.setdefault(name, params)
 
     def __init__(self, params: Params) -> None:
         self.nis: float | None = None
@@ -159,21 +150,10 @@ def _is_symmetric(matrix: Rows) -> bool:
     )
 
 
-def make_params(name: str, params: Mapping[str, float]) -> Params:
-    """Return the parameters of the estimator `name`: those given, else their defaults.
+def make_estimator(name: str, params: Mapping[str, float]) -> Estimator:
+    """Return a new estimator by its name; parameters that are not given have their defaults.
 
     Raises:
         ValueError: The name or a parameter is unknown.
     """
-    if name not in Estimator.registry:
-        raise ValueError(
-            f"unknown estimator {name!r}, allowed: {', '.join(sorted(Estimator.registry))}"
-        )
-    kind = Estimator.registry[name].params_type
-    unknown = params.keys() - set(kind.__struct_fields__)
-    if unknown:
-        raise ValueError(
-            f"{name} has no parameter {', '.join(sorted(unknown))}, "
-            f"allowed: {', '.join(kind.__struct_fields__)}"
-        )
-    return msgspec.convert(params, kind)
+    return Estimator.registry[name](make_params(name, params))

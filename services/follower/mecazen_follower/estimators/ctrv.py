@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from mecazen.config.estimators import CtrvParams, TurnRateParams
 from mecazen.geometry import Pose2D
 from mecazen.portable import product
-from mecazen.schema import NonNegative, Positive
 
-from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params
+from mecazen_follower.estimators.base import Array, Estimate, Estimator
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
     IDENTITY,
@@ -136,21 +136,6 @@ class NoiseScale:
         return noise * root[:, None] * root
 
 
-class TurnRateParams(Params):
-    """Parameters of all filters of constant turn rate and velocity.
-
-    A random walk is given by its standard deviation after 1 s.
-    """
-
-    sway_m_sqrt_m: Positive = 0.03
-    """Isotropic random walk of the position: its standard deviation after 1 m walked."""
-    initial_speed_std_m_s: Positive = 1.0
-    """Prior, since the first observation has no velocity."""
-    initial_yaw_rate_std_rad_s: Positive = 0.5
-    noise_memory_s: NonNegative = 0.0
-    """Time constant of learning the sensor's noise; at 0 the reported noise is used."""
-
-
 class TurnRateEstimator(Estimator):
     """A `StateFilter` that is propagated only when an observation comes.
 
@@ -217,32 +202,23 @@ class TurnRateEstimator(Estimator):
         return estimate_of(*self._filter.ahead(self._elapsed + dt))
 
 
-class CtrvParams(TurnRateParams):
-    """Parameters of `ekf_ctrv` and `ukf_ctrv`."""
-
-    acceleration_std_m_s2: Positive = 0.3
-    """Random walk of the speed."""
-    yaw_acceleration_std_rad_s2: Positive = 0.3
-    """Random walk of the turn rate."""
-
-    @property
-    def walks(self) -> Walks:
-        """The random walks for `turn_rate.process_noise`."""
-        acceleration, turning = self.acceleration_std_m_s2, self.yaw_acceleration_std_rad_s2
-        return self.sway_m_sqrt_m, MIN_POSITION_WALK, 0.0, acceleration, turning
+def walks_of(params: CtrvParams) -> Walks:
+    """Return the random walks for `turn_rate.process_noise`."""
+    acceleration, turning = params.acceleration_std_m_s2, params.yaw_acceleration_std_rad_s2
+    return params.sway_m_sqrt_m, MIN_POSITION_WALK, 0.0, acceleration, turning
 
 
-class ExtendedFilter(TurnRateEstimator, name="ekf_ctrv", params=CtrvParams):
+class ExtendedFilter(TurnRateEstimator, name="ekf_ctrv"):
     """An extended Kalman filter of constant turn rate and velocity."""
 
     def __init__(self, params: CtrvParams) -> None:
         super().__init__(params)
-        self._begin = partial(ModeBank, (Mode(params.walks),))
+        self._begin = partial(ModeBank, (Mode(walks_of(params)),))
 
 
-class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):
+class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv"):
     """An unscented Kalman filter of constant turn rate and velocity."""
 
     def __init__(self, params: CtrvParams) -> None:
         super().__init__(params)
-        self._begin = partial(Unscented, params.walks)
+        self._begin = partial(Unscented, walks_of(params))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from mecazen.schema import NonNegative, Positive
+from mecazen.config.estimators import ImmParams
 
 from mecazen_follower.estimators.base import Array
-from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK, TurnRateEstimator, TurnRateParams
+from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK, TurnRateEstimator
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import YAW
 
@@ -34,37 +34,6 @@ AT_BLUNT = {
 """The parameters for a sensor that hardly sees the heading, found on the U-track."""
 
 
-class ImmParams(TurnRateParams):
-    """Parameters of `imm`: random walks, mean sojourn time and fading turn rate of each mode.
-
-    They hold for an observed heading with a standard deviation of 5 degrees, see `at_noise` for
-    others. Straight, wandering and manoeuvring are fitted to recorded people: docs/results.md.
-    """
-
-    sway_m_sqrt_m: Positive = 0.012
-    standing_yaw_std_rad: Positive = 0.04
-    """Random walk of the heading while standing."""
-    standing_s: Positive = 1.7
-    straight_acceleration_std_m_s2: Positive = 0.1
-    straight_yaw_std_rad: Positive = 0.127
-    """Random walk of the heading while walking straight."""
-    straight_s: Positive = 6.0
-    turning_acceleration_std_m_s2: Positive = 0.018
-    turning_yaw_acceleration_std_rad_s2: Positive = 0.009
-    turning_s: Positive = 15.0
-    wandering_acceleration_std_m_s2: Positive = 0.29
-    wandering_yaw_acceleration_std_rad_s2: Positive = 2.55
-    wandering_s: Positive = 2.0
-    wandering_fading_1_s: NonNegative = 4.8
-    """Rate at which a turn ends by itself: people who walk swing about their direction."""
-    manoeuvre_step_m_sqrt_s: Positive = 0.13
-    """Random walk of the position: people also step aside, which CTRV does not model."""
-    manoeuvre_acceleration_std_m_s2: Positive = 0.62
-    manoeuvre_yaw_acceleration_std_rad_s2: Positive = 5.0
-    manoeuvre_s: Positive = 0.4
-    manoeuvre_fading_1_s: NonNegative = 1.7
-
-
 DEFAULTS = ImmParams()
 
 
@@ -85,7 +54,7 @@ def at_noise(params: ImmParams, yaw_std_deg: float) -> dict[str, float]:
     }
 
 
-class ImmFilter(TurnRateEstimator, name="imm", params=ImmParams):
+class ImmFilter(TurnRateEstimator, name="imm"):
     """An IMM of five modes: standing, straight, turning steadily, wandering, manoeuvring.
 
     Manoeuvring is setting off, stopping and turning quickly; it takes over within a few frames.

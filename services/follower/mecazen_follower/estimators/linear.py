@@ -6,30 +6,16 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
+from mecazen.config.estimators import ConstantVelocityParams, DisplacementParams
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.portable import product
-from mecazen.schema import NonNegative, Positive
 
-from mecazen_follower.estimators.base import Array, Estimate, Estimator, Params, as_tuple
+from mecazen_follower.estimators.base import Array, Estimate, Estimator, as_tuple
 
 IDENTITY = np.eye(3)
 
 
-class ConstantVelocityParams(Params):
-    """Parameters of `kf_cv`.
-
-    The accelerations are white noise. Each is given by the square root of its spectral density:
-    the standard deviation of its mean over 1 s, which does not depend on the tick.
-    """
-
-    acceleration_std_m_s2: Positive = 0.2
-    yaw_acceleration_std_rad_s2: Positive = 0.15
-    initial_speed_std_m_s: Positive = 1.0
-    """Prior of each component, since the first observation has no velocity."""
-    initial_yaw_rate_std_rad_s: Positive = 0.5
-
-
-class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityParams):
+class ConstantVelocityFilter(Estimator, name="kf_cv"):
     """Constant velocity in x, y and yaw, each disturbed by white acceleration.
 
     State [x, vx, y, vy, yaw, yaw rate] in odom; the observation is x, y and yaw. The model is
@@ -95,18 +81,7 @@ class ConstantVelocityFilter(Estimator, name="kf_cv", params=ConstantVelocityPar
         return Estimate(Pose2D(x, y, yaw), Twist2D(vx, vy, yaw_rate), as_tuple(covariance))
 
 
-class DisplacementParams(Params):
-    """Parameters of `kf_displacement`."""
-
-    position_drift_m_sqrt_s: Positive = 0.1
-    """Random walk of the position: its standard deviation after 1 s."""
-    smoothing_s: Positive = 1.0
-    """Time constant of the exponential smoothing of the displacement."""
-    min_speed_m_s: NonNegative = 0.08
-    """Below this speed the heading is not taken from the displacement."""
-
-
-class DisplacementFilter(Estimator, name="kf_displacement", params=DisplacementParams):
+class DisplacementFilter(Estimator, name="kf_displacement"):
     """The published filter of "A Virtual Mecanum Wheeled Robot ROS Simulator ...".
 
     The paper's equations are X_k = F X_(k-1) + w (1), y_k = H X_(k-1) + u (2), with the state

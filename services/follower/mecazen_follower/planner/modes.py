@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, wrap
 from mecazen.portable import arctan2
+from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.goal import Standoff
 from mecazen_follower.planner.law import Goals
 
 TRAIL_M = 0.1

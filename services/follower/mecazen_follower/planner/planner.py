@@ -7,13 +7,13 @@ from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.config.follower import PlannerConfig
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.messages import LaserScan
+from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.goal import Standoff
-from mecazen_follower.planner.config import PlannerConfig
 from mecazen_follower.planner.costs import Body, Costs, Scene, Sight
 from mecazen_follower.planner.field import Shadows
 from mecazen_follower.planner.law import PolarGains, towards

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.standoff import Standoff
 
-from mecazen_follower.goal import Standoff
 from mecazen_follower.planner.costs import Body, Costs, Scene
 from mecazen_follower.planner.field import Shadows
 from mecazen_follower.planner.modes import Prediction

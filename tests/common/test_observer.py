@@ -1,18 +1,18 @@
-"""What takes part in runs: which samples it hears, and its health once a simulated second."""
+"""An observer: which samples it takes, and its health once a simulated second."""
 
 import pytest
 from harness import forward
 from mecazen.bus import LocalBus
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
 from mecazen.messages import Clock, JointState, KeyValue
-from mecazen.runtime.participant import Participant
+from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
 ALL_WELL = (0, "toy", "ok")
 
 
-class Toy(Participant):
+class Toy(Observer):
     """Writes down what it is told, and by which seed it began."""
 
     def __init__(self, bus, scenario):
@@ -46,7 +46,6 @@ def toy(bus, scenario):
 def put(bus):
     def put(topic, message, stamp):
         bus.publisher(topic).put(message, stamp)
-        bus.spin()
 
     return put
 
@@ -100,20 +99,9 @@ def test_a_key_that_anyone_may_publish_on_neither_begins_a_run_nor_advances_the_
     assert toy.stamp == at(0)
 
 
-def test_what_another_node_has_answered_in_a_run_that_is_not_known_yet_waits_for_it(toy, put):
-    for run in (7, 2, 2):
-        put(CMD_VEL, forward(0.1 * run), at(0, run=run))
-    assert toy.events == []
-    put(CLOCK, Clock(), at(0, run=2, seed=10))
-    assert toy.events == [("reset", 10), (0.2, at(0, run=2)), (0.2, at(0, run=2))]
-    put(CLOCK, Clock(), at(0, run=7, seed=11))  # what was kept of other runs has gone
-    assert toy.events[3:] == [("reset", 11)]
-
-
 def test_an_outsiders_sample_has_no_stamp_and_is_of_any_run(toy, bus, put):
     put(CLOCK, Clock(), at(7))
     bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
-    bus.spin()
     assert toy.events[1:] == [(0.2, None)]
     assert toy.stamp == at(7)
 

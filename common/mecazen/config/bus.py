@@ -1,4 +1,4 @@
-"""The section `[bus]` of a scenario."""
+"""`[bus]`: the Zenoh sessions."""
 
 from __future__ import annotations
 

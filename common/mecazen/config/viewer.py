@@ -1,10 +1,11 @@
-"""The viewer's section of a scenario."""
+"""`[viewer]`: the ports and windows of the viewer."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 import msgspec
+
 from mecazen.schema import Section
 
 Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]

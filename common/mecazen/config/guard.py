@@ -1,4 +1,4 @@
-"""The guard's section of a scenario, `[guard]`: it also says whether there is one."""
+"""`[guard]`: whether there is a guard, and its margins."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from mecazen.schema import Live, NonNegative, Positive, Section
 
 
 class GuardConfig(Section):
-    """What stands between whoever drives and the wheels: docs/safety.md."""
+    """The guard between `cmd_vel` and the wheels: docs/safety.md."""
 
     enabled: bool = True
     """Whether there is one where a lidar is mounted."""
     margin_m: Live[NonNegative] = 0.06
     """Clearance of the robot's outline from things."""
     person_margin_m: Live[NonNegative] = 0.3
-    """The same from what may be somebody's legs: feet and trunk reach farther than the shanks."""
+    """The same from possible legs: feet and trunk reach farther than the shanks."""
     reaction_s: NonNegative = 0.06
     """From a decision until the wheels follow it."""
     person_stop_s: NonNegative = 0.3
-    """Time in which somebody who walks away can come to rest at the soonest."""
+    """Shortest time in which a walking person can come to rest."""
     person_speed_m_s: Positive = 2.0
-    """Nobody is taken to walk faster."""
+    """Highest speed of a walking person."""
     silent_scans: Positive = 3.0
     """A lidar is silent after so many periods without a scan."""
     invalid_share: Positive = 0.5

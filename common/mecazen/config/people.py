@@ -1,4 +1,4 @@
-"""What a scenario says of a person: path, gait and body.
+"""Path, gait and body of a person, for `[target]` and `[crowd]`.
 
 Every path starts at the pose `x_m`, `y_m`, `yaw_deg` in the world; its own coordinates
 (waypoints, a recorded track) are in the frame of that pose.
@@ -10,6 +10,7 @@ from pathlib import Path  # msgspec reads the annotations when the program runs
 from typing import Annotated, Literal
 
 import msgspec
+
 from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
 
 Turn = Literal["left", "right"]
@@ -44,7 +45,7 @@ class UTrack(SteadyWalk, tag="u_track"):
     """
 
     length_m: Positive = 5.0
-    """Of each straight."""
+    """Length of each straight."""
     yaw_rate_rad_s: Positive = 0.1
     """On the half circle."""
     turn: Turn = "left"
@@ -109,7 +110,7 @@ class Script(_Walk, tag="script", kw_only=True):
 
     steps: Annotated[tuple[ScriptStep, ...], msgspec.Meta(min_length=1, max_length=1000)]
     acceleration_m_s2: Positive = 6.0
-    """Of each change of the velocity: from 1.8 m/s to rest in 0.3 s, within a step."""
+    """Largest acceleration; from 1.8 m/s to rest in 0.3 s, within a step."""
     yaw_acceleration_deg_s2: Positive = 720.0
 
 

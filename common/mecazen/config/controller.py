@@ -1,20 +1,50 @@
-"""The controller's section of a scenario."""
+"""`[controller]`: keys, frames, geometry, limits and odometry of the wheel controller."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
-from mecazen.drive import DriveConfig, Key
-from mecazen.geometry import Twist2D
-from mecazen.robot import WHEEL_JOINTS, Robot
-from mecazen.schema import NonNegative, Positive, Section
 
-from mecazen_controller.kinematics import MecanumKinematics
+from mecazen.robot import WHEEL_JOINTS
+from mecazen.schema import Live, NonNegative, Positive, Section
 
+Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
+"""A key expression without wildcards, as one publishes on."""
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 """Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; of a twist, per s²."""
+Limit = Live[Annotated[float, msgspec.Meta(gt=0.0)]]
+"""`inf` is no limit."""
+
+
+class LinearLimits(Section):
+    """Limits along x or y of base_link."""
+
+    max_velocity_m_s: Limit = 2.0
+    max_acceleration_m_s2: Limit = 2.5
+    max_deceleration_m_s2: Live[Limit | None] = None
+    """Left out: as max_acceleration_m_s2."""
+    max_jerk_m_s3: Limit = math.inf
+
+
+class AngularLimits(Section):
+    """Limits of the yaw rate."""
+
+    max_velocity_rad_s: Limit = 3.0
+    max_acceleration_rad_s2: Limit = 8.0
+    max_deceleration_rad_s2: Live[Limit | None] = None
+    """Left out: as max_acceleration_rad_s2."""
+    max_jerk_rad_s3: Limit = math.inf
+
+
+class AxisLimits(Section):
+    """Limits of the commanded twist, in base_link."""
+
+    x: LinearLimits = LinearLimits()
+    y: LinearLimits = LinearLimits()
+    yaw: AngularLimits = AngularLimits()
 
 
 class OdometryScale(Section):
@@ -24,15 +54,15 @@ class OdometryScale(Section):
     y: Positive = 1.0
     yaw: Positive = 1.0
 
-    @property
-    def factors(self) -> Twist2D:
-        """The same for the odometry."""
-        return Twist2D(self.x, self.y, self.yaw)
 
+class ControllerConfig(Section):
+    """The wheel controller."""
 
-class ControllerConfig(DriveConfig):
-    """The wheel controller: keys, frames, geometry, limits and odometry."""
-
+    command_key: Key = "cmd_vel"
+    """Key of the commanded twist, in base_frame_id; with a guard, what the guard listens to."""
+    reference_timeout_s: Live[Positive] = 0.5
+    """Simulated time after which a command is stale and the robot comes to rest."""
+    limits: AxisLimits = AxisLimits()
     odometry_key: Key = "odom"
     odom_frame_id: Name = "odom"
     base_frame_id: Name = "base_link"
@@ -57,12 +87,3 @@ class ControllerConfig(DriveConfig):
     def __post_init__(self) -> None:
         if len(set(self.wheel_joints)) != len(self.wheel_joints):
             raise ValueError(f"wheel_joints must be four different names: {self.wheel_joints}")
-
-    def kinematics(self, robot: Robot) -> MecanumKinematics:
-        """Return the kinematics: the lengths given here, else those of `robot`."""
-        return MecanumKinematics(
-            self.wheel_radius_m or robot.wheels.radius_m,
-            self.half_wheelbase_m or robot.half_wheelbase,
-            self.half_track_m or robot.half_track,
-            robot.cross_gain,
-        )

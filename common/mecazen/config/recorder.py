@@ -1,17 +1,18 @@
-"""The section `[recorder]` of a scenario."""
+"""`[recorder]`: file, keys and encoding of a recording."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
 import msgspec
+
 from mecazen.schema import Section
 
 Encoding = Literal["cdr", "json"]
 
 
 class RecorderConfig(Section):
-    """What to record, and where."""
+    """File, keys and encoding of a recording."""
 
     file: Annotated[str, msgspec.Meta(min_length=1)] = "run.mcap"
     """The MCAP file, relative to the working directory. In lockstep it must not exist; in real

@@ -55,12 +55,3 @@ class Standoff(NamedTuple):
             wrap(math.atan2(seen.y, seen.x) - self.bearing),
             wrap(seen.yaw - self.heading),
         )
-
-
-VIEWS = {
-    "back": (180.0, 0.0),
-    "side_left": (90.0, -90.0),
-    "side_right": (-90.0, 90.0),
-    "front": (0.0, 180.0),
-}
-"""Bearing and heading [deg] of each named view. The robot faces the person in all of them."""

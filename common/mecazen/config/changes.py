@@ -1,4 +1,4 @@
-"""A scenario's own changes of parameters: `[[changes]]`."""
+"""`[[changes]]`: changes of parameters at set times."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The person's section of a scenario: `[target]`, `[target.path]`, `[target.gait]`."""
+"""`[target]`: the person whom the robot follows."""
 
 from __future__ import annotations
 
+from mecazen.config.people import Body, Driven, Gait, UTrack, Walk
 from mecazen.schema import Section
-from mecazen_people.config import Body, Driven, Gait, UTrack, Walk
 
 
 class TargetConfig(Section):

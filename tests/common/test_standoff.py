@@ -3,12 +3,12 @@
 import math
 
 import pytest
-from follower.walks import poses, standoffs, twists
 from hypothesis import given
 from hypothesis import strategies as st
+from mecazen.config import FollowerConfig
+from mecazen.config.follower import VIEWS
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_follower.config import FollowerConfig
-from mecazen_follower.goal import VIEWS
+from planar import poses, standoffs, twists
 
 
 @pytest.mark.parametrize(

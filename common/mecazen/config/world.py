@@ -1,4 +1,4 @@
-"""The section `[world]`: what surrounds the robots, for every service that needs to know it.
+"""`[world]`: the ground, the obstacles on it and the body of every person.
 
 The world frame's x-y plane is the ground. Static obstacles stand on it; a slope leans gravity.
 Walls and tables are boxes to all who need their shapes (`WorldConfig.solids`), ramps and sills
@@ -28,7 +28,7 @@ RAIL_M = 0.05, 0.9
 
 
 class Box(Section, tag_field="kind", tag="box", frozen=True, kw_only=True):
-    """A static box: it stands on the ground, higher than the wheels' axles, or is above it."""
+    """A static box on the ground, higher than the wheels' axles, or above it."""
 
     size_m: tuple[Positive, Positive, Positive]
     """Length (x), width (y), height (z)."""
@@ -43,7 +43,7 @@ class Box(Section, tag_field="kind", tag="box", frozen=True, kw_only=True):
 
 
 class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=True):
-    """A static upright cylinder that stands on the ground, higher than the wheels' axles."""
+    """A static upright cylinder on the ground, higher than the wheels' axles."""
 
     size_m: tuple[Positive, Positive]
     """Radius, height."""
@@ -54,7 +54,7 @@ class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=T
 
 
 class Ridge(NamedTuple):
-    """What rollers drive over: up a slope, along a level top and down the same slope.
+    """A slope up, a level top and the same slope down, for rollers.
 
     `middle` is the pose of its top's middle in the world frame; its x axis leads across. `run` is
     the length of each slope on the ground, `top` that of the top, both along x, `width` the
@@ -111,7 +111,7 @@ class Wall(Section, frozen=True, kw_only=True):
             along += length
 
     def boxes(self) -> Iterator[Box]:
-        """Yield what is between the doors; pieces reach into the corners that they share."""
+        """Yield the boxes between the doors; pieces reach into the corners that they share."""
         last, is_closed = len(self.points_m) - 2, self.points_m[0] == self.points_m[-1]
         for number, (start, along, length) in enumerate(self._pieces()):
             begin = -self.thickness_m / 2 if number > 0 or is_closed else 0.0
@@ -152,7 +152,7 @@ class Table(Section, frozen=True, kw_only=True):
     yaw_deg: AngleDeg = 0.0
     """Its heading in the world frame."""
     thickness_m: Positive = 0.04
-    """Of the top."""
+    """Thickness of the top."""
     leg_m: Positive = 0.05
     """Width of each of the square legs, at the corners."""
     friction: NonNegative = 1.0
@@ -191,7 +191,7 @@ class Ramp(Section, frozen=True, kw_only=True):
     """Up a slope, along a landing and down the same slope, between rails."""
 
     length_m: Positive
-    """Of each slope, on the ground."""
+    """Length of each slope on the ground."""
     width_m: Positive
     """Between the rails."""
     rise_m: Positive
@@ -211,12 +211,12 @@ class Ramp(Section, frozen=True, kw_only=True):
 
     @property
     def ridge(self) -> Ridge:
-        """What is driven over."""
+        """Slopes and landing."""
         middle = Pose2D(*self.position_m, math.radians(self.heading_deg))
         return Ridge(middle, self.length_m, self.landing_m, self.rise_m, self.width_m)
 
     def boxes(self) -> Iterator[Box]:
-        """Yield the rails: nobody drives over the side."""
+        """Yield the rails, which keep robots from the sides."""
         size = 2.0 * self.length_m + self.landing_m, RAIL_M[0], RAIL_M[1]
         for side in (0.5, -0.5):
             at = self.ridge.middle.compose(Pose2D(0.0, side * (self.width_m + RAIL_M[0])))
@@ -266,13 +266,13 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     tables: tuple[Table, ...] = ()
     ramps: tuple[Ramp, ...] = ()
     patches: tuple[Patch, ...] = ()
-    """Of those that overlap the last one counts."""
+    """Where they overlap, the last one counts."""
     person: Person = Person()
     """The body of each person that a robot follows."""
 
     @property
     def solids(self) -> tuple[Box | Cylinder, ...]:
-        """All that stands in the world, as boxes and cylinders."""
+        """Everything that stands in the world, as boxes and cylinders."""
         built: tuple[Wall | Table | Ramp, ...] = (*self.walls, *self.tables, *self.ramps)
         return (*self.obstacles, *(box for thing in built for box in thing.boxes()))
 

@@ -1,12 +1,13 @@
-"""The section of a scenario that says who else is there: `[crowd]`."""
+"""`[crowd]`: who walks besides the persons that robots follow."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 import msgspec
+
+from mecazen.config.people import Body, SteadyWalk, Walk
 from mecazen.schema import Finite, Section
-from mecazen_people.config import Body, SteadyWalk, Walk
 
 Interval = tuple[Finite, Finite]
 """From, to."""
@@ -20,14 +21,14 @@ class Goal(SteadyWalk, tag="goal", kw_only=True):
     goal_m: tuple[Finite, Finite]
     """In the world."""
     back_and_forth: bool = False
-    """Whether the walker goes back to the start from there, and so on; else stands there."""
+    """Whether the walker returns to the start from there, and so on; otherwise they stop there."""
 
 
 class Walker(Section, kw_only=True):
-    """Somebody whom no robot follows."""
+    """A pedestrian whom no robot follows."""
 
     path: Walk | Goal
-    """Who is not on the way to a `goal` walks regardless of all others."""
+    """Only a `goal` path gives way to others."""
     body: Body = Body()
     """A child of 6 has a `height_m` of about 1.15."""
 
@@ -55,7 +56,7 @@ class Reactive(Section, kw_only=True):
 
 
 class CrowdConfig(Section):
-    """Everybody besides the persons that robots follow."""
+    """All pedestrians besides the persons that robots follow."""
 
     walkers: tuple[Walker, ...] = ()
     reactive: Reactive | None = None

@@ -1,7 +1,7 @@
-"""The sensors' section of a scenario: `[sensors.lidar]`, `[sensors.tracker]`, `[sensors.depth]`.
+"""`[sensors]`: lidar, body tracker and depth camera.
 
-Where they are mounted says the robot file: `camera` carries the body tracker and the depth
-camera, `lidar` the lidar.
+The robot file has their mounting: `camera` carries the body tracker and the depth camera, `lidar`
+the lidar.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from typing import Annotated
 
 import msgspec
 
-from mecazen.faults import check_intervals
+from mecazen.config.sensor import check_intervals
 from mecazen.schema import NonNegative, Positive, Probability, Section
 
 Occlusions = tuple[tuple[NonNegative, NonNegative], ...]
 """Intervals [from, to] of simulated time."""
 
 FieldOfView = Annotated[float, msgspec.Meta(gt=0.0, lt=180.0)]
-"""Of a pinhole camera, from edge to edge [deg]."""
+"""Angle of a pinhole camera from edge to edge [deg]."""
 
 
 def _check_range(minimum_m: float, maximum_m: float) -> None:
@@ -55,23 +55,23 @@ class TrackerConfig(Section):
     """An RGB-D camera with a body-tracking SDK, as an Azure Kinect in its narrow mode.
 
     Field of view, range and rate are Microsoft's (hardware specification: 75°x65°, 0.5 to 3.86 m,
-    30 Hz). Of the latency, users measured 0.25 s with the SDKs of 2019 (Azure-Kinect-Sensor-SDK
-    issues 514 and 816) and 0.12 s of a Kinect One. All else is tuned, so that the raw sagittal
+    30 Hz). Users measured a latency of 0.25 s with the SDKs of 2019 (Azure-Kinect-Sensor-SDK
+    issues 514 and 816) and of 0.12 s with a Kinect One. All else is tuned, so that the raw sagittal
     angles of a walk are as wrong as those published: knee 8.5° to 15.3°, hip 8.6° to 21.6° RMSE
     (Ma 2020, APSIPA: 11.9 ± 3.4 and 15.1 ± 6.5; Ceseracciu 2014, PLoS ONE 9:e87640: 11.75
     and 17.62).
     """
 
     rate_hz: Positive = 25.0
-    """Frames a second; divides the tick rate. Of ticks of 10 ms 30 Hz can't be had: 25 is what the
-    pose sensor has too, and 33.3 is beyond the camera."""
+    """Frames a second; divides the tick rate. Ticks of 10 ms allow no 30 Hz: 25 Hz is the rate of
+    the pose sensor, and 33.3 Hz is beyond the camera."""
     latency_s: NonNegative = 0.1
     """From a frame's capture to its arrival; whole ticks."""
     horizontal_fov_deg: FieldOfView = 75.0
     vertical_fov_deg: FieldOfView = 65.0
     min_range_m: NonNegative = 0.5
     max_range_m: Positive = 3.86
-    """Of depth along the camera's axis, as min_range_m."""
+    """Largest depth along the camera's axis; min_range_m is the smallest."""
     white_std_m: NonNegative = 0.008
     """White noise of a joint of the trunk near the camera, along each axis."""
     white_range_m: Positive = 3.0
@@ -94,14 +94,14 @@ class TrackerConfig(Section):
     swap_time_s: Positive = 0.2
     """Mean duration of such a confusion."""
     flip_rate_hz: NonNegative = 0.005
-    """How often somebody seen from behind is taken to face the camera (issues 575 and 1330 of the
-    same SDK)."""
+    """Rate at which a person seen from behind is taken to face the camera (issues 575 and 1330 of
+    the same SDK)."""
     flip_time_s: Positive = 0.5
     """Mean duration of that."""
     identity_memory_s: NonNegative = 0.5
-    """Time out of sight after which somebody gets a new identity."""
+    """Time out of sight after which a person gets a new identity."""
     occlusions_s: Occlusions = ()
-    """Intervals in which nobody is seen."""
+    """Intervals in which no person is seen."""
 
     def __post_init__(self) -> None:
         check_intervals("occlusions_s", self.occlusions_s)
@@ -142,7 +142,7 @@ class DepthConfig(Section):
 
 
 class SensorsConfig(Section):
-    """The robot's sensors, which those who take from them know too."""
+    """The robot's sensors."""
 
     skeleton_rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=1000.0)] = 50.0
     """How often the person's body moves, for those who look at it; divides the tick rate, and

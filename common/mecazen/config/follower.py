@@ -1,4 +1,4 @@
-"""The follower's section of a scenario."""
+"""`[follower]`: where to stand beside the person, how to estimate them, how to drive."""
 
 from __future__ import annotations
 
@@ -6,17 +6,29 @@ import math
 from typing import Annotated, Literal
 
 import msgspec
-from mecazen.drive import Drive
-from mecazen.schema import AngleDeg, Live, NonNegative, Positive, Section
 
-from mecazen_follower.estimators import ESTIMATORS, Estimator, make_params
-from mecazen_follower.goal import VIEWS, Standoff
-from mecazen_follower.pid import Gains, PoseController
-from mecazen_follower.planner.config import PlannerConfig
-from mecazen_follower.planner.costs import Body, Sight
-from mecazen_follower.planner.law import PolarGains
-from mecazen_follower.planner.planner import Planner
-from mecazen_follower.polar import ALL_AROUND, UNLIMITED, Approach, PolarController, View
+from mecazen.config.estimators import make_params
+from mecazen.schema import AngleDeg, Live, NonNegative, Positive, Section
+from mecazen.standoff import Standoff
+
+VIEWS = {
+    "back": (180.0, 0.0),
+    "side_left": (90.0, -90.0),
+    "side_right": (-90.0, 90.0),
+    "front": (0.0, 180.0),
+}
+"""Bearing and heading [deg] of each named view. The robot faces the person in all of them."""
+PRIORITIES = ("distance", "visibility", "bearing", "heading")
+
+
+class Gains(Section):
+    """Gains of one axis. The output is a velocity: kp in 1/s, ki in 1/s², kd without unit."""
+
+    kp: Live[NonNegative]
+    limit: Live[Positive]
+    """Largest magnitude of the output [m/s or rad/s]."""
+    ki: Live[NonNegative] = 0.0
+    kd: Live[NonNegative] = 0.0
 
 
 class LinearGains(Gains):
@@ -61,6 +73,29 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
     max_speed_m_s: Live[Positive] = 2.0
     """Magnitude of the planar velocity of base_link."""
     max_yaw_rate_rad_s: Live[Positive] = 3.0
+
+
+class PlannerConfig(Section):
+    """The way round obstacles and people that the lidar sees."""
+
+    rate_hz: Positive = 20.0
+    """Plans a second; divides the tick rate."""
+    samples: Annotated[int, msgspec.Meta(ge=100, le=20_000)] = 1000
+    horizon_s: Annotated[float, msgspec.Meta(ge=0.5, le=5.0)] = 2.5
+    """How far it looks ahead."""
+    clearance_m: Live[Positive] = 0.12
+    """To be kept between the robot and everything else."""
+    priorities: Live[tuple[str, ...]] = PRIORITIES
+    """The most important property of the place comes first; the planner gives up the last first."""
+
+    def __post_init__(self) -> None:
+        if sorted(self.priorities) != sorted(PRIORITIES):
+            raise ValueError(f"priorities must be {', '.join(PRIORITIES)}, each once, in any order")
+
+    @property
+    def turns_to_see(self) -> bool:
+        """Whether the heading is given up to see the person."""
+        return self.priorities.index("visibility") < self.priorities.index("heading")
 
 
 class FollowerConfig(Section):
@@ -109,36 +144,3 @@ class FollowerConfig(Section):
         if self.bearing_deg is not None and self.heading_deg is not None:
             bearing, heading = self.bearing_deg, self.heading_deg
         return Standoff(self.standoff_m, math.radians(bearing), math.radians(heading))
-
-    def make_estimator(self) -> Estimator:
-        """Return a new estimator."""
-        params = make_params(self.estimator, self.estimator_params)
-        return ESTIMATORS[self.estimator](params)
-
-    def make_planner(self, drive: Drive, body: Body, sight: Sight, seed: int) -> Planner | None:
-        """Return a new planner for such a robot, if one is asked for."""
-        if self.planner is None:
-            return None
-        law = self.control if isinstance(self.control, PolarControl) else PolarControl()
-        gains = PolarGains(
-            law.linear_gain_1_s,
-            law.linear_braking_m_s2,
-            law.heading_gain_1_s,
-            law.heading_braking_rad_s2,
-            law.max_yaw_rate_rad_s,
-        )
-        return Planner(
-            self.planner, self.standoff, gains, drive, law.max_speed_m_s, body, sight, seed
-        )
-
-    def make_controller(
-        self, drive: Drive = UNLIMITED, view: View = ALL_AROUND
-    ) -> PoseController | PolarController:
-        """Return a new controller for a robot with these limits; see `PolarController`."""
-        law = self.control
-        if isinstance(law, PidControl):
-            return PoseController(law.x, law.y, law.yaw, law.feed_forward)
-        linear = Approach(law.linear_gain_1_s, law.linear_braking_m_s2)
-        heading = Approach(law.heading_gain_1_s, law.heading_braking_rad_s2)
-        limits = law.max_speed_m_s, law.max_yaw_rate_rad_s
-        return PolarController(self.standoff, linear, heading, *limits, drive, view)

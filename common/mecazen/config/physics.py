@@ -1,10 +1,11 @@
-"""The physics section of a scenario."""
+"""`[physics]`: step, rollers and drive of the simulated robots."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
 import msgspec
+
 from mecazen.schema import NonNegative, Positive, Section
 
 MAX_DT_S = 0.005
@@ -28,7 +29,7 @@ class Pid(Section, frozen=True, kw_only=True):
 
 
 class PhysicsConfig(Section, frozen=True, kw_only=True):
-    """How robots are simulated; what surrounds them is in `mecazen.world`.
+    """How robots are simulated; what surrounds them is in `[world]`.
 
     Raises:
         ValueError: for a combination that cannot be simulated.

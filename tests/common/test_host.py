@@ -104,7 +104,7 @@ def put_odom(rig, tick, **stamp):
 
 def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
     rig = rig()
-    toy = rig.service.nodes[0].node
+    toy = rig.node
     never = float("inf")
     for tick in (4, 5, 7):
         rig.put(keys.OBSERVATION, m.Observation(), 4) if tick == 5 else None
@@ -127,7 +127,7 @@ def test_a_refused_sample_is_counted_and_as_if_it_never_came(rig):
     for tick, said in ((6, m.Twist()), (7, NO_WORDS)):
         rig.put(keys.TARGET_CMD_VEL, said, tick)
         put_odom(rig, tick)
-    ages = [event[3] for event in rig.service.nodes[0].node.events[2:]]
+    ages = [event[3] for event in rig.node.events[2:]]
     assert ages == [float("inf"), 0.0, 0.01]
     assert rig.bus.refused == {"target/cmd_vel": 1}
 
@@ -144,23 +144,23 @@ def test_an_outsider_speaks_for_a_node_that_takes_part_in_real_time_only(rig, mo
         rig.bus.put_bytes("target/observation", b"{}")
         rig.bus.put_bytes("odom", b"{}")  # of no tick: no step
         rig.take()
-    assert [event[2] for event in rig.service.nodes[0].node.events[2:]] == ages_s
+    assert [event[2] for event in rig.node.events[2:]] == ages_s
 
 
 def test_a_node_begins_anew_with_each_run_and_with_a_service_that_it_depends_on(rig):
     rig = rig()
-    toy = rig.service.nodes[0].node
+    toy = rig.node
     put_odom(rig, 5)
     put_odom(rig, 5, run=2, seed=10)
     for name in ("target", "controller"):
         for alive in (True, False, True):
             rig.bus.presence.update(name, alive=alive)
-    put_odom(rig, 5, run=2, seed=10)
+    put_odom(rig, 6, run=2, seed=10)
     steps = [event[:2] for event in toy.events[1:]]
-    assert steps == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (5, 0.01)]
+    assert steps == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (6, 0.01)]
 
 
-def test_its_health_has_the_nodes_words_and_what_its_joins_have_missed(rig):
+def test_its_health_has_the_nodes_words_and_what_its_inputs_have_missed(rig):
     rig = rig(mode="real_time")
     for tick in (0, 1, 2, 8, 9, 100):
         put_odom(rig, tick)
@@ -212,13 +212,13 @@ def test_a_mistake_in_a_node_of_ones_own_is_told_in_one_line_with_its_place(
 ):
     monkeypatch.setitem(WRONG, "where", where)
     monkeypatch.setitem(WRONG, "error", ZeroDivisionError("by\nzero"))
-    said = rf"^follower: ZeroDivisionError: by zero \(.*test_service.py:\d+ {where} > .*:\d+ run\)$"
+    said = rf"^follower: ZeroDivisionError: by zero \(.*test_host.py:\d+ {where} > .*:\d+ run\)$"
     with pytest.raises(NodeError, match=said):
         put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
 
 
 def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
-    service = rig().service
-    service.close()
-    assert service.nodes[0].node.closed
-    assert service.stamp == Stamp(0, 0, 5)
+    rig = rig()
+    rig.driver.host.close()
+    assert rig.node.closed
+    assert rig.driver.host.stamp == Stamp(0, 0, 5)

@@ -1,0 +1,235 @@
+"""A whole scenario: every setting of a run, with a typed section for each part of mecazen."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import combinations
+from typing import Annotated, Any, NamedTuple, cast
+
+import msgspec
+
+from mecazen.config.bus import BusConfig
+from mecazen.config.changes import Change
+from mecazen.config.controller import ControllerConfig
+from mecazen.config.crowd import CrowdConfig
+from mecazen.config.follower import FollowerConfig
+from mecazen.config.guard import GuardConfig
+from mecazen.config.physics import PhysicsConfig
+from mecazen.config.recorder import RecorderConfig
+from mecazen.config.robots import RobotConfig
+from mecazen.config.sensor import SensorConfig
+from mecazen.config.sensors import SensorsConfig
+from mecazen.config.sim import SimConfig
+from mecazen.config.start import StartConfig
+from mecazen.config.target import TargetConfig
+from mecazen.config.viewer import ViewerConfig
+from mecazen.config.world import WorldConfig
+from mecazen.errors import ConfigError
+from mecazen.geometry import overlap
+from mecazen.graph import OBSERVERS, SHARED
+from mecazen.robot import Robot
+from mecazen.robots import join_key, seed_of
+from mecazen.schema import Section, SectionT
+from mecazen.ticks import ticks_per_sample
+
+NO_KEYS = ("robot_name", "others")
+"""Fields that are no keys of a file: `Scenario.of` fills them in."""
+
+
+class Process(NamedTuple):
+    """A process of a distributed run: services of one robot, or some that all robots share."""
+
+    services: tuple[str, ...]
+    robot: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called beside others."""
+        return join_key("+".join(self.services), self.robot)
+
+
+class Scenario(Section):
+    """The robot, the services, and all their settings.
+
+    The section of a user node is a further field of a derived struct, see `scenario_with`; the node
+    takes it by `section`.
+    """
+
+    robot: Robot
+    """The robot file, relative to the scenario; the same as a table; or a table that changes
+    some of a file: `{ file = "../robots/nexus.toml", payload = { … } }`."""
+    services: tuple[str, ...] = ("physics", "controller", "target", "follower")
+    """The services that take part."""
+    programs: dict[str, str] = msgspec.field(default_factory=dict)
+    """Your own class in a node's place, or a node of your own, which then takes part as well:
+    `follower = "my_follower.py:MyFollower"`."""
+    seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
+    sim: SimConfig = SimConfig()
+    world: WorldConfig = WorldConfig()
+    """A table; a world file, relative to the scenario; or a table that changes some of a file."""
+    start: StartConfig = StartConfig()
+    sensor: SensorConfig = SensorConfig()
+    sensors: SensorsConfig = SensorsConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    controller: ControllerConfig = ControllerConfig()
+    target: TargetConfig = TargetConfig()
+    crowd: CrowdConfig = CrowdConfig()
+    follower: FollowerConfig = FollowerConfig()
+    guard: GuardConfig = GuardConfig()
+    viewer: ViewerConfig = ViewerConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    bus: BusConfig = BusConfig()
+    processes: tuple[tuple[str, ...], ...] = ()
+    """Services that share a process, by groups; any other has one of its own."""
+    robots: tuple[RobotConfig, ...] = ()
+    """Several robots in one world, each with services of its own; none: the one of `robot`."""
+    changes: tuple[Change, ...] = ()
+    """Parameters that have other values from some time on."""
+    robot_name: str = ""
+    """The robot whose part of the scenario this is, where there are several."""
+    others: dict[str, Robot] = msgspec.field(default_factory=dict)
+    """The other robots in the world of that one, by name."""
+
+    def __post_init__(self) -> None:
+        if abs(self.sim.tick_s * 1e9 - self.sim.tick_ns) > 1e-3:
+            raise ValueError(f"sim.tick_s = {self.sim.tick_s} must be whole nanoseconds")
+        if self.sim.ticks < 1:
+            raise ValueError(
+                f"sim.duration_s = {self.sim.duration_s} must be at least a tick of "
+                f"sim.tick_s = {self.sim.tick_s}"
+            )
+        if len(set(self.services)) != len(self.services):
+            raise ValueError("services: each at most once")
+        self._check_processes()
+        if len({robot.name for robot in self.robots}) != len(self.robots):
+            raise ValueError("robots: each name at most once")
+        for robot in self.robots:
+            if robot.sensor and robot.sensor.features != self.sensor.features:
+                raise ValueError(
+                    f"robots: {robot.name}: sensor.kind and sensor.also are the same for all robots"
+                )
+        places = {name: self.of(name) for name in self.names}
+        for (one, a), (other, b) in combinations(places.items(), 2):
+            if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
+                raise ValueError(f"robots: {one} and {other} overlap at their starts")
+
+    @property
+    def features(self) -> frozenset[str]:
+        """The features of the graph that the sensors ask for, and the guard with a lidar."""
+        return with_guard(self.sensor.features, enabled=self.guard.enabled)
+
+    def _check_processes(self) -> None:
+        grouped = [part for group in self.processes for part in group]
+        for part in grouped:
+            if part not in self.services:
+                raise ValueError(f"processes: {part} is not among services")
+            if part in OBSERVERS:
+                raise ValueError(f"processes: {part} observes, and has a process of its own")
+        if len(set(grouped)) != len(grouped) or not all(self.processes):
+            raise ValueError("processes: each service at most once, and no empty group")
+        if self.bus.keys is not None and any(len(group) > 1 for group in self.processes):
+            raise ValueError(
+                "processes: with bus.keys each service has a process of its own, since its "
+                "certificate tells what it may publish"
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The robots' names; of a single one, which needs none, the empty one."""
+        return tuple(robot.name for robot in self.robots) or ("",)
+
+    @property
+    def parts(self) -> tuple[tuple[str, str], ...]:
+        """The services and their robots; a shared service has no robot."""
+        return tuple(
+            (part, robot)
+            for part in self.services
+            for robot in (("",) if part in SHARED else self.names)
+        )
+
+    @property
+    def process_plan(self) -> tuple[Process, ...]:
+        """The processes of a distributed run, in the order of the services."""
+        grouped = {part: group for group in self.processes for part in group}
+        groups = dict.fromkeys(grouped.get(part, (part,)) for part in self.services)
+        return tuple(
+            Process(group, robot)
+            for group in groups
+            for robot in (("",) if set(group) & set(SHARED) else self.names)
+        )
+
+    def ticks_per(self, rate: str | float | None) -> int:
+        """Return the ticks from one sample to the next.
+
+        Args:
+            rate: In [Hz], or the configuration key that has it; None is every tick.
+
+        Raises:
+            ConfigError: The rate does not divide the tick rate.
+        """
+        key, rate_hz = (rate, self._setting(rate)) if isinstance(rate, str) else ("rate", rate)
+        if rate_hz is None:
+            return 1
+        return ticks_per_sample(key, rate_hz, self.sim.tick_s)
+
+    def _setting(self, key: str) -> float | None:
+        """Return the number at `section.key`."""
+        value: object = self
+        for name in key.split("."):
+            value = getattr(value, name, "none")
+        if not isinstance(value, int | float | None):
+            raise ConfigError(f"{key}: a node's rate that is no number of the configuration")
+        return value
+
+    def of(self, name: str) -> Scenario:
+        """Return the scenario as the services of the robot `name` see it.
+
+        Raises:
+            ConfigError: There is no such robot.
+        """
+        if not self.robots and not name:
+            return self
+        for robot in self.robots:
+            if robot.name == name:
+                others = [other for other in self.robots if other is not robot]
+                return msgspec.structs.replace(
+                    self,
+                    **robot.own,
+                    seed=seed_of(self.seed, name),
+                    bus=self.bus.within(name),
+                    robots=(),
+                    robot_name=name,
+                    others={other.name: other.robot or self.robot for other in others},
+                )
+        known = ", ".join(robot.name for robot in self.robots) or "none, but one without a name"
+        raise ConfigError(f"{name!r}: no such robot in the scenario; its robots: {known}")
+
+    def section(self, kind: type[SectionT]) -> SectionT:
+        """Return the section of a user node by its type; its defaults where there is none."""
+        values = (getattr(self, name) for name in self.__struct_fields__)
+        return next((value for value in values if isinstance(value, kind)), None) or kind()
+
+
+def with_guard(sensed: frozenset[str], *, enabled: bool) -> frozenset[str]:
+    """Return features of the graph, with the guard where there is a lidar."""
+    return sensed | {"guard"} if enabled and "lidar" in sensed else sensed
+
+
+@cache
+def scenario_with(**own: type[Section]) -> type[Scenario]:
+    """Return the struct of a scenario that has these sections of user nodes as well.
+
+    Args:
+        own: Their types, by the names of the nodes; one in the place of a section of `Scenario`
+            must be a subclass of its type.
+    """
+    if not own:
+        return Scenario
+    each = [(name, kind | None, None) for name, kind in own.items() if name not in SHARED]
+    robot: Any = msgspec.defstruct("RobotConfig", each, bases=(RobotConfig,))
+    fields: list[Any] = [("robots", tuple[robot, ...], ())]
+    for name, kind in own.items():
+        is_required = any(field.required for field in msgspec.structs.fields(kind))
+        fields.append((name, kind) if is_required else (name, kind, kind()))
+    struct = msgspec.defstruct("Scenario", fields, bases=(Scenario,), kw_only=True)
+    return cast(type[Scenario], struct)

@@ -1,0 +1,83 @@
+"""The health of a service, once a simulated second: rates and ages of its inputs, refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from mecazen import keys
+from mecazen.bus import Bus
+from mecazen.config import Scenario
+from mecazen.keys import of_robot
+from mecazen.messages import DiagnosticArray, DiagnosticStatus, Header, KeyValue
+from mecazen.robots import join_key
+from mecazen.wire import NS_PER_S, Stamp
+
+
+class Heard(Protocol):
+    """An input: how many samples have come, and in which tick the newest one."""
+
+    count: int
+    heard: int
+
+
+class Health:
+    """Publishes what a service reports of itself, and how its inputs come.
+
+    Args:
+        name: The service.
+        robot: Its robot, if there are several and it belongs to one.
+        bus: Where it publishes.
+        scenario: The whole scenario.
+        inputs: By the keys that the service knows them by.
+    """
+
+    def __init__(
+        self, name: str, robot: str, bus: Bus, scenario: Scenario, inputs: Mapping[str, Heard]
+    ) -> None:
+        self._name = name
+        self._bus = bus
+        self._scenario = scenario
+        self._inputs = inputs
+        self._tick_ns = scenario.sim.tick_ns
+        self._publisher = bus.publisher(of_robot(keys.diagnostics(name), robot))
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a run."""
+        self._reported: Stamp | None = None
+        self._counts = {key: heard.count for key, heard in self._inputs.items()}
+
+    def publish(self, stamp: Stamp, values: Mapping[str, object]) -> None:
+        """Publish values, and the state of the inputs as of a tick."""
+        refused, ignored = self._bus.refused, self._bus.ignored
+        values = {**values, **self._rates(stamp), "refused_payloads": refused.total()}
+        values |= {f"refused/{key}": count for key, count in refused.items()}
+        values |= {f"ignored/{key}": field for key, field in ignored.items()}
+        returns = self._bus.presence.returns
+        values |= {
+            f"restarts/{part}": returns[part]
+            for robot in dict.fromkeys(("", *self._scenario.names))
+            for name in self._scenario.services
+            if (part := join_key(name, robot)) in returns
+        }
+        status = DiagnosticStatus(
+            level=1 if refused or ignored else 0,
+            name=self._name,
+            message="refused payloads" if refused else "unknown fields" if ignored else "ok",
+            values=tuple(KeyValue(key=key, value=str(value)) for key, value in values.items()),
+        )
+        header = Header(stamp=stamp.time)
+        self._publisher.put(DiagnosticArray(header=header, status=(status,)), stamp)
+
+    def _rates(self, stamp: Stamp) -> dict[str, Any]:
+        """Return each input's rate since the last report, and the age of its newest sample."""
+        last, self._reported = self._reported, stamp
+        values: dict[str, Any] = {}
+        for key, heard in self._inputs.items():
+            came, self._counts[key] = heard.count - self._counts[key], heard.count
+            if last is not None and stamp.time_ns > last.time_ns:
+                values[f"hz/{key}"] = round(came * NS_PER_S / (stamp.time_ns - last.time_ns), 1)
+                age_ns = stamp.time_ns - heard.heard * self._tick_ns
+                values[f"age_s/{key}"] = "never" if heard.heard < 0 else age_ns / NS_PER_S
+        return values

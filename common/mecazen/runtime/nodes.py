@@ -1,0 +1,156 @@
+"""Makes nodes for the loop: the world as a node, and user nodes whose mistakes are explained."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from typing import Any, cast
+
+from mecazen.config import Scenario
+from mecazen.errors import MecazenError, NodeError, RefusedError, explained
+from mecazen.keys import CLOCK, Topic, of_robot
+from mecazen.limits import refuse_implausible
+from mecazen.loop import Steps
+from mecazen.messages import Clock, Message
+from mecazen.node import Computing, Inputs, Node, Outputs, Tick, World
+from mecazen.plan import Turn
+
+
+@contextmanager
+def explaining(name: str) -> Iterator[None]:
+    """Raise a NodeError that names the node and the place for whatever goes wrong in user code."""
+    try:
+        yield
+    except (MecazenError, RefusedError):
+        raise
+    except Exception as error:
+        raise NodeError(f"{name}: {explained(error)}") from error
+
+
+class Hosted:
+    """A node in its process.
+
+    Args:
+        turn: Its place in the plan.
+        kind: Its class.
+        scenario: As its robot sees it.
+        is_own: Whether it is a user's: its mistakes are explained and its outputs are checked.
+    """
+
+    def __init__(
+        self, turn: Turn, kind: type[Computing], scenario: Scenario, *, is_own: bool
+    ) -> None:
+        self.turn = turn
+        self.name = turn.row.name
+        self.scenario = scenario
+        self._is_own = is_own
+        with self.calling():
+            self.node = kind(scenario)
+        self.steps: Steps = cast(Node, self.node)
+        if isinstance(self.node, World):
+            self.steps = WorldSteps(self.node, turn, scenario.names)
+        if is_own:
+            self.steps = OwnSteps(self.steps, turn)
+
+    def calling(self) -> Any:
+        """Return the context in which methods of the node are called."""
+        return explaining(self.name) if self._is_own else nullcontext()
+
+    def configure(self, scenario: Scenario) -> None:
+        """Continue with other parameters."""
+        if scenario != self.scenario:
+            self.scenario = scenario
+            with self.calling():
+                self.node.configure(scenario)
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return what the node reports of its health."""
+        with self.calling():
+            return self.node.diagnostics()
+
+    def close(self) -> None:
+        """End the node's work."""
+        with self.calling():
+            self.node.close()
+
+
+class WorldSteps:
+    """A world as the loop steps it: with whole keys for its robots' topics, and with time.
+
+    Args:
+        world: The world.
+        turn: Its place in the plan.
+        robots: The robots' names.
+    """
+
+    def __init__(self, world: World, turn: Turn, robots: tuple[str, ...]) -> None:
+        self._world = world
+        self._name = turn.row.name
+        self._robots = robots
+        self._clocks = [of_robot(CLOCK, name) for name in dict.fromkeys(("", *robots))]
+        self._topics = {
+            name: {
+                of_robot(i.topic, name): i.topic
+                for i in turn.row.inputs
+                # the first robot takes what all share
+                if not i.topic.shared or name == robots[0]
+            }
+            for name in robots
+        }
+
+    def reset(self, seed: int) -> None:
+        """Begin a run."""
+        self._world.reset(seed)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Advance the world with the answers to the tick before; return time and the new state."""
+        parts = {name: inputs.renamed(topics) for name, topics in self._topics.items()}
+        states = self._world.step(tick, parts)
+        if not isinstance(states, Mapping) or set(states) != set(self._robots):
+            robots = list(self._robots)
+            raise NodeError(f"{self._name}: step must return the outputs of each robot of {robots}")
+        for name, part in parts.items():
+            for topic, reason in part.refused:
+                inputs.refuse(of_robot(topic, name), reason)
+        outputs: dict[Topic[Any], Message] = dict.fromkeys(self._clocks, Clock(clock=tick.time))
+        for name, state in states.items():
+            for topic, message in state.items():
+                outputs[of_robot(topic, name)] = message
+        return outputs
+
+
+class OwnSteps:
+    """The steps of a user's node: explained where they fail, and checked where they do not."""
+
+    def __init__(self, steps: Steps, turn: Turn) -> None:
+        self._steps = steps
+        self._name = turn.row.name
+        self._topics = {given for given, _, _ in turn.gives}
+
+    def reset(self, seed: int) -> None:
+        """Begin a run."""
+        with explaining(self._name):
+            self._steps.reset(seed)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the outputs of a tick.
+
+        Raises:
+            NodeError: The node failed, or its outputs are not what its row says.
+        """
+        with explaining(self._name):
+            outputs = self._steps.step(tick, inputs)
+        if not isinstance(outputs, Mapping):
+            raise NodeError(
+                f"{self._name}: step must return messages by their topics, not {outputs!r:.80}"
+            )
+        for topic, message in outputs.items():
+            if not isinstance(topic, Topic) or type(message) is not topic.type:
+                raise NodeError(f"{self._name}: step returns {topic!r:.80} with a wrong message")
+            if topic not in self._topics:
+                raise NodeError(f"{self._name} gives {topic.key}, which is not in its row")
+            try:
+                refuse_implausible(topic.name, message)
+            except RefusedError as refusal:
+                raise NodeError(f"{self._name} gives {topic.key} whose {refusal}") from None
+        return outputs

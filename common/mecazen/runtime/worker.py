@@ -1,0 +1,126 @@
+"""A worker: makes the ticks of a process whose time another process owns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mecazen.loop import Slot
+from mecazen.runtime.host import Host
+from mecazen.wire import Stamp
+
+
+class _RunEnded(Exception):  # noqa: N818 - no error: it ends the tick in progress
+    """A sample of a new run has come."""
+
+
+class Worker:
+    """Drives the loop of services by the samples that come.
+
+    In lockstep a tick waits until all its samples have come. In real time it waits until a sample
+    of the next tick has come, and goes on with what is there.
+
+    Args:
+        host: The services.
+    """
+
+    def __init__(self, host: Host) -> None:
+        self.host = host
+        self._last = -1
+        """The newest tick that was begun in this run."""
+        self._lacking: Iterator[Slot] | None = None
+        """The tick in progress ..."""
+        self._slot: Slot | None = None
+        """... and what it waits for."""
+        # a turn that only turns of this process trigger is due when they are
+        self._turns = [
+            (runner.turn.period, slots)
+            for runner in host.loop.runners
+            if (slots := [slot for slot in runner.triggers if slot.is_remote])
+        ]
+
+    def run(self) -> None:
+        """Work until the bus is stopped."""
+        while True:
+            self.step()
+
+    def step(self) -> bool:
+        """Make a tick, or begin a run; return False if what it waits for can't come any more.
+
+        That is so on a bus within one process: a later call goes on where this one ended.
+        """
+        try:
+            return self._make_tick()
+        except _RunEnded:
+            assert self.host.next_run is not None
+            self._last, self._lacking = -1, None
+            self.host.begin(self.host.next_run)
+            self.host.report_if_due()
+            return True
+
+    def _make_tick(self) -> bool:
+        host = self.host
+        if self._lacking is None:
+            while (trigger := self._trigger()) is None:
+                if not self._wait():
+                    host.revise()
+                    return False
+                host.revise()
+            k, stamp = trigger
+            while not host.knows(stamp):
+                if any(later.revision < stamp.revision for _, later in self._later(k)):
+                    self._last = k  # the sample lied: a later one knows of fewer changes
+                    return True
+                if not self._wait():
+                    return False
+            self._last, host.stamp = k, stamp
+            host.report_if_due()
+            self._lacking = host.loop.step(k, stamp)
+            self._slot = next(self._lacking, None)
+        while self._slot is not None:
+            while self._slot.lacks and not self._is_over(self._last):
+                if not self._wait():
+                    return False
+            self._slot = next(self._lacking, None)
+        self._lacking = None
+        host.has_news = True  # a command may have come after the turn that takes it
+        host.revise()
+        return True
+
+    def _wait(self) -> bool:
+        """Deliver one thing that arrives; return False if nothing can arrive any more."""
+        has_come = self.host.bus.spin_once()
+        if self.host.next_run is not None:
+            raise _RunEnded
+        return has_come
+
+    def _trigger(self) -> tuple[int, Stamp] | None:
+        """Return the tick to make, if a sample that triggers it has come, and its stamp."""
+        if not self.host.lockstep or self._last < 0:
+            return min(self._later(self._last), default=None)
+        k, slots = self._due()
+        for stamp, tick, _ in slots[0].waiting:
+            if tick >= k:  # where it is later, no sample of this tick will come
+                return (k, stamp) if tick == k else min(self._later(self._last))
+        return None
+
+    def _due(self) -> tuple[int, list[Slot]]:
+        """Return the tick in which a turn is due next, and what triggers the first such turn."""
+        k = self._last + 1
+        while True:
+            for period, slots in self._turns:
+                if k % period == 0:
+                    return k, slots
+            k += 1
+
+    def _later(self, k: int) -> Iterator[tuple[int, Stamp]]:
+        """Yield the next trigger after tick `k` that has come on each input."""
+        for _, slots in self._turns:
+            for slot in slots:
+                for stamp, tick, _ in slot.waiting:
+                    if tick > k:
+                        yield tick, stamp
+                        break
+
+    def _is_over(self, k: int) -> bool:
+        """Return whether tick `k` waits no longer: in real time, until the next one begins."""
+        return not self.host.lockstep and next(self._later(k), None) is not None
