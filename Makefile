@@ -1,5 +1,11 @@
-# Every target prepares what it needs. PYTHON is any Python 3.11 or later with venv.
-PYTHON ?= python3.11
+# Every target prepares what it needs, with the first of PYTHONS that runs and is 3.11 to 3.13, or
+# with PYTHON. Without uv it needs ensurepip, which Debian has in a package of its own.
+PYTHONS := python3.13 python3.12 python3.11 python3
+USABLE = import sys$(if $(UV),,, ensurepip); sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+USED = $(or $(shell for one in $(or $(PYTHON),$(PYTHONS)); do $(RUNS) && echo $$one && break; done),$(error \
+	Python 3.11, 3.12 or 3.13 with venv is needed, but not found as $(or $(PYTHON),$(PYTHONS)). Install it \
+	(Debian, Ubuntu: apt install python3-venv) or name it: make PYTHON=/path/to/python))
+RUNS = $$one -c '$(USABLE)' 2>/dev/null
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 HOURS ?= 2
@@ -18,13 +24,14 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # uv where it is present, else pip: the same versions from constraints.txt. What builds our projects
 # is installed once and not, as pip would have it, for each of them anew; compiled is what is used.
-ifneq ($(shell command -v uv),)
-NEW := uv venv -q -p $(PYTHON)
+UV := $(shell command -v uv)
+ifneq ($(UV),)
+NEW = uv venv -q -p $(1)
 INSTALL = uv pip install --no-sources -p $(1)/bin/python -b constraints.txt -c constraints.txt
 BUILD_WHEELS := uv build -q --wheel --all-packages --no-sources -b constraints.txt -o dist
 else
 PIP := .venv-pip/bin/pip
-NEW := $(PYTHON) -m venv --without-pip
+NEW = $(1) -m venv --without-pip
 INSTALL = $(PIP) --python $(1)/bin/python install --no-compile --no-build-isolation -c constraints.txt
 BUILD_WHEELS := $(PIP) --python .venv/bin/python wheel -q --no-deps --no-build-isolation -w dist $(WORKSPACE:%=./%)
 endif
@@ -32,7 +39,8 @@ BUILD := hatchling editables
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # make_venv FOLDER, STEP: an empty environment
-make_venv = echo "[$(2)] $(1): an empty environment" && rm -rf $(1) && $(NEW) $(1) && $(call INSTALL,$(1)) -q $(BUILD)
+make_venv = python=$(USED) && echo "[$(2)] $(1): an empty environment of $$($$python -V)" && rm -rf $(1) && \
+	$(call NEW,$$python) $(1) && $(call INSTALL,$(1)) -q $(BUILD)
 
 # install FOLDER, STEP, WORDS, WHAT: say so, name the large files as they come, and the time that it took
 install = start=$$(date +%s) && echo "[$(2)] $(1): $(3)" && $(call INSTALL,$(1)) $(4) | sed -un '$(FETCHED)' && \
@@ -47,11 +55,12 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: docs help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-chaos test-compose test-dist dist soak
+.PHONY: docs help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
 	@echo "make test         everything that is tested; make test-physics and its like: one part"
+	@echo "make test-pythons the same results with each Python that is installed"
 	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
 	@echo "make test-chaos   a hundred kills at random moments: following goes on"
@@ -70,7 +79,7 @@ install: .venv/ready
 develop: .venv/developer
 
 .venv-pip/ready: constraints.txt
-	@$(if $(PIP),rm -rf $(@D) && $(PYTHON) -m venv $(@D) && $(PIP) install -q -U -c constraints.txt pip)
+	@$(if $(PIP),rm -rf $(@D) && $(USED) -m venv $(@D) && $(PIP) install -q -U -c constraints.txt pip)
 	@mkdir -p $(@D) && touch $@
 
 # editable, so that a change of ours needs no other install
@@ -123,6 +132,12 @@ GYM := people tools services/physics services/controller services/target service
 	@$(call install,.venv-docs,2/2,what makes the site of the documentation,--group docs)
 	@touch $@
 
+# another Python, to compare its results
+.venv-python%/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
+	@$(call make_venv,$(@D),1/2)
+	@$(call install,$(@D),2/2,what runs a scenario,$(call EDITABLE,$(SDK) $(LOOP)))
+	@touch $@
+
 # what speaks with us as ROS does: it holds nothing of ours
 .venv-ros/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-ros,1/2)
@@ -167,6 +182,11 @@ test-dist: dist
 
 test-experiments test-bench test-system test-ros test-dist: test-%: .venv/developer
 	.venv/bin/python -m pytest tests/$*
+
+test-pythons: .venv/developer
+	@for one in $(PYTHONS); do ! $(RUNS) || $(MAKE) -s PYTHON=$$one \
+		.venv-python$$($$one -c 'import sys; print("%d.%d" % sys.version_info[:2])')/ready || exit 1; done
+	.venv/bin/python -m pytest tests/system/test_one_result.py -k python
 
 test-chaos: .venv/developer
 	.venv/bin/python -m pytest -s tests/chaos

@@ -150,7 +150,7 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         place_m, heading_rad = info["place_error_m"], info["heading_error_rad"]
         cost = place_m + HEADING_M_RAD * abs(heading_rad)
         reward = -cost * (state.time_s - begin_s)
-        reward -= CHANGE_M_S * float(np.linalg.norm(self._action - last))
+        reward -= CHANGE_M_S * math.hypot(*(self._action - last))
         terminated = place_m > self._far_m or self._touches(state)
         if terminated:
             sim = self.scenario.sim

@@ -3,10 +3,12 @@
 import json
 import multiprocessing
 import os
+import subprocess
 from functools import cache
+from pathlib import Path
 
 import pytest
-from harness import SCENARIOS, mecazen, options
+from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, mecazen, options
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import collect, simulate, simulate_distributed
@@ -116,6 +118,53 @@ def test_load_from_other_processes_does_not_change_the_trajectory():
         for hog in hogs:
             hog.join()
     assert loaded == one_process("back", *settings)
+
+
+LONG = ("sim.duration_s=5.0",)
+"""Time in which a difference of rounding reaches a trajectory."""
+CPU_FLAGS = set(Path("/proc/cpuinfo").read_text().partition("flags")[2].split("\n")[0].split())
+
+
+@pytest.mark.parametrize("scenario", ["back", "senses"])
+@pytest.mark.parametrize(
+    ("kernel", "needed", "disabled"),
+    [
+        ("Prescott", "pni", ""),
+        ("Sandybridge", "avx", ""),
+        ("Haswell", "avx2", ""),
+        ("SkylakeX", "avx512bw", ""),
+        ("SkylakeX", "avx512bw", "X86_V4"),
+    ],
+    ids=["Prescott", "Sandybridge", "Haswell", "SkylakeX", "NumPy without AVX-512"],
+)
+def test_every_kernel_of_openblas_and_numpy_gives_the_same_trajectory(
+    scenario, kernel, needed, disabled
+):
+    if needed not in CPU_FLAGS:
+        pytest.skip(f"this processor has no {needed}")
+    done = mecazen(
+        *("simulate", scenario, "--json", *options(LONG)),
+        OPENBLAS_CORETYPE=kernel,
+        NPY_DISABLE_CPU_FEATURES=disabled,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["trajectory_sha256"] == one_process(scenario, *LONG)
+
+
+@pytest.mark.parametrize("scenario", ["back", "senses", "safety"])
+def test_every_python_gives_the_same_trajectory(scenario):
+    programs = sorted(ROOT.glob(".venv-python*/bin/mecazen"))
+    if not programs:
+        pytest.skip("no environment of another Python: make test-pythons makes them")
+    for program in programs:
+        done = subprocess.run(
+            [program, "simulate", scenario, "--json", *options(LONG)],
+            capture_output=True,
+            timeout=COMMAND_GUARD_S,
+            check=True,
+        )
+        result = json.loads(done.stdout)
+        assert result["trajectory_sha256"] == one_process(scenario, *LONG), program
 
 
 def test_a_fresh_interpreter_gives_the_same_trajectory(tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from mecazen.errors import ConfigError
+from mecazen.portable import arctan2
 
 from mecazen_people.body.files import Array, Track, read
 from mecazen_people.body.norm import PELVIS_TILT, Fourier
@@ -77,8 +78,8 @@ def _angles(track: Track, side: int) -> Array:
         np.stack([(p * forward).sum(axis=1), p[:, up]])
         for p in (knee - hip, ankle - knee, toe - ankle)
     )
-    thigh_angle, shank_angle = (np.arctan2(x, -z) for x, z in (thigh, shank))
-    pitch = np.arctan2(foot[1], foot[0])
+    thigh_angle, shank_angle = (arctan2(x, -z) for x, z in (thigh, shank))
+    pitch = arctan2(foot[1], foot[0])
     return np.array([thigh_angle + PELVIS_TILT, thigh_angle - shank_angle, pitch - shank_angle])
 
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from mecazen.config.world import Box, Cylinder
+from mecazen.portable import exp, product
 
 Floats = npt.NDArray[np.float64]
 
@@ -65,12 +66,12 @@ def repulsion(
     ahead_m = np.maximum(_length(ahead), 1e-9)
     total = distance + ahead_m
     b = np.maximum(0.5 * np.sqrt(np.maximum(total**2 - _length(step) ** 2, 0.0)), LEAST_M)
-    size = POTENTIAL_M2_S2 / POTENTIAL_M * np.exp(-b / POTENTIAL_M) * total / (4.0 * b)
+    size = POTENTIAL_M2_S2 / POTENTIAL_M * exp(-b / POTENTIAL_M) * total / (4.0 * b)
     force = size[..., None] * (away + ahead / ahead_m[..., None])
     seen = np.einsum("ik,ijk->ij", heading, force) <= -COS_VIEW * _length(force)
     force *= np.where(seen, 1.0, BEHIND)[..., None]
     gap = np.maximum(distance - touching, 0.0)
-    force += (CONTACT_M_S2 * np.exp(-gap / CONTACT_M))[..., None] * away
+    force += (CONTACT_M_S2 * exp(-gap / CONTACT_M))[..., None] * away
     forces: Floats = np.where(np.isfinite(touching)[..., None], force, 0.0)
     return forces
 
@@ -80,7 +81,7 @@ def from_obstacles(places: Floats, obstacles: Sequence[Box | Cylinder]) -> Float
     force = np.zeros_like(places)
     for thing in obstacles:
         away, distance = nearest(places, thing)
-        size = OBSTACLE_M2_S2 / OBSTACLE_M * np.exp(-np.maximum(distance, 0.0) / OBSTACLE_M)
+        size = OBSTACLE_M2_S2 / OBSTACLE_M * exp(-np.maximum(distance, 0.0) / OBSTACLE_M)
         force += size[:, None] * away
     return force
 
@@ -95,7 +96,7 @@ def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
     yaw = math.radians(thing.yaw_deg)
     c, s = math.cos(yaw), math.sin(yaw)
     axes = np.array(((c, s), (-s, c)))
-    local = np.stack((apart @ axes[0], apart @ axes[1]), axis=-1)
+    local = product(apart, axes.T)
     half = np.array(thing.size_m[:2]) / 2
     over = np.abs(local) - half
     outside = np.maximum(over, 0.0)

@@ -129,7 +129,7 @@ class Following:
         if self._response == 0.0:
             return command
         self._pending.append((command, dt))
-        while sum(duration for _, duration in self._pending) > self._response + dt / 2:
+        while math.fsum(duration for _, duration in self._pending) > self._response + dt / 2:
             self._pending.popleft()
         return command
 

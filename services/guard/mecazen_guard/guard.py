@@ -182,7 +182,7 @@ class Guard:
         search = scene.among(whole < BESIDE_M)
         share, best = search.share(twist, recovered), twist
         past = self._past(twist, points.xy[worst])
-        if past is not None and (length := float(past @ past / (twist @ twist))) > share:
+        if past is not None and (length := _square(past) / _square(twist)) > share:
             sidestep = search.share(past, min(recovered / length, 1.0)) * length
             if sidestep > share:
                 share, best = sidestep, past / length
@@ -213,7 +213,7 @@ class Guard:
         if distance == 0.0:
             return None
         normal = away / distance
-        towards = float(twist[:2] @ normal)
+        towards = float(np.sum(twist[:2] * normal))
         if towards <= 0.0:
             return None
         past = twist.copy()
@@ -252,6 +252,10 @@ class Guard:
         c, s = np.cos(yaw), np.sin(yaw)
         dx, dy = xy[..., 0] - x, xy[..., 1] - y
         return to_rectangle(c * dx + s * dy, c * dy - s * dx, self._footprint)
+
+
+def _square(vector: Floats) -> float:
+    return float(np.sum(vector * vector))
 
 
 class _Scene:

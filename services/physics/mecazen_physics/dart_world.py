@@ -174,9 +174,9 @@ class DartWorld:
     def _is_at_border(self, contact: Any) -> bool:
         """Return whether a contact's force is at its cone's border or beyond."""
         force, normal = np.array(contact.force), np.array(contact.normal)
-        along = float(force @ normal)
-        friction = force - along * normal
-        return math.sqrt(friction @ friction) > 0.99 * self._friction * abs(along)
+        along = float(np.sum(force * normal))
+        friction = math.hypot(*(force - along * normal))
+        return friction > 0.99 * self._friction * abs(along)
 
     def touches_more_than_the_ground(self) -> bool:
         """Return whether in the last step a robot touched an obstacle, a person or another."""

@@ -16,6 +16,7 @@ import dartpy as dart
 import numpy as np
 import numpy.typing as npt
 from mecazen.config.world import Ridge
+from mecazen.portable import product
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import bodies
@@ -53,7 +54,7 @@ class Profile:
         distances are infinite.
         """
         flat = points[:, :2] - self._origin
-        section = np.stack((flat @ self._ahead, points[:, 2]), axis=-1)
+        section = np.stack((product(flat, self._ahead), points[:, 2]), axis=-1)
         from_corner = section[:, None] - self._corners[:-1]
         share = np.sum(from_corner * self._along, axis=2) / self._squares
         ways = from_corner - np.clip(share, 0.0, 1.0)[:, :, None] * self._along
@@ -61,7 +62,7 @@ class Profile:
         piece = np.argmin(far, axis=1)
         rows = np.arange(len(points))
         ways, distances = ways[rows, piece], far[rows, piece]
-        inside = np.abs(flat @ self._across) <= self._half_width
+        inside = np.abs(product(flat, self._across)) <= self._half_width
         distances = np.where(inside & (ways[:, 1] > 0.0), distances, np.inf)
         ways = ways / np.where(far[rows, piece] > 0.0, far[rows, piece], 1.0)[:, None]
         return distances, ways

@@ -30,14 +30,15 @@ off at the ends: h is measured along the normal, which leans against the roller'
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.portable import legendre
 from mecazen.robot import Robot
-from numpy.polynomial.legendre import leggauss
 
 Array = npt.NDArray[np.float64]
 
@@ -81,8 +82,8 @@ class Roller:
     def profile(self, phi: npt.ArrayLike) -> tuple[Array, Array]:
         """Return axial position s and radius r [m] of the contact point at wheel angle `phi`."""
         phi = np.asarray(phi, dtype=float)
-        tan, cos_angle = np.tan(phi), np.cos(self.angle)
-        along_axle = self.axis_distance * tan / np.tan(self.angle)
+        tan, cos_angle = _tan(phi), np.cos(self.angle)
+        along_axle = self.axis_distance * tan / math.tan(self.angle)
         s = np.sin(self.angle) * self.wheel_radius * np.sin(phi) + cos_angle * along_axle
         r = (self.wheel_radius * np.cos(phi) - self.axis_distance) * np.sqrt(
             1.0 + (cos_angle * tan) ** 2
@@ -102,16 +103,17 @@ class Roller:
         Of a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
         Gauss' rule in φ (the profile is analytic: 32 points leave rounding errors only).
         """
-        nodes, weights = leggauss(32)
+        nodes, weights = legendre(32)
         phi = self.half_arc * nodes
         s, r = self.profile(phi)
         slope = np.sin(self.angle) * self.wheel_radius * np.cos(phi) + (
-            np.cos(self.angle) * self.axis_distance / np.tan(self.angle) / np.cos(phi) ** 2
+            np.cos(self.angle) * self.axis_distance / math.tan(self.angle) / np.cos(phi) ** 2
         )
         ds = weights * slope
-        density = self.mass / np.dot(ds, r**2)
-        across = density * np.dot(ds, r**4 / 4.0 + r**2 * s**2)
-        along = density * np.dot(ds, r**4 / 2.0)
+        square = r * r
+        density = self.mass / np.sum(ds * square)
+        across = density * np.sum(ds * square * (square / 4.0 + s * s))
+        along = density * np.sum(ds * square * square / 2.0)
         return float(across), float(along)
 
     def spheres(self, number: int) -> tuple[Array, Array]:
@@ -123,7 +125,7 @@ class Roller:
         phi = np.linspace(-self.half_arc, self.half_arc, number)
         distance = self.axis_distance
         return (
-            distance * np.tan(phi) / np.sin(self.angle),
+            distance * _tan(phi) / np.sin(self.angle),
             self.wheel_radius - distance / np.cos(phi),
         )
 
@@ -173,6 +175,11 @@ def binary_stl(vertices: Array, triangles: npt.NDArray[np.int64]) -> bytes:
     return bytes(80) + struct.pack("<I", len(triangles)) + facets.tobytes()
 
 
+def _tan(angles: Array) -> Array:
+    tangents: Array = np.sin(angles) / np.cos(angles)
+    return tangents
+
+
 def lateral_gain(robot: Robot) -> float:
     """Return the mean of v_y over its ideal value for pure lateral motion without slip.
 
@@ -207,11 +214,11 @@ def yaw_gain(robot: Robot) -> float:
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
-    nodes, weights = leggauss(16)
+    nodes, weights = legendre(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
-    offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
+    offset = roller.axis_distance * _tan(theta) / math.tan(roller.angle)
     distances = robot.half_track + np.stack([offset, -offset])
     levers = distances + robot.half_wheelbase * robot.cross_gain / np.cos(theta)
     prevails = np.argmax(np.abs(levers) / distances, axis=0)
     gain = robot.lever / np.take_along_axis(levers, prevails[None], axis=0)[0]
-    return float(np.dot(weights, gain) / 2.0)
+    return float(np.sum(weights * gain) / 2.0)

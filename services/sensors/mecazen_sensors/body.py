@@ -70,6 +70,9 @@ def _chains() -> Floats:
 
 CHAINS: Floats = _chains()
 """Takes joints from bones (20, 20): a bone ends in the joint of its number."""
-_BONES: Floats = np.array(np.linalg.inv(CHAINS).round(), float)
+_BONES: Floats = np.eye(len(JOINTS))
+for _number, _name in enumerate(JOINTS):
+    if (_parent := PARENTS[_name]) is not None:
+        _BONES[_number, INDEX[_parent]] = -1.0
 BONES: Floats = _BONES[MIRRORED] - _BONES
 """Takes from joints how the other side's bones differ."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.config.sensors import DepthConfig, TrackerConfig
 from mecazen.geometry import Pose2D
+from mecazen.portable import product
 from mecazen.robot import Camera as Mount
 
 from mecazen_sensors.scene import Floats
@@ -48,12 +49,6 @@ class Camera:
 
         They are given as vectors (n, 3) from the optical centre in base_link.
         """
-        products = vectors @ self._planes
+        products = product(vectors, self._planes)
         inside: npt.NDArray[np.bool_] = np.logical_and.reduce(products >= self._least, axis=1)
         return products[:, 0], inside
-
-
-def from_world(yaw: float) -> Floats:
-    """Return the matrix that takes rows of vectors in the world to a frame turned by `yaw`."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))

@@ -7,10 +7,11 @@ import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.config.sensors import DepthConfig
 from mecazen.geometry import Pose2D
+from mecazen.portable import product, turned
 from mecazen.robot import Camera as Mount
 from numpy.random import PCG64, Generator
 
-from mecazen_sensors.camera import Camera, from_world
+from mecazen_sensors.camera import Camera
 from mecazen_sensors.scene import CARRIER, Floats, Scene
 
 FRAME = "camera_depth_optical_frame"
@@ -42,7 +43,7 @@ class DepthCamera:
         ahead, y, z = np.broadcast_arrays(1.0, left[None, :], up[:, None])
         vectors = np.stack((ahead, y, z), axis=-1).reshape(-1, 3)
         lengths = np.linalg.norm(vectors, axis=1)
-        self._rays: Floats = vectors / lengths[:, None] @ self._camera.axes
+        self._rays: Floats = product(vectors / lengths[:, None], self._camera.axes)
         self._depths_per_range: Floats = 1.0 / lengths
         # no pixel's ray is longer than that of a corner
         self._farthest = config.max_range_m * float(np.max(lengths))
@@ -54,7 +55,7 @@ class DepthCamera:
         shape = config.height, config.width
         noise: Floats = self._random.standard_normal(shape)
         chance: Floats = self._random.random(shape)
-        directions = self._rays @ from_world(-robot.yaw)
+        directions = turned(self._rays, robot.yaw)
         camera = self._camera.position(robot)
         ranges, _ = scene.cast(camera, directions, CARRIER, self._farthest)
         depths = (ranges * self._depths_per_range).reshape(shape)

@@ -8,6 +8,7 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
+from mecazen.portable import turned
 from mecazen.robot import Attachment
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
@@ -48,8 +49,7 @@ class Lidar:
         self._last = _single(angles[-1])
         self._farthest = math.floor(config.max_range_m * STEPS_PER_M) / STEPS_PER_M
         self._no_return = _single(config.max_range_m + 1.0)
-        self._beams = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
-        self._directions = np.empty((config.beams, 3))
+        self._beams = np.stack((np.cos(angles), np.sin(angles), np.zeros(config.beams)), axis=-1)
         self._random = Generator(PCG64(seed))
 
     def scan(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.LaserScan:
@@ -58,10 +58,10 @@ class Lidar:
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         x, y, z = mount.position_m
         origin = np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
-        np.matmul(self._beams, ((c, s, 0.0), (-s, c, 0.0)), out=self._directions)
+        directions = turned(self._beams, robot.yaw)
         noise: Floats = self._random.standard_normal(config.beams)
         lost = self._random.random(config.beams) < config.dropout_probability
-        ranges, hits = scene.cast(origin, self._directions, CARRIER, config.max_range_m, level=True)
+        ranges, hits = scene.cast(origin, directions, CARRIER, config.max_range_m, level=True)
         ranges += config.range_std_m * noise
         ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
         ranges[lost | (ranges < config.min_range_m)] = INVALID

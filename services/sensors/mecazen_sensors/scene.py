@@ -16,7 +16,6 @@ are none. What is left is a ray that grazes a silhouette, closer to it than roun
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import mujoco
@@ -25,6 +24,7 @@ import numpy.typing as npt
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
+from mecazen.portable import product, turned
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 
@@ -44,8 +44,7 @@ _EYE = np.eye(len(JOINTS))
 _BEGINS: Floats = _EYE[[INDEX[limb.begin] for limb in LIMBS]]
 _ENDS: Floats = _EYE[[INDEX[limb.end] for limb in LIMBS]]
 _ALONG, _MIDDLES = _ENDS - _BEGINS, (_BEGINS + _ENDS) / 2
-"""Take limbs from joints: (12, 20) @ (20, 3)."""
-_ONES = np.ones(3)
+"""Take limbs (12, 3) from joints (20, 3)."""
 _RADII = np.array([limb.radius for limb in LIMBS])
 
 
@@ -107,11 +106,12 @@ class Scene:
 
     def place_robot(self, robot: int, pose: Pose2D) -> None:
         """Put a robot at a pose in the world, on the ground."""
-        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
         geoms = self._robots[robot]
-        self._positions[geoms] = self._robot_positions[robot] @ turn.T + (pose.x, pose.y, 0.0)
-        self._rotations[geoms] = turn @ self._robot_rotations[robot]
+        positions = turned(self._robot_positions[robot], pose.yaw)
+        positions[:, :2] += pose[:2]
+        self._positions[geoms] = positions
+        axes = self._robot_rotations[robot].transpose(0, 2, 1)
+        self._rotations[geoms] = turned(axes, pose.yaw).transpose(0, 2, 1)
 
     def place_person(self, person: int, joints: Floats, height: float) -> None:
         """Give a person a body.
@@ -122,11 +122,11 @@ class Scene:
             height: Of the body, which its limbs' radii are shares of [m].
         """
         geoms = self._people[person]
-        along = _ALONG @ joints
+        along = product(_ALONG, joints)
         along[:, 2] += 1e-12  # a sphere has no direction of its own: upwards
-        lengths = np.sqrt((along * along) @ _ONES)
+        lengths = np.sqrt(np.einsum("ij,ij->i", along, along))
         axes = along / lengths[:, None]
-        self._positions[geoms] = _MIDDLES @ joints
+        self._positions[geoms] = product(_MIDDLES, joints)
         _set_frames(self._rotations[geoms], axes)
         if height != self._heights[person]:
             self._heights[person] = height

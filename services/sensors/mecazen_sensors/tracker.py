@@ -20,6 +20,7 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
+from mecazen.portable import product, turned
 from mecazen.robot import Camera as Mount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.ticks import ticks_per_sample, whole_ticks
@@ -37,7 +38,7 @@ from mecazen_sensors.body import (
     OWN,
     scales,
 )
-from mecazen_sensors.camera import Camera, from_world
+from mecazen_sensors.camera import Camera
 from mecazen_sensors.scene import CARRIER, Floats, Scene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
@@ -54,7 +55,6 @@ RESOLUTION = 4
 
 COUNT = len(JOINTS)
 _LEFT_HIP, _RIGHT_HIP = INDEX["left_hip"], INDEX["right_hip"]
-_ONES = np.ones(3)
 
 
 class _Track:
@@ -166,9 +166,9 @@ class Tracker:
             self._tracks.append(_Track(Generator(bits), self._bias_weights))
         camera = self._camera.position(robot)
         rays = np.concatenate(people) - camera
-        distances = np.sqrt((rays * rays) @ _ONES)
+        distances = np.sqrt(np.einsum("ij,ij->i", rays, rays))
         ways, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
-        vectors = rays @ from_world(robot.yaw)
+        vectors = turned(rays, -robot.yaw)
         depths, inside = self._camera.look(vectors)
         time = m.Time.from_ns(tick * self._tick_ns)
         if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
@@ -217,7 +217,7 @@ class Tracker:
 
         if not all(visible):
             pull = (self._pull * hidden)[:, None]
-            relative += hidden[:, None] * (CHAINS @ (pull * (BONES @ relative)))
+            relative += hidden[:, None] * product(CHAINS, pull * product(BONES, relative))
             if track.relative is not None:
                 lag = ((1.0 - self._follow) * hidden)[:, None]
                 relative += lag * (track.relative - relative)
@@ -227,7 +227,8 @@ class Tracker:
         near = depths / config.white_range_m
         white = self._white_std * (1.0 + near * near) * factor
         drift = self._drift_std * factor
-        found = (track.bias @ (1.0, c, s, c * c - s * s, 2.0 * s * c)).reshape(COUNT, 3)
+        harmonics = (1.0, c, s, c * c - s * s, 2.0 * s * c)
+        found = product(track.bias, harmonics).reshape(COUNT, 3)
         found += relative + (vectors[0] + self._place)
         found += drift[:, None] * track.drift + white[:, None] * normals[1]
         variance = self._bias_variance + drift * drift + white * white

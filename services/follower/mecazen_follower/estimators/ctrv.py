@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from mecazen.config.estimators import CtrvParams, TurnRateParams
 from mecazen.geometry import Pose2D
+from mecazen.portable import product
 
 from mecazen_follower.estimators.base import Array, Estimate, Estimator
 from mecazen_follower.estimators.modes import Mode, ModeBank
@@ -82,11 +83,12 @@ class Unscented:
         kf.compute_process_sigmas(0.0)  # around the current state, even without a prediction before
         prediction = kf.P
         kf.update(observation, R=noise)
-        remaining = IDENTITY - kf.K @ OBSERVATION
+        remaining = IDENTITY - product(kf.K, OBSERVATION)
         # Joseph form, possible since the observation is linear in the state
-        P = remaining @ prediction @ remaining.T + kf.K @ noise @ kf.K.T
+        P = product(product(remaining, prediction), remaining.T)
+        P += product(product(kf.K, noise), kf.K.T)
         kf.P = (P + P.T) / 2.0
-        self.nis = float(kf.y @ kf.SI @ kf.y)
+        self.nis = float(np.sum(kf.y * product(kf.SI, kf.y)))
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
         """Return state and covariance `dt` [s] later, to first order."""

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from mecazen.config.estimators import ConstantVelocityParams, DisplacementParams
 from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.portable import product
 
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, as_tuple
 
@@ -175,13 +176,13 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
 def kalman(state: Array, covariance: Array, H: Array) -> Any:
     """Return a filter that starts with a state (n) and observes H (m, n) times it."""
     # imported late: it takes a second, and every process reads the follower's configuration
-    from filterpy.kalman import KalmanFilter  # noqa: PLC0415
+    from mecazen_follower.estimators.kalman import PortableFilter  # noqa: PLC0415
 
-    kf = KalmanFilter(dim_x=len(state), dim_z=len(H))
+    kf = PortableFilter(dim_x=len(state), dim_z=len(H))
     kf.x, kf.P, kf.H = state, covariance, H
     return kf
 
 
 def nis_of(kf: Any) -> float:
     """Return the normalised innovation squared of the last update."""
-    return float(kf.y @ kf.SI @ kf.y)
+    return float(np.sum(kf.y * product(kf.SI, kf.y)))

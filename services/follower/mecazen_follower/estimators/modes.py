@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +78,10 @@ class ModeBank:
         self._modes = modes
         self._rates = [1.0 / mode.mean_sojourn / (n - 1) if n > 1 else 0.0 for mode in modes]
         """Transition rates to each of the other modes [1/s]."""
+        walks = zip(*(mode.walks for mode in modes), strict=True)
+        self._variances = [[walk * walk for walk in of_modes] for of_modes in walks]
+        """Of each random walk, by mode."""
+        self._fading = [mode.fading for mode in modes]
         self.probabilities = [1.0 / n] * n
         self._filters = [Gaussian(tuple(state.tolist()), triangle(covariance))] * n
         self._cached: Combined | None = None
@@ -86,7 +91,7 @@ class ModeBank:
     def heading(self) -> float:
         """The mean heading [rad], not wrapped."""
         headings = (state[YAW] for state, _ in self._filters)
-        return sum(p * yaw for p, yaw in zip(self.probabilities, headings, strict=True))
+        return math.fsum(p * yaw for p, yaw in zip(self.probabilities, headings, strict=True))
 
     @property
     def state(self) -> Array:
@@ -102,33 +107,32 @@ class ModeBank:
         """Return the mixture of all modes; computed on demand, once."""
         if self._cached is None:
             probabilities = self.probabilities
-            variances = [
-                sum(p * walk * walk for p, walk in zip(probabilities, walks, strict=True))
-                for walks in zip(*(mode.walks for mode in self._modes), strict=True)
-            ]
-            sway, step, heading, speed, rate = map(math.sqrt, variances)
-            mean = mixture(probabilities, self._filters)
-            fading = sum(
-                p * mode.fading for p, mode in zip(probabilities, self._modes, strict=True)
+            sway, step, heading, speed, rate = (
+                math.sqrt(math.fsum(map(mul, probabilities, variances)))
+                for variances in self._variances
             )
+            mean = mixture(probabilities, self._filters)
+            fading = math.fsum(map(mul, probabilities, self._fading))
             self._cached = Combined(*mean, (sway, step, heading, speed, rate), fading)
         return self._cached
 
     def predict(self, dt: float) -> None:
         """Mix the modes and propagate each by `dt` [s]."""
-        others = len(self._modes) - 1
-        # a step longer than the mean sojourn must not move more than the whole probability
-        limit = 1.0 / max(others, 1)
+        # after a long step all modes are equally probable
+        limit = 1.0 / len(self._modes)
         change = [
             p * min(rate * dt, limit)
             for p, rate in zip(self.probabilities, self._rates, strict=True)
         ]
+        # each mode gains the same mixture of all modes and loses its change to each of them
+        gained = math.fsum(change)
+        joined = mixture([p / gained for p in change], self._filters) if gained > 0.0 else None
         probabilities, filters = [], []
-        for i, mode in enumerate(self._modes):
-            joint = change.copy()
-            joint[i] = self.probabilities[i] - others * change[i]
-            probability = sum(joint)
-            mixed = mixture([p / probability for p in joint], self._filters)
+        for mode, own, p, lost in zip(
+            self._modes, self._filters, self.probabilities, change, strict=True
+        ):
+            probability = gained + (p - len(self._modes) * lost)
+            mixed = own if joined is None else blend(own, joined, gained / probability)
             probabilities.append(probability)
             state, covariance = _without_rates(mode, *mixed)
             moved = propagate(state, covariance, mode.walks, dt, mode.fading)
@@ -149,13 +153,13 @@ class ModeBank:
 
         prior = self.probabilities
         least = min(correction.nis for correction in corrections)
-        self.nis = sum(p * of.nis for p, of in zip(prior, corrections, strict=True))
+        self.nis = math.fsum(p * of.nis for p, of in zip(prior, corrections, strict=True))
         # the bound prevents underflow: two outliers in a row could zero all modes
         weights = [
             max(p * math.exp((least - of.nis) / 2.0) / math.sqrt(of.determinant), MIN_WEIGHT)
             for p, of in zip(prior, corrections, strict=True)
         ]
-        total = sum(weights)
+        total = math.fsum(weights)
         self.probabilities = [weight / total for weight in weights]
 
     def ahead(self, dt: float) -> tuple[State, Triangle]:
@@ -211,6 +215,36 @@ def mixture(weights: Sequence[float], parts: Sequence[Gaussian]) -> Gaussian:
         vw += weight * (pvw + dv * dw)
         ww += weight * (pww + dw * dw)
     return Gaussian((x, y, a, v, w), (xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww))
+
+
+def blend(one: Gaussian, other: Gaussian, share: float) -> Gaussian:
+    """Return mean and covariance of a mixture of two Gaussians, with the `share` of the other."""
+    (x, y, a, v, w), (xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww) = one
+    (ox, oy, oa, ov, ow), P = other
+    pxx, pxy, pxa, pxv, pxw, pyy, pya, pyv, pyw, paa, pav, paw, pvv, pvw, pww = P
+    dx, dy, da, dv, dw = ox - x, oy - y, oa - a, ov - v, ow - w
+    k = 1.0 - share
+    kx, ky, ka, kv, kw = k * dx, k * dy, k * da, k * dv, k * dw
+    return Gaussian(
+        (x + share * dx, y + share * dy, a + share * da, v + share * dv, w + share * dw),
+        (
+            xx + share * (pxx - xx + kx * dx),
+            xy + share * (pxy - xy + kx * dy),
+            xa + share * (pxa - xa + kx * da),
+            xv + share * (pxv - xv + kx * dv),
+            xw + share * (pxw - xw + kx * dw),
+            yy + share * (pyy - yy + ky * dy),
+            ya + share * (pya - ya + ky * da),
+            yv + share * (pyv - yv + ky * dv),
+            yw + share * (pyw - yw + ky * dw),
+            aa + share * (paa - aa + ka * da),
+            av + share * (pav - av + ka * dv),
+            aw + share * (paw - aw + ka * dw),
+            vv + share * (pvv - vv + kv * dv),
+            vw + share * (pvw - vw + kv * dw),
+            ww + share * (pww - ww + kw * dw),
+        ),
+    )
 
 
 class Correction(NamedTuple):

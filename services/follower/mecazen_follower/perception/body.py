@@ -42,9 +42,9 @@ def pose_of(body: Skeleton) -> tuple[Pose2D, PlanarCovariance] | None:
     if not seen:
         return None
     weights = [1.0 / max(body.std[at], LEAST_STD_M) ** 2 for at in seen]
-    total = sum(weights)
-    x = sum(w * body.joints[at].x for w, at in zip(weights, seen, strict=True)) / total
-    y = sum(w * body.joints[at].y for w, at in zip(weights, seen, strict=True)) / total
+    total = math.fsum(weights)
+    x = math.fsum(w * body.joints[at].x for w, at in zip(weights, seen, strict=True)) / total
+    y = math.fsum(w * body.joints[at].y for w, at in zip(weights, seen, strict=True)) / total
     variance = PLACE_CORRELATED / total + SWAY_STD_M**2
     yaw, yaw_variance = _heading(body)
     return Pose2D(x, y, yaw), (

@@ -76,9 +76,11 @@ class Shadows:
         nearest = np.full((steps, BINS), np.inf)
         offsets = points - person[:, None]
         ranges = np.hypot(offsets[..., 0], offsets[..., 1])
-        angles = np.arctan2(offsets[..., 1], offsets[..., 0])
-        half = np.arcsin(np.minimum(radius / np.maximum(ranges, 1e-6), 1.0))
-        first, last = (_bins(np.cos(at), np.sin(at)) for at in (angles - half, angles + half))
+        x, y = offsets[..., 0], offsets[..., 1]
+        # an obstacle covers its direction, less and plus the half angle with this sine and cosine
+        sine = np.minimum(radius / np.maximum(ranges, 1e-6), 1.0)
+        cosine = np.sqrt(1.0 - sine * sine)
+        first, last = (_bins(x * cosine + y * s, y * cosine - x * s) for s in (sine, -sine))
         covered = (last - first) % BINS
         rows = np.broadcast_to(np.arange(steps)[:, None], first.shape)
         for k in range(min(int(covered.max(initial=-1)) + 1, MOST_BINS)):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.drive_batch import Array
+from mecazen.portable import arctan2
 
 from mecazen_follower.planner.rollout import Command
 
@@ -59,7 +60,7 @@ def towards(person: Floats, goals: Goals, gains: PolarGains) -> Command:
         offset_x, offset_y = x - person[k, 0], y - person[k, 1]
         distance = np.maximum(np.hypot(offset_x, offset_y), 1e-6)
         ux, uy = offset_x / distance, offset_y / distance
-        off = np.arctan2(ux * reach_y - uy * reach_x, ux * reach_x + uy * reach_y)
+        off = arctan2(ux * reach_y - uy * reach_x, ux * reach_x + uy * reach_y)
         turn = goals.poses[k, 2] - yaw
         turn -= math.tau * np.rint(turn / math.tau)
         error = np.array((lengths[k] - distance, distance * off, turn))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, wrap
+from mecazen.portable import arctan2
 from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
@@ -86,7 +87,7 @@ def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
     # the trail; and to stay, at the origin
     poses[:, :2, -2], velocities[:, :2, -2] = _along(trail, person, standoff.distance)
     off = poses[:, :2, -2:] - person.poses[:, :2, None]
-    poses[:, 2, -2:] = np.arctan2(off[:, 1], off[:, 0]) + facing
+    poses[:, 2, -2:] = arctan2(off[:, 1], off[:, 0]) + facing
     turn_rates = np.zeros(modes)
     turn_rates[:-2] = yaw_rate[0]
     return Goals(poses, velocities, turn_rates)

@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from mecazen.drive_batch import Array
+from mecazen.portable import exp
 
 from mecazen_follower.planner.rollout import Rollout
 
@@ -75,7 +76,7 @@ class Mppi:
         means = np.empty_like(nominal)
         for mode, (begin, end) in enumerate(pairwise(ends.tolist())):
             own = slice(begin, end)
-            weights = np.exp((costs[own].min() - costs[own]) / np.float32(TEMPERATURE))
+            weights = exp((costs[own].min() - costs[own]) / TEMPERATURE)
             weights /= weights.sum()
             means[..., mode] = np.einsum("kan,n->ka", commands[..., own], weights)
         best = roll(np.concatenate((nominal, means), axis=-1))

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats, compose
 from mecazen.messages import LaserScan
+from mecazen.portable import arctan2
 from mecazen.scan import BOTH_LEGS_M, Things
 from mecazen.tracks import SCANS, Track, Tracks
 
@@ -71,7 +72,7 @@ class Surroundings:
         """Return which known points this scan could not see: no others are remembered."""
         offsets = self._points - lidar[:2]
         away = np.hypot(offsets[:, 0], offsets[:, 1])
-        angles = np.arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
+        angles = arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
         ranges = np.array(scan.ranges)
         if not len(ranges) or not scan.angle_increment:
             return np.ones(len(away), bool)

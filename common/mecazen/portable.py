@@ -1,0 +1,79 @@
+"""Array functions that are bit-identical on all processors that docs/time.md lists.
+
+BLAS and LAPACK choose their kernels by the processor, and with them the order of each sum. Where
+AVX-512 is present, NumPy computes exp, log, tan, powers and inverse trigonometric functions by its
+own code, elsewhere by the C library's. Code that computes trajectories calls this module instead.
+NumPy's sums, sqrt, sin, cos, hypot, and `einsum` without `optimize` are safe. For Python floats
+use `math.fsum`: since Python 3.12 `sum` compensates its rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+NEWTON_STEPS = 8
+"""Three reach double precision from the asymptotic root."""
+
+
+def product(one: Floats, other: Floats | Sequence[float]) -> Floats:
+    """Return `one @ other`: (..., i, j) by (j) or by (..., j, k)."""
+    is_vector = not isinstance(other, np.ndarray) or other.ndim == 1
+    result: Floats = np.einsum("...ij,j->...i" if is_vector else "...ij,...jk->...ik", one, other)
+    return result
+
+
+def turned(vectors: Floats, angle: float) -> Floats:
+    """Return vectors (..., 2 or 3), turned about the z axis by `angle` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    x, y = vectors[..., 0], vectors[..., 1]
+    result = vectors.copy()
+    result[..., 0], result[..., 1] = c * x - s * y, s * x + c * y
+    return result
+
+
+def inverse(matrix: Floats) -> Floats:
+    """Return the inverse of a symmetric positive definite matrix, by the sweep operator.
+
+    J. H. Goodnight: A tutorial on the SWEEP operator, The American Statistician 33, 1979.
+    """
+    swept = matrix.copy()
+    for k in range(len(swept)):
+        pivot, column = swept[k, k], swept[:, k].copy()
+        row = swept[k] / pivot
+        swept -= column[:, None] * row
+        swept[k], swept[:, k], swept[k, k] = row, column / -pivot, 1.0 / pivot
+    return swept
+
+
+def legendre(number: int) -> tuple[Floats, Floats]:
+    """Return the nodes and weights (number) of Gauss-Legendre quadrature over -1 to 1.
+
+    The nodes are the roots of the Legendre polynomial, by Newton's iteration.
+    """
+    nodes, weights = np.empty(number), np.empty(number)
+    for i in range(number):
+        x, slope = -math.cos(math.pi * (i + 0.75) / (number + 0.5)), 1.0
+        for _ in range(NEWTON_STEPS):
+            before, value = 1.0, x
+            for n in range(2, number + 1):
+                before, value = value, ((2 * n - 1) * x * value - (n - 1) * before) / n
+            slope = number * (x * value - before) / (x * x - 1.0)
+            x -= value / slope
+        nodes[i], weights[i] = x, 2.0 / ((1.0 - x * x) * slope * slope)
+    return nodes, weights
+
+
+def _each(function: Callable[..., float], arguments: int) -> Callable[..., Floats]:
+    """Return a function of `math` for arrays, element by element."""
+    of_objects = np.frompyfunc(function, arguments, 1)
+    return lambda *values: np.asarray(of_objects(*values), float)
+
+
+exp = _each(math.exp, 1)
+arctan2 = _each(math.atan2, 2)

@@ -1,0 +1,83 @@
+"""Functions that are bit-identical on all processors, and that only those are called."""
+
+import ast
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mecazen.portable import arctan2, exp, inverse, legendre, product, turned
+
+ROOT = Path(__file__).parents[2]
+COMPUTES_TRAJECTORIES = (
+    *("common", "people", "gym", "services/physics", "services/controller", "services/target"),
+    *("services/crowd", "services/sensors", "services/guard", "services/follower"),
+)
+BY_THE_PROCESSOR = re.compile(
+    r"np\.(dot|vdot|inner|matmul|tensordot|polyfit|convolve|correlate|cov|corrcoef|roots"
+    r"|exp|exp2|expm1|log|log2|log10|log1p|logaddexp|power|float_power|cbrt|angle|tan|arcsin"
+    r"|arccos|arctan|arctan2|sinh|cosh|tanh|arcsinh|arccosh|arctanh|(linalg|fft)\.\w+)|.*\.dot"
+)
+"""NumPy's functions that use BLAS or LAPACK, or other instructions where a processor has them."""
+
+
+def processor_dependent(file: Path) -> list[str]:
+    found = []
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult):
+            found.append(f"{file}:{node.lineno}: {ast.unparse(node)}")
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            name = ast.unparse(node.func)
+            # along an axis the norm is the root of a sum; without one it is a product of BLAS
+            by_axis = any(key.arg == "axis" for key in node.keywords)
+            if BY_THE_PROCESSOR.fullmatch(name) and not (name == "np.linalg.norm" and by_axis):
+                found.append(f"{file}:{node.lineno}: {name}")
+    return found
+
+
+def test_code_that_computes_trajectories_calls_nothing_that_depends_on_the_processor():
+    files = [file for folder in COMPUTES_TRAJECTORIES for file in (ROOT / folder).rglob("*.py")]
+    assert len(files) > 100
+    assert [line for file in files for line in processor_dependent(file)] == []
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [((3, 4), (4,)), ((3, 4), (4, 2)), ((5, 3, 4), (4, 2)), ((5, 3, 4), (5, 4, 2))],
+)
+def test_a_product_is_the_matrix_product(one, other):
+    random = np.random.default_rng(1)
+    a, b = random.standard_normal(one), random.standard_normal(other)
+    assert product(a, b) == pytest.approx(a @ b, abs=1e-14)  # both round sums of four terms
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6, 8])
+def test_the_inverse_of_a_covariance_times_it_is_the_identity(size):
+    root = np.random.default_rng(size).standard_normal((size, size))
+    covariance = root @ root.T + np.eye(size)
+    # the condition number is below 100
+    assert product(inverse(covariance), covariance) == pytest.approx(np.eye(size), abs=1e-13)
+
+
+@pytest.mark.parametrize("number", [1, 2, 16, 32])
+def test_nodes_and_weights_are_those_of_gauss_legendre_quadrature(number):
+    for found, known in zip(legendre(number), np.polynomial.legendre.leggauss(number), strict=True):
+        assert found == pytest.approx(known, abs=4e-15)  # NumPy's weights are exact to 3e-15
+
+
+def test_functions_of_arrays_equal_those_of_the_c_library():
+    x, y = np.random.default_rng(1).standard_normal((2, 3, 4))
+    assert exp(x).tolist() == [[math.exp(value) for value in row] for row in x.tolist()]
+    assert arctan2(y, x).tolist() == [
+        [math.atan2(*pair) for pair in zip(*rows, strict=True)]
+        for rows in zip(y.tolist(), x.tolist(), strict=True)
+    ]
+    assert exp(np.array(0.0)) == 1.0
+    assert exp(np.empty(0)).shape == (0,)
+
+
+def test_vectors_turn_about_the_z_axis():
+    quarter = math.pi / 2
+    assert turned(np.array([[2.0, 1.0]]), quarter)[0] == pytest.approx((-1.0, 2.0))
+    assert turned(np.array([2.0, 1.0, 3.0]), -quarter) == pytest.approx((1.0, -2.0, 3.0))
