@@ -11,9 +11,9 @@ import numpy.typing as npt
 import pytest
 from mecazen.robot import Robot
 from mecazen.world import Box
-from mecazen_physics import dart_robot, model, motors
+from mecazen_physics import model, motors
+from mecazen_physics import robot as robot_module
 from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.motors import WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.rollers import Roller
 from mecazen_physics.state import BASE_DOFS, Motion, RobotState
@@ -117,37 +117,19 @@ def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus
     assert found.angle < math.radians(0.1)
 
 
-def test_no_step_exceeds_the_motors_torque_and_few_ticks_are_simulated_again(nexus, monkeypatch):
-    # Between the spheres of a coarse hull wheels miss the ground, and torques jump; with 21 or more
-    # not one step exceeds the limit.
-    coarse = replace(nexus, rollers=replace(nexus.rollers, hull_spheres=15))
-    rig = Rig(coarse, dt_s=0.005)
-    robot, body, after_step = rig.robot, rig.body, rig.body.after_step
-    torques, taken_back, begins = [], [], []
+def test_no_step_of_an_isolated_robot_exceeds_the_motors_torque(nexus):
+    rig = Rig(nexus, dt_s=0.005)
+    step, torques = rig.body.scene.step, []
 
-    def noted(limit: float, *, stands: bool) -> bool:
-        fine = after_step(limit, stands=stands)
-        torques.append(max(map(abs, body.torques())))
-        return fine
+    def noted(reset: bool) -> None:
+        step(reset)
+        torques.extend(rig.body.torques())
 
-    def noted_back(command: WheelCommand, steps: int) -> Any:
-        # the step that exceeded the limit is one of those that never were
-        del torques[begins[-1] :]
-        taken_back.append(steps)
-        return take_back(command, steps)
-
-    def noted_begin(command: WheelCommand, steps: int) -> Any:
-        begins.append(len(torques))
-        return prepare(command, steps)
-
-    prepare, robot.prepare = robot.prepare, noted_begin  # type: ignore[method-assign]
-    take_back, robot.take_back = robot.take_back, noted_back  # type: ignore[method-assign]
-    body.after_step = noted
+    rig.body.scene.step = noted
     drive(rig, 15.0, 2, 0.005)
-    limit = coarse.wheels.max_torque_nm
-    assert len(torques) == 3_000
-    assert max(torques) <= limit * (1.0 + 1e-9)  # a servo's, to the solver's rounding
-    assert 0 < len(taken_back) < 0.03 * 1500
+    assert len(torques) == 4 * 3_000
+    # a servo's, to the solver's rounding
+    assert max(map(abs, torques)) <= nexus.wheels.max_torque_nm * (1.0 + 1e-9)
 
 
 def test_motors_simulated_without_their_limit_move_the_robot_as_with_it(nexus, monkeypatch):
@@ -196,7 +178,7 @@ def test_a_hand_over_changes_neither_energy_nor_motion(robot):
     before = energy(rig, robot)
     fastest = robot.wheels.max_speed_rad_s
     forward, backward = (0.0, fastest), (-fastest, 0.0)
-    rig.body.prepare([forward, backward, forward, backward], 10, upright=True)
+    rig.body.prepare([forward, backward, forward, backward], 10)
     # Each joint has turned by a pitch, but not its wheel.
     turned = [wheel.getPosition(0) for wheel in rig.body.wheels]
     assert turned == pytest.approx([-1e-3, pitch + 1e-3] * 2, abs=1e-12)
@@ -217,12 +199,12 @@ def test_the_motion_passes_to_every_roller_and_back(nexus, monkeypatch):
     rig = mixed(nexus)
     before = rig.body.read()
     with monkeypatch.context() as leaning:
-        leaning.setattr(dart_robot, "MAX_TILT_RAD", -1.0)
-        rig.robot.update_contact_candidates()
+        leaning.setattr(robot_module, "MAX_TILT_RAD", -1.0)
+        rig.robot.look_around()
     assert not isinstance(rig.body, NearRollersBody)
     among_others = rig.body.read()
     assert among_others.heading == 0.0
-    rig.robot.update_contact_candidates()
+    rig.robot.look_around()
     assert isinstance(rig.body, NearRollersBody)
     # the wheels' angles less whole pitches and back, and other axes: rounding
     for after in (among_others, rig.body.read()):

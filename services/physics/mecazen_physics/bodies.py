@@ -81,29 +81,32 @@ def least_friction(robot: Robot, world: WorldConfig) -> float:
     return min(_frictions(robot, world))
 
 
-def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
-    """Return the ground and the obstacles: one skeleton, so they never collide.
-
-    Raises:
-        UnsupportedError: as of `reachable`.
-    """
-    skeleton = dart.dynamics.Skeleton("surroundings")
+def build_ground(robot: Robot, world: WorldConfig) -> Any:
+    """Return the skeleton of the ground, a plane."""
+    skeleton = dart.dynamics.Skeleton("ground")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], DEPTH_M)
-    # Where there are patches the rollers have the coefficient of what is below them.
+    # On patches, the rollers have the coefficient of what is below them.
     _collide(ground, plane, max(_ground_frictions(robot, world)))
-    for obstacle in reachable(robot, world):
-        height, bottom = obstacle.size_m[-1], getattr(obstacle, "bottom_m", 0.0)
+    skeleton.setMobile(False)
+    return skeleton
+
+
+def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
+    """Return the skeleton of all obstacles: bodies of one skeleton do not collide."""
+    skeleton = dart.dynamics.Skeleton("obstacles")
+    for solid in solids:
+        height, bottom = solid.size_m[-1], getattr(solid, "bottom_m", 0.0)
         joint, body = skeleton.createWeldJointAndBodyNodePair()
-        if isinstance(obstacle, Box):
-            shape = dart.dynamics.BoxShape(list(obstacle.size_m))
-            yaw = math.radians(obstacle.yaw_deg)
+        if isinstance(solid, Box):
+            shape = dart.dynamics.BoxShape(list(solid.size_m))
+            yaw = math.radians(solid.yaw_deg)
         else:
-            shape = dart.dynamics.CylinderShape(*obstacle.size_m)
+            shape = dart.dynamics.CylinderShape(*solid.size_m)
             yaw = 0.0
-        pose = _planar(Pose2D(*obstacle.position_m, yaw), bottom + height / 2)
+        pose = _planar(Pose2D(*solid.position_m, yaw), bottom + height / 2)
         joint.setTransformFromParentBodyNode(pose)
-        _collide(body, shape, obstacle.friction)
+        _collide(body, shape, solid.friction)
     skeleton.setMobile(False)
     return skeleton
 

@@ -12,8 +12,7 @@ from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
 from mecazen_physics.body import RobotBody
-from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.pid import WheelPid
+from mecazen_physics.config import PhysicsConfig, Pid
 from mecazen_physics.state import RobotState
 
 TORQUE_HEADROOM = 0.8
@@ -28,6 +27,31 @@ class WheelCommand(NamedTuple):
 
     values: Sequence[float]
     is_effort: bool = False
+
+
+class WheelPid:
+    """PID from speed error to torque, as control_toolbox's: the integral term is clamped.
+
+    Called once per physics step of `dt` [s].
+    """
+
+    def __init__(self, gains: Pid, max_torque: float, dt: float) -> None:
+        self._gains = gains
+        self._max_torque = max_torque
+        self._dt = dt
+        self._integral = 0.0
+        self._last_error: float | None = None
+
+    def update(self, error: float) -> float:
+        """Return the torque [N·m] for the speed error goal - speed [rad/s]."""
+        gains = self._gains
+        clamp = gains.i_clamp_nm
+        self._integral += gains.i_nm * error * self._dt
+        self._integral = min(max(self._integral, -clamp), clamp)
+        slope = 0.0 if self._last_error is None else (error - self._last_error) / self._dt
+        self._last_error = error
+        torque = gains.p_nms * error + self._integral + gains.d_nms2 * slope
+        return min(max(torque, -self._max_torque), self._max_torque)
 
 
 class Motors:
@@ -59,8 +83,7 @@ class Motors:
     ) -> tuple[list[tuple[float, float]], Push | None]:
         """Give the motors of `body` a command for the next `steps` steps.
 
-        Where that is not `strict`, motors with headroom are simulated without their limit: whether
-        they keep it must be looked at.
+        Where that is not `strict`, motors with headroom are simulated without their limit.
 
         Returns:
             The lowest and the highest speed that each wheel should have in them [rad/s], and

@@ -18,18 +18,18 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.world import WorldConfig
 
-from mecazen_physics import bodies
 from mecazen_physics.airborne import AirborneRollers
-from mecazen_physics.body import RobotBody
+from mecazen_physics.body import MAX_TILT_RAD, RobotBody
 from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
-from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.model import near_tree
+from mecazen_physics.scene import Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion, unrotate
 
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
+SPEED_MARGIN = 1.5
+"""How much faster than its present and its commanded speed a wheel may become within a tick."""
 PULL_RAD_S2 = 200.0
 """Acceleration of a wheel by weight and grip beside its motor: 1 g at R = 50 mm."""
 SLACK_RAD = 0.02
@@ -51,14 +51,13 @@ class NearRollersBody(RobotBody):
 
     def __init__(
         self,
+        scene: Scene,
         robot: Robot,
         start: Pose2D,
         physics: PhysicsConfig,
         world: WorldConfig,
-        dart_world: DartWorld,
     ) -> None:
-        skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, world)
-        super().__init__(dart_world, skeleton, joints, robot, physics.dt_s)
+        super().__init__(scene, near_tree(robot), robot, start, physics, world)
         count = robot.rollers.count
         self._pitch = math.tau / count
         # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
@@ -80,9 +79,8 @@ class NearRollersBody(RobotBody):
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
 
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, upright: bool) -> int:
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """Bring back the wheels whose rollers move on; see `RobotBody`."""
-        del upright
         pull = PULL_RAD_S2 * self._dt * steps
         ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
         ahead_s = SPEED_MARGIN * self._dt
@@ -113,11 +111,6 @@ class NearRollersBody(RobotBody):
         self.airborne.body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
         self.airborne.body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
 
-    def take_back(self) -> None:
-        """See `RobotBody`."""
-        self.skeleton.setPositions(self._position)
-        self.skeleton.setVelocities(self._velocity)
-
     def _turn(self, motion: Motion) -> None:
         super()._turn(motion)
         self._position[:ROOT_DOFS] = motion.position[:ROOT_DOFS]
@@ -129,11 +122,11 @@ class NearRollersBody(RobotBody):
         position = self._position[:_FIRST_ROLLER] + angles
         for wheel, pitches in enumerate(self._pitches):
             position[BASE_DOFS + wheel] += pitches * self._pitch
-        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins, self.world.heading)
+        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins, self.scene.heading)
 
     def write(self, motion: Motion) -> None:
         """See `RobotBody`."""
-        motion = motion.in_axes_at(self.world.heading)
+        motion = motion.in_axes_at(self.scene.heading)
         self._position[:_FIRST_ROLLER] = motion.position[:_FIRST_ROLLER]
         self._velocity[:_FIRST_ROLLER] = motion.velocity[:_FIRST_ROLLER]
         self._pitches = [0] * _WHEELS

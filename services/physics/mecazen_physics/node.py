@@ -47,11 +47,11 @@ from mecazen.skeleton import JOINTS
 from mecazen.world import Box
 
 from mecazen_physics.config import MAX_DT_S, PhysicsConfig
-from mecazen_physics.contacts import Footprint
+from mecazen_physics.footprint import Footprint
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.people import TOO_FAR, Floats, JointMotion, MovingPerson, Seen
+from mecazen_physics.simulation import Simulation
 from mecazen_physics.urdf import build_urdf, meshes
-from mecazen_physics.world import World as SimulatedWorld
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 SLOW_DOWN_S = 1.0
@@ -88,10 +88,10 @@ class PhysicsWorld(World):
             for number, (name, part) in enumerate(self.parts.items())
         }
 
-    def make_world(self) -> SimulatedWorld:
+    def make_world(self) -> Simulation:
         """Return the world of a new run."""
         robots = [(part.robot, part.start.pose) for part in self.parts.values()]
-        return SimulatedWorld(robots, self.config, self.scenario.world)
+        return Simulation(robots, self.config, self.scenario.world)
 
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
         """Simulate a control period; return the state of each robot at its end."""
@@ -160,7 +160,7 @@ class PhysicsWorld(World):
         """Return where the robots are."""
         values: dict[str, object] = {}
         for name, robot in self.robots.items():
-            x, y, _ = robot.robot.state().position
+            x, y, _ = robot.robot.state.position
             values[join_key("x_m", name)] = round(x, 3)
             values[join_key("y_m", name)] = round(y, 3)
         return values
@@ -220,7 +220,7 @@ class _Commanded:
     """A robot of the world: what commands it and the person beside it, and its state."""
 
     def __init__(
-        self, world: SimulatedWorld, number: int, watchdog_s: float, scenario: Scenario
+        self, world: Simulation, number: int, watchdog_s: float, scenario: Scenario
     ) -> None:
         self.world, self.number = world, number
         self.robot = world.robots[number]
@@ -285,13 +285,13 @@ class _Commanded:
                 self.last_speeds = self.wheels.values
             return
         if self.wheels.is_effort:
-            self.last_speeds = self.robot.state().joint_velocity[: len(WHEELS)]
+            self.last_speeds = self.robot.state.joint_velocity[: len(WHEELS)]
         left = max(0.0, 1.0 - (silent_s - self.watchdog_s) / SLOW_DOWN_S)
         self.wheels = WheelCommand(tuple(speed * left for speed in self.last_speeds))
 
     def state(self, tick: Tick) -> Outputs:
         """Return the robot's joints and its true pose."""
-        state, now = self.robot.state(), tick.time
+        state, now = self.robot.state, tick.time
         x, y, z = state.position
         qx, qy, qz, qw = state.orientation
         pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))

@@ -12,7 +12,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.limits import FASTEST_PERSON
 from mecazen.skeleton import INDEX, LIMBS
 
-from mecazen_physics.contacts import Footprint
+from mecazen_physics.footprint import Footprint
 
 Floats = npt.NDArray[np.float64]
 

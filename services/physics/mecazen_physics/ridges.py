@@ -19,8 +19,8 @@ from mecazen.robot import WHEELS, Robot
 from mecazen.world import Ridge
 
 from mecazen_physics import bodies
-from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.rollers import Roller
+from mecazen_physics.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class RidgeContacts:
         self._carried: dict[int, tuple[int, int]] = {}
         """Which ridge and roller each plane is between."""
 
-    def lay(self, world: DartWorld) -> None:
+    def lay(self, scene: Scene) -> None:
         """Lay the planes for the next step."""
         hubs = np.array([hub.getWorldTransform().translation() for hub in self._hubs])
         wanted: dict[tuple[int, int], tuple[float, Any]] = {}
@@ -121,7 +121,7 @@ class RidgeContacts:
                 numbers = range(wheel * self._count, (wheel + 1) * self._count)
                 for number, gap, pose in self._touching(profile, numbers):
                     wanted[ridge, number] = gap, pose
-        self._assign(world, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
+        self._assign(scene, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
         for plane, pair in self._carried.items():
             self._joints[plane].setTransformFromParentBodyNode(wanted[pair][1])
 
@@ -146,18 +146,18 @@ class RidgeContacts:
                 pose = profile.plane(spheres[index, first], distance, way)
                 yield numbers[roller], gap, pose
 
-    def lift(self, world: DartWorld) -> None:
+    def lift(self, scene: Scene) -> None:
         """Take all planes away from the rollers."""
-        self._assign(world, ())
+        self._assign(scene, ())
 
-    def _assign(self, world: DartWorld, wanted: Sequence[tuple[int, int]]) -> None:
+    def _assign(self, scene: Scene, wanted: Sequence[tuple[int, int]]) -> None:
         """Have a plane for each of these pairs of ridge and roller, the same one as before."""
         for plane, pair in [*self._carried.items()]:
             if pair not in wanted:
-                world.forbid(self.planes[plane], self._rollers[pair[1]])
+                scene.forbid(self.planes[plane], self._rollers[pair[1]])
                 del self._carried[plane]
         new = [pair for pair in wanted if pair not in self._carried.values()]
         free = [plane for plane in range(PLANES) if plane not in self._carried]
         for plane, pair in zip(free, new, strict=False):
-            world.allow(self.planes[plane], self._rollers[pair[1]])
+            scene.allow(self.planes[plane], self._rollers[pair[1]])
             self._carried[plane] = pair
