@@ -89,6 +89,14 @@ class Rig:
         self.world.place_person(0, MovingPerson.upright(pose, velocity))
 
 
+def after_mixed_driving(robot: Robot) -> Rig:
+    """A robot that has driven with all its wheels at different speeds."""
+    rig = Rig(robot)
+    for tick in range(100):
+        rig.advance([0.01 * tick * speed for speed in (3.0, -6.0, 2.0, 5.0)])
+    return rig
+
+
 def trajectory(robot: Robot) -> str:
     """A hash of a run with everything in it."""
     obstacles = (

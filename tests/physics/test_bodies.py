@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from mecazen.geometry import Twist2D, rotate
 from mecazen.robot import Payload, Robot
-from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.body import MAX_TILT_RAD
 from msgspec.structs import replace
@@ -113,8 +112,3 @@ def test_wheels_without_load_slip_and_loaded_ones_do_not(nexus):
     front_left, front_right, rear_left, rear_right = state.joint_velocity[:4]
     assert min(front_left, front_right) > 1.5 * ideal[0]
     assert (rear_left, rear_right) == pytest.approx(ideal[2:], rel=0.02)
-
-
-def test_a_load_is_a_link_of_the_description(nexus):
-    names = [link.name for link in model.links(loaded(nexus, 2.0, 0.0, 0.0, 0.3))]
-    assert names[-1] == "payload_link"

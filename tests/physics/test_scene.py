@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import dartpy as dart
 import msgspec
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen.world import Box
 from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import yaw_gain
 from physics_rig import Rig, wheel_speeds
 
@@ -103,3 +105,12 @@ def test_on_ice_it_turns_on_the_spot_as_its_inner_contacts_ask(nexus):
     # 1 %: where the pairs change over, both slip for longer than with more grip
     gain = (states[-1].yaw - states[0].yaw) / 1.99
     assert gain == pytest.approx(yaw_gain(nexus), rel=0.01)
+
+
+@pytest.mark.parametrize("detector", ["DART", "FCL", "ODE"])
+def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
+    nexus, monkeypatch, detector
+):
+    monkeypatch.setattr(dart.simulation, "BULLET", getattr(dart.simulation, detector))
+    with pytest.raises(UnsupportedError, match="does not simulate the rollers' shape"):
+        Rig(nexus)

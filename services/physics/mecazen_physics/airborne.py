@@ -19,6 +19,7 @@ chunk, some 10 µN·m, is neglected.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -30,98 +31,89 @@ from mecazen_physics.rollers import Roller
 
 Array = npt.NDArray[np.float64]
 
+Rates = tuple[list[float], list[float], list[float]]
+
 _WHEELS = len(WHEELS)
 
 
 class AirborneRollers:
     """Angle and spin of every roller, by wheel and place.
 
-    `state` (3, 4·N) holds the angle [rad] and the spin relative to the wheel [rad/s], and the
-    wheel's own rate about the roller's axis, a·ω [rad/s]. The rollers in the first and the last
-    place of each wheel are bodies of DART, the others are airborne. Place i is i pitches from
-    the first.
+    The rollers in the first and the last place of each wheel are bodies of DART, the others are
+    airborne. Place i is i pitches from the first. Arrays (4, N) hold for each roller its angle
+    [rad], its spin relative to the wheel, the wheel's own rate about the roller's axis, a·ω, and
+    their sum Ω [rad/s]. All sums are in a fixed order, the same on every processor.
 
-    A wheel's `rates` are its angular velocity, x, y, z in its own frame; those of all four make
-    a list of twelve [rad/s].
+    The `rates` of the wheels are their angular velocities in their own frames: x of all four, y, z
+    [rad/s].
     """
 
     def __init__(self, robot: Robot, dt: float) -> None:
         count = robot.rollers.count
-        friction, inertia = robot.rollers.bearing_friction_nms, Roller.of(robot).inertia[1]
+        self._friction = robot.rollers.bearing_friction_nms
+        self._inertia = Roller.of(robot).inertia[1]
         self._dt = dt
-        self._kept = 1.0 / (1.0 + friction * dt / inertia)
-        # the last row is a·ω after the next chunk
-        self._all: Array = np.zeros((4, _WHEELS * count))
-        self._next: Array = np.zeros((3, _WHEELS * count))
-        self.state: Array = self._all[:3]
-        self.places: Array = self.state.reshape(3, _WHEELS, count)
-        """A view of `state`."""
-        self._spins: Array = self._all[1:3].reshape(-1)
-        angles, spins, _, _ = self._all.reshape(4, _WHEELS, count)
-        self.body_angles, self.body_spins = angles[:, :: count - 1], spins[:, :: count - 1]
-        """Views (4, 2) of those of the bodies, to be written."""
-        self._rates = [0.0] * (3 * _WHEELS)
-        axes = np.zeros((_WHEELS, count, _WHEELS, 3))
-        for index, roller in enumerate(model.links(robot)[_WHEELS : _WHEELS * (1 + count)]):
-            wheel, place = divmod(index, count)
-            axes[wheel, place, wheel] = roller.rotation[:, 2]
-        self._axes: Array = axes.reshape(_WHEELS * count, 3 * _WHEELS)
-        axes = axes.copy()
-        axes[:, [0, -1]] = 0.0
-        airborne = axes.reshape(self._axes.shape).T
-        # From spins and a·ω to the bearings' torques and the angular momenta about the axes.
-        self._loads: Array = np.block(
-            [[friction * airborne, 0.0 * airborne], [inertia * airborne, inertia * airborne]]
-        )
+        self._kept = 1.0 / (1.0 + self._friction * dt / self._inertia)
+        self.places: Array = np.zeros((4, _WHEELS, count))
+        """Angle, a·ω, spin and Ω of each roller."""
+        self.angles, self._carried, self.spins, self._total = self.places
+        self._rates: Rates = ([0.0] * _WHEELS,) * 3
+        rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
+        axes = np.array([roller.rotation[:, 2] for roller in rollers])
+        self._axes: Array = axes.T.reshape(3, _WHEELS, count).copy()
+        self._airborne: Array = self._axes[:, None].copy()
+        """Axes of the airborne rollers, zero for the bodies."""
+        self._airborne[..., [0, -1]] = 0.0
 
-    def set_rates(self, rates: list[float]) -> None:
+    def set_rates(self, rates: Rates) -> None:
         """Set the wheels' rates without an effect on the rollers' spins."""
         self._rates = rates
-        self.state[2] = self._axes @ rates
+        self._carried[:] = self._carry(rates)
 
-    def advance(self, steps: int, rates: list[float]) -> None:
+    def advance(self, steps: int, rates: Rates) -> None:
         """Simulate `steps` steps, in the first of which the wheels reach `rates`."""
         self._rates = rates
-        self._axes.dot(rates, self._all[3])
-        self.state[:] = _transition(self._kept, self._dt, steps).dot(self._all, self._next)
+        carried = self._carry(rates)
+        of_spin, of_change = _transition(self._kept, self._dt, steps)
+        moved = of_spin * self.spins + of_change * (carried - self._carried)
+        self.angles += moved[0]
+        self.spins[:] = moved[1]
+        self._carried[:] = carried
 
     def torques(self, steps: int) -> list[tuple[float, float, float]]:
         """Return the mean torques on the wheels in `steps` steps, in their frames [N·m]."""
         _, _, after = _sums(self._kept, steps)
-        mean = after / steps
-        # @ takes three times as long as dot, 1 % of a tick
-        loads = self._loads.dot(self._spins).tolist()
-        rates = self._rates
-        torques = []
-        for i in range(0, 3 * _WHEELS, 3):
-            fx, fy, fz = loads[i : i + 3]
-            hx, hy, hz = loads[3 * _WHEELS + i : 3 * _WHEELS + i + 3]
-            wx, wy, wz = rates[i : i + 3]
-            torques.append(
-                (
-                    mean * fx + hy * wz - hz * wy,
-                    mean * fy + hz * wx - hx * wz,
-                    mean * fz + hx * wy - hy * wx,
-                )
+        friction, inertia = self._friction * after / steps, self._inertia
+        np.add(self.spins, self._carried, out=self._total)
+        # of spins and Ω along the rollers' axes, by wheel
+        sums = np.add.reduce(self._airborne * self.places[2:], axis=-1)
+        columns = [column for of_axis in sums.tolist() for column in of_axis]
+        return [
+            (
+                friction * fx + inertia * (hy * wz - hz * wy),
+                friction * fy + inertia * (hz * wx - hx * wz),
+                friction * fz + inertia * (hx * wy - hy * wx),
             )
-        return torques
+            for fx, hx, fy, hy, fz, hz, wx, wy, wz in zip(*columns, *self._rates, strict=True)
+        ]
+
+    def _carry(self, rates: Rates) -> Array:
+        """Return a·ω of each roller (4, N) [rad/s]."""
+        products = self._axes * np.array(rates)[:, :, None]
+        carried: Array = products[0] + products[1] + products[2]
+        return carried
 
 
 @lru_cache
 def _sums(kept: float, steps: int) -> tuple[float, float, float]:
     """Return, for n = `steps`, ρ^(n-1), the sum of ρ^i over i < n, and that over 0 < i <= n."""
-    before = np.sum(kept ** np.arange(steps))
-    return kept ** (steps - 1), float(before), kept * float(before)
+    before = math.fsum(kept**step for step in range(steps))
+    return kept ** (steps - 1), before, kept * before
 
 
 @lru_cache
-def _transition(kept: float, dt: float, steps: int) -> Array:
-    """Return the matrix (3, 4) from angle, spin, a·ω and the next a·ω to the next three."""
+def _transition(kept: float, dt: float, steps: int) -> tuple[Array, Array]:
+    """Return what a spin and a change of a·ω each add to the angle, and make of the spin."""
     last, before, after = _sums(kept, steps)
-    return np.array(
-        [
-            [1.0, dt * after, dt * before, -dt * before],
-            [0.0, last * kept, last, -last],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    of_spin, of_change = np.array([dt * after, last * kept]), np.array([-dt * before, -last])
+    return of_spin.reshape(2, 1, 1), of_change.reshape(2, 1, 1)

@@ -81,21 +81,40 @@ def links(robot: Robot) -> tuple[Link, ...]:
     return (*wheels, *rollers, *fixed)
 
 
-def lump(parts: list[Link]) -> tuple[float, Array, Array]:
+def lump(parts: Sequence[Link]) -> tuple[float, Array, Array]:
     """Return mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²] of `parts`.
 
     The result is in the frame in which the parts are placed, by the parallel axis theorem.
     """
-    mass = sum(part.mass for part in parts)
-    places = [part.translation + part.rotation @ part.centre for part in parts]
+    mass = math.fsum(part.mass for part in parts)
+    places = [part.translation + _product(part.rotation, part.centre) for part in parts]
     pairs = list(zip(parts, places, strict=True))
     centre = sum((part.mass * place for part, place in pairs), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for part, place in pairs:
-        arm = place - centre
-        inertia += part.rotation @ np.diag(part.moments) @ part.rotation.T
-        inertia += part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        x, y, z = (place - centre).tolist()
+        inertia += _product(part.rotation * part.moments, part.rotation.T)
+        inertia += part.mass * np.array(
+            [
+                [y * y + z * z, -x * y, -x * z],
+                [-x * y, x * x + z * z, -y * z],
+                [-x * z, -y * z, x * x + y * y],
+            ]
+        )
     return mass, centre, inertia
+
+
+def _product(matrix: Array, other: npt.ArrayLike) -> Array:
+    """Return a product of a (3, 3) and a (3,) or (3, n) in a fixed order, without BLAS.
+
+    The kernels of BLAS differ in the last bit from one processor to another.
+    """
+    factor = np.asarray(other, dtype=float)
+    columns = matrix.reshape(3, 3, *(1,) * (factor.ndim - 1))
+    product: Array = (
+        columns[:, 0] * factor[0] + columns[:, 1] * factor[1] + columns[:, 2] * factor[2]
+    )
+    return product
 
 
 def full_tree(robot: Robot) -> Tree:
@@ -138,7 +157,7 @@ def driven_inertia(robot: Robot) -> float:
     The wheel with its rollers about the axle, and its share of the robot's mass at its rim.
     """
     everything = [base(robot), *links(robot)]
-    mass = sum(link.mass for link in everything)
+    mass = math.fsum(link.mass for link in everything)
     wheel, *rollers = (link for link in everything if link.name.startswith(WHEELS[0]))
     _, _, inertia = lump([replace(wheel, translation=(0.0, 0.0, 0.0)), *rollers])
     return float(inertia[1, 1]) + mass / len(WHEELS) * robot.wheels.radius_m**2
@@ -169,14 +188,14 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
     z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
     y = np.array([0.0, 0.0, -1.0])
     turn = _about_y(2.0 * np.pi * index / roller.count)
-    a, b, c = (turn @ (0.0, 0.0, -roller.axis_distance)).tolist()
+    a, b, c = _product(turn, (0.0, 0.0, -roller.axis_distance)).tolist()
     across, along = roller.inertia
     return Link(
         name=f"{wheel}_roller_{index:02d}",
         parent=f"{wheel}_wheel",
         joint=roller_joint(wheel, index),
         translation=(a, b, c),
-        rotation=turn @ np.column_stack([np.cross(y, z), y, z]),
+        rotation=_product(turn, np.column_stack([np.cross(y, z), y, z])),
         axis=(0.0, 0.0, 1.0),
         mass=roller.mass,
         moments=(across, across, along),

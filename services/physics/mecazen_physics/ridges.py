@@ -53,7 +53,7 @@ class Profile:
         distances are infinite.
         """
         flat = points[:, :2] - self._origin
-        section = np.stack((flat @ self._ahead, points[:, 2]), axis=-1)
+        section = np.stack((_along(flat, self._ahead), points[:, 2]), axis=-1)
         from_corner = section[:, None] - self._corners[:-1]
         share = np.sum(from_corner * self._along, axis=2) / self._squares
         ways = from_corner - np.clip(share, 0.0, 1.0)[:, :, None] * self._along
@@ -61,7 +61,7 @@ class Profile:
         piece = np.argmin(far, axis=1)
         rows = np.arange(len(points))
         ways, distances = ways[rows, piece], far[rows, piece]
-        inside = np.abs(flat @ self._across) <= self._half_width
+        inside = np.abs(_along(flat, self._across)) <= self._half_width
         distances = np.where(inside & (ways[:, 1] > 0.0), distances, np.inf)
         ways = ways / np.where(far[rows, piece] > 0.0, far[rows, piece], 1.0)[:, None]
         return distances, ways
@@ -79,6 +79,12 @@ class Profile:
         normal = along * x, along * y, up
         axes = (up * x, left_x, normal[0]), (up * y, left_y, normal[1]), (-along, 0.0, up)
         return dart.math.Isometry3(axes, point - distance * np.array(normal))
+
+
+def _along(points: Floats, axis: Floats) -> Floats:
+    """Return the coordinates of points (n, 2) along an axis (2,), without BLAS."""
+    along: Floats = points[:, 0] * axis[0] + points[:, 1] * axis[1]
+    return along
 
 
 class RidgeContacts:

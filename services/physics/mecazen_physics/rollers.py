@@ -30,6 +30,7 @@ off at the ends: h is measured along the normal, which leans against the roller'
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,7 +38,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from mecazen.robot import Robot
-from numpy.polynomial.legendre import leggauss
 
 Array = npt.NDArray[np.float64]
 
@@ -102,17 +102,17 @@ class Roller:
         Of a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
         Gauss' rule in φ (the profile is analytic: 32 points leave rounding errors only).
         """
-        nodes, weights = leggauss(32)
+        nodes, weights = gauss(32)
         phi = self.half_arc * nodes
         s, r = self.profile(phi)
         slope = np.sin(self.angle) * self.wheel_radius * np.cos(phi) + (
             np.cos(self.angle) * self.axis_distance / np.tan(self.angle) / np.cos(phi) ** 2
         )
         ds = weights * slope
-        density = self.mass / np.dot(ds, r**2)
-        across = density * np.dot(ds, r**4 / 4.0 + r**2 * s**2)
-        along = density * np.dot(ds, r**4 / 2.0)
-        return float(across), float(along)
+        density = self.mass / math.fsum(ds * r**2)
+        across = density * math.fsum(ds * (r**4 / 4.0 + r**2 * s**2))
+        along = density * math.fsum(ds * r**4 / 2.0)
+        return across, along
 
     def spheres(self, number: int) -> tuple[Array, Array]:
         """Return centres on the axis and radii [m] of `number` spheres inside the envelope.
@@ -155,6 +155,21 @@ class Roller:
             ]
         )
         return vertices, triangles
+
+
+def gauss(number: int) -> tuple[Array, Array]:
+    """Return nodes and weights of Gauss' rule on [-1, 1], by Newton's method.
+
+    NumPy's own come from LAPACK, whose last bits differ from one processor to another.
+    """
+    x = np.array([math.cos(math.pi * (i + 0.75) / (number + 0.5)) for i in range(number)])
+    for _ in range(8):
+        before, value = np.ones(number), x
+        for degree in range(2, number + 1):
+            before, value = value, ((2 * degree - 1) * x * value - (degree - 1) * before) / degree
+        slope = number * (before - x * value) / (1.0 - x**2)
+        x = x - value / slope
+    return x, 2.0 / ((1.0 - x**2) * slope**2)
 
 
 def _triangles(*corners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -207,11 +222,11 @@ def yaw_gain(robot: Robot) -> float:
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
-    nodes, weights = leggauss(16)
+    nodes, weights = gauss(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
     offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
     distances = robot.half_track + np.stack([offset, -offset])
     levers = distances + robot.half_wheelbase * robot.cross_gain / np.cos(theta)
     prevails = np.argmax(np.abs(levers) / distances, axis=0)
     gain = robot.lever / np.take_along_axis(levers, prevails[None], axis=0)[0]
-    return float(np.dot(weights, gain) / 2.0)
+    return math.fsum(weights * gain) / 2.0
