@@ -19,7 +19,7 @@ from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
 
 
-class NullWorld:
+class NullSimulation:
     """One robot that moves by the ideal equations, in place of a `Simulation` and its robot.
 
     Its rollers are at rest, at numbers with all their digits: messages are as long as real ones.
@@ -66,10 +66,10 @@ class NullWorld:
 
 
 class NullPhysics(PhysicsWorld):
-    """The world of one robot without dynamics."""
+    """The node of one robot without dynamics."""
 
-    def make_world(self) -> Simulation:
-        """Return the null world, which has all that its node uses of a world."""
+    def make_simulation(self) -> Simulation:
+        """Return the null simulation, which has all that its node uses of one."""
         scenario = self.scenario
-        world = NullWorld(scenario.robot, self.config.dt_s, scenario.start.pose)
-        return cast(Simulation, world)
+        simulation = NullSimulation(scenario.robot, self.config.dt_s, scenario.start.pose)
+        return cast(Simulation, simulation)

@@ -17,6 +17,8 @@ from mecazen_physics.state import RobotState
 
 TORQUE_HEADROOM = 0.8
 """Motors that need less than this share of their torque are simulated without its limit."""
+SLOW_DOWN_S = 1.0
+"""Over this time the wheels are brought to rest when commands have stopped."""
 
 Push = Callable[[], object]
 """Sets the wheels' commands before a step."""
@@ -27,6 +29,38 @@ class WheelCommand(NamedTuple):
 
     values: Sequence[float]
     is_effort: bool = False
+
+
+class Watchdog:
+    """Brings the wheels to rest within `SLOW_DOWN_S` when commands have stopped for `silence_s`."""
+
+    def __init__(self, silence_s: float) -> None:
+        self._silence_s = silence_s
+        self._last = WheelCommand((0.0,) * len(WHEELS))
+        self._speeds = self._last.values
+        """Speeds of the wheels when commands stopped [rad/s]."""
+
+    def command(
+        self, new: WheelCommand | None, silent_s: float, speeds: Sequence[float]
+    ) -> WheelCommand:
+        """Return the command to obey.
+
+        Args:
+            new: A command that has come, if any.
+            silent_s: Time since the last command [s].
+            speeds: Present speeds of the wheels [rad/s].
+        """
+        if new is not None:
+            self._last = new
+        if silent_s <= self._silence_s:
+            if not self._last.is_effort:
+                self._speeds = self._last.values
+        else:
+            if self._last.is_effort:
+                self._speeds = speeds
+            left = max(0.0, 1.0 - (silent_s - self._silence_s) / SLOW_DOWN_S)
+            self._last = WheelCommand(tuple(speed * left for speed in self._speeds))
+        return self._last
 
 
 class WheelPid:
