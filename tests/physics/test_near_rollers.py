@@ -156,7 +156,7 @@ def energy(rig: Rig, robot: Robot) -> float:
     """Kinetic energy, with that of the spins which the bodies have no part in [J]."""
     total = float(rig.body.skeleton.computeKineticEnergy())
     if isinstance(rig.body, NearRollersBody):
-        _, carried, spins, _ = rig.body.airborne.places[:, :, 1:-1]
+        _, spins, carried = rig.body.airborne.places[:, :, 1:-1]
         total += 0.5 * Roller.of(robot).inertia[1] * float(np.sum((spins + carried) ** 2))
     return total
 

@@ -31,21 +31,22 @@ from mecazen_physics.rollers import Roller
 
 Array = npt.NDArray[np.float64]
 
-Rates = tuple[list[float], list[float], list[float]]
-
 _WHEELS = len(WHEELS)
 
 
 class AirborneRollers:
     """Angle and spin of every roller, by wheel and place.
 
-    The rollers in the first and the last place of each wheel are bodies of DART, the others are
-    airborne. Place i is i pitches from the first. Arrays (4, N) hold for each roller its angle
-    [rad], its spin relative to the wheel, the wheel's own rate about the roller's axis, a·ω, and
-    their sum Ω [rad/s]. All sums are in a fixed order, the same on every processor.
+    `state` (3, 4·N) holds the angle [rad] and the spin relative to the wheel [rad/s], and the
+    wheel's own rate about the roller's axis, a·ω [rad/s]. The rollers in the first and the last
+    place of each wheel are bodies of DART, the others are airborne. Place i is i pitches from
+    the first.
 
-    The `rates` of the wheels are their angular velocities in their own frames: x of all four, y, z
-    [rad/s].
+    The `rates` of the wheels are their angular velocities in their own frames: x of all four, y, z,
+    a list of twelve [rad/s].
+
+    Products are those of `numpy.einsum`, which adds in one order: BLAS, whose kernels differ in the
+    last bit from one processor to another, takes no part.
     """
 
     def __init__(self, robot: Robot, dt: float) -> None:
@@ -54,54 +55,57 @@ class AirborneRollers:
         self._inertia = Roller.of(robot).inertia[1]
         self._dt = dt
         self._kept = 1.0 / (1.0 + self._friction * dt / self._inertia)
-        self.places: Array = np.zeros((4, _WHEELS, count))
-        """Angle, a·ω, spin and Ω of each roller."""
-        self.angles, self._carried, self.spins, self._total = self.places
-        self._rates: Rates = ([0.0] * _WHEELS,) * 3
+        # the last row is a·ω after the next chunk
+        self._all: Array = np.zeros((4, _WHEELS * count))
+        self.state: Array = self._all[:3]
+        self.places: Array = self.state.reshape(3, _WHEELS, count)
+        """A view of `state`."""
+        self._rates = [0.0] * (3 * _WHEELS)
         rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
-        axes = np.array([roller.rotation[:, 2] for roller in rollers])
-        self._axes: Array = axes.T.reshape(3, _WHEELS, count).copy()
-        self._airborne: Array = self._axes[:, None].copy()
-        """Axes of the airborne rollers, zero for the bodies."""
+        axes = np.array([roller.rotation[:, 2] for roller in rollers]).T
+        axes = axes.reshape(3, _WHEELS, count)
+        self._axes: Array = (axes[:, None] * np.eye(_WHEELS)[:, :, None]).reshape(3 * _WHEELS, -1)
+        """From rates to a·ω."""
+        self._airborne: Array = axes.copy()
+        """The axes of airborne rollers, zero for the bodies."""
         self._airborne[..., [0, -1]] = 0.0
 
-    def set_rates(self, rates: Rates) -> None:
+    def set_rates(self, rates: list[float]) -> None:
         """Set the wheels' rates without an effect on the rollers' spins."""
         self._rates = rates
-        self._carried[:] = self._carry(rates)
+        self._carry(rates, self.state[2])
 
-    def advance(self, steps: int, rates: Rates) -> None:
+    def advance(self, steps: int, rates: list[float]) -> None:
         """Simulate `steps` steps, in the first of which the wheels reach `rates`."""
         self._rates = rates
-        carried = self._carry(rates)
-        of_spin, of_change = _transition(self._kept, self._dt, steps)
-        moved = of_spin * self.spins + of_change * (carried - self._carried)
-        self.angles += moved[0]
-        self.spins[:] = moved[1]
-        self._carried[:] = carried
+        self._carry(rates, self._all[3])
+        transition = _transition(self._kept, self._dt, steps)
+        self.state[:] = np.einsum("ij,jr->ir", transition, self._all)
 
     def torques(self, steps: int) -> list[tuple[float, float, float]]:
         """Return the mean torques on the wheels in `steps` steps, in their frames [N·m]."""
         _, _, after = _sums(self._kept, steps)
         friction, inertia = self._friction * after / steps, self._inertia
-        np.add(self.spins, self._carried, out=self._total)
-        # of spins and Ω along the rollers' axes, by wheel
-        sums = np.add.reduce(self._airborne * self.places[2:], axis=-1)
-        columns = [column for of_axis in sums.tolist() for column in of_axis]
-        return [
-            (
-                friction * fx + inertia * (hy * wz - hz * wy),
-                friction * fy + inertia * (hz * wx - hx * wz),
-                friction * fz + inertia * (hx * wy - hy * wx),
+        # along x, y, z of each wheel
+        sums = np.einsum("awr,kwr->kaw", self._airborne, self.places[1:])
+        (sx, sy, sz), (cx, cy, cz) = sums.tolist()
+        rates = self._rates
+        torques = []
+        for i in range(_WHEELS):
+            wx, wy, wz = rates[i::_WHEELS]
+            hx, hy, hz = sx[i] + cx[i], sy[i] + cy[i], sz[i] + cz[i]
+            torques.append(
+                (
+                    friction * sx[i] + inertia * (hy * wz - hz * wy),
+                    friction * sy[i] + inertia * (hz * wx - hx * wz),
+                    friction * sz[i] + inertia * (hx * wy - hy * wx),
+                )
             )
-            for fx, hx, fy, hy, fz, hz, wx, wy, wz in zip(*columns, *self._rates, strict=True)
-        ]
+        return torques
 
-    def _carry(self, rates: Rates) -> Array:
-        """Return a·ω of each roller (4, N) [rad/s]."""
-        products = self._axes * np.array(rates)[:, :, None]
-        carried: Array = products[0] + products[1] + products[2]
-        return carried
+    def _carry(self, rates: list[float], carried: Array) -> None:
+        """Write a·ω of each roller [rad/s]."""
+        np.einsum("ij,i->j", self._axes, rates, out=carried)
 
 
 @lru_cache
@@ -112,8 +116,13 @@ def _sums(kept: float, steps: int) -> tuple[float, float, float]:
 
 
 @lru_cache
-def _transition(kept: float, dt: float, steps: int) -> tuple[Array, Array]:
-    """Return what a spin and a change of a·ω each add to the angle, and make of the spin."""
+def _transition(kept: float, dt: float, steps: int) -> Array:
+    """Return the matrix (3, 4) from angle, spin, a·ω and the next a·ω to the next three."""
     last, before, after = _sums(kept, steps)
-    of_spin, of_change = np.array([dt * after, last * kept]), np.array([-dt * before, -last])
-    return of_spin.reshape(2, 1, 1), of_change.reshape(2, 1, 1)
+    return np.array(
+        [
+            [1.0, dt * after, dt * before, -dt * before],
+            [0.0, last * kept, last, -last],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

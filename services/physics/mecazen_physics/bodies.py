@@ -152,20 +152,21 @@ def build_robot(
     kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
     rollers are parallel, and it would glide along across them with all wheels at rest.
     """
+    links, lumped = tree
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
     root.setTransform(_planar(start, 0.0))
-    trunk = [model.base(robot), *(link for link in tree.links if link.axis is None)]
+    trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
     friction = _robot_friction(robot, world)
-    if not tree.lumped:
+    if not lumped:
         _collide_base(base, robot, friction)
     barrel = _barrel(robot)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _add_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
-    for link in tree.links:
+    for link in links:
         if link.axis is None:
             continue
         parent, place = bodies[link.parent], np.array(link.translation)
@@ -179,7 +180,7 @@ def build_robot(
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
-    for wheel, parts in zip(joints[: len(WHEELS)], tree.lumped, strict=False):
+    for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
         wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:

@@ -14,8 +14,8 @@ from mecazen.world import WorldConfig
 
 from mecazen_physics import bodies
 from mecazen_physics.config import PhysicsConfig
-from mecazen_physics.model import Tree, full_tree
-from mecazen_physics.scene import RobotBodies, Scene
+from mecazen_physics.model import Tree, links
+from mecazen_physics.scene import Layers, Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
 
 Drive = Literal["speed", "servo", "torque"]
@@ -72,12 +72,11 @@ class RobotBody(ABC):
         """The joints that motors drive."""
         children = [joint.getChildBodyNode() for joint in joints]
         self._hubs, self._rollers = children[: len(WHEELS)], children[len(WHEELS) :]
-        self._bodies = RobotBodies(
-            self.skeleton, [self.skeleton.getBodyNode(0)], self._hubs, self._rollers
-        )
+        base = self.skeleton.getBodyNode(0)
+        self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self._rollers}
         self.drive: Drive = "torque"
         """What the wheels' motors hold now."""
-        scene.add(self._bodies)
+        scene.add(self.skeleton, self._layers)
         scene.check_detector(self.skeleton)
 
     @abstractmethod
@@ -168,12 +167,12 @@ class RobotBody(ABC):
     def leave(self) -> Motion:
         """Leave the scene; return the motion."""
         motion = self.read()
-        self.scene.remove(self._bodies)
+        self.scene.remove(self.skeleton)
         return motion
 
     def enter(self, scene: Scene, motion: Motion) -> None:
         """Go on in a scene."""
-        scene.add(self._bodies)
+        scene.add(self.skeleton, self._layers)
         self.scene = scene
         self.write(motion)
 
@@ -205,7 +204,7 @@ class AllRollersBody(RobotBody):
         physics: PhysicsConfig,
         world: WorldConfig,
     ) -> None:
-        super().__init__(scene, full_tree(robot), robot, start, physics, world)
+        super().__init__(scene, (links(robot), []), robot, start, physics, world)
 
     @property
     def rollers(self) -> list[Any]:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,12 +37,9 @@ class Link:
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class Tree(NamedTuple):
-    """The links of a model of the robot but for its base, in the order of `links`."""
-
-    links: Sequence[Link]
-    lumped: list[list[Link]]
-    """For each wheel what is lumped with it, in its frame; empty where every roller is a link."""
+Tree = tuple[Sequence[Link], Sequence[Sequence[Link]]]
+"""The links of a model of the robot but for its base, in the order of `links`; and for each wheel
+what is lumped with it, in its frame, or nothing where every roller is a link."""
 
 
 def hub_radius(robot: Robot) -> float:
@@ -117,11 +113,6 @@ def _product(matrix: Array, other: npt.ArrayLike) -> Array:
     return product
 
 
-def full_tree(robot: Robot) -> Tree:
-    """Return the robot with every roller."""
-    return Tree(links(robot), [])
-
-
 def near_tree(robot: Robot) -> Tree:
     """Return the robot of which all rollers but two a wheel are lumped with their wheels.
 
@@ -148,7 +139,7 @@ def near_tree(robot: Robot) -> Tree:
                 *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in airborne),
             ]
         )
-    return Tree([*wheels, *kept, *fixed], lumped)
+    return [*wheels, *kept, *fixed], lumped
 
 
 def driven_inertia(robot: Robot) -> float:

@@ -18,7 +18,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.world import WorldConfig
 
-from mecazen_physics.airborne import AirborneRollers, Rates
+from mecazen_physics.airborne import AirborneRollers
 from mecazen_physics.body import MAX_TILT_RAD, RobotBody
 from mecazen_physics.config import PhysicsConfig
 from mecazen_physics.errors import UnsupportedError
@@ -70,14 +70,11 @@ class NearRollersBody(RobotBody):
         self.airborne = AirborneRollers(robot, physics.dt_s)
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
         """Indices that do as `np.roll` does, which takes ten times as long."""
-        self._motion = self.airborne.places.reshape(4, -1)[:3:2]
-        """A view of angles and spins, a row for each."""
-        ends = slice(None, None, count - 1)
-        self._body_angles = self.airborne.angles[:, ends]
-        self._body_spins = self.airborne.spins[:, ends]
+        angles, spins, _ = self.airborne.places
+        self._body_angles, self._body_spins = angles[:, :: count - 1], spins[:, :: count - 1]
         """Views of those of the bodies."""
         self._columns = np.arange(_WHEELS * count)
-        """The column of `_motion` of each roller."""
+        """The column of `AirborneRollers.state` of each roller."""
         self._order = self._columns.reshape(_WHEELS, count)
         """A view of them, by wheel."""
         self._pitches = [0] * _WHEELS
@@ -123,7 +120,7 @@ class NearRollersBody(RobotBody):
 
     def read(self) -> Motion:
         """See `RobotBody`."""
-        angles, spins = self._motion.take(self._columns, axis=1).tolist()
+        angles, spins = self.airborne.state[:2].take(self._columns, axis=1).tolist()
         position = self._position[:_FIRST_ROLLER] + angles
         for wheel, pitches in enumerate(self._pitches):
             position[BASE_DOFS + wheel] += pitches * self._pitch
@@ -137,8 +134,8 @@ class NearRollersBody(RobotBody):
         self._pitches = [0] * _WHEELS
         for wheel, angle in enumerate(motion.position[BASE_DOFS:_FIRST_ROLLER]):
             self._turn_back(wheel, math.floor(angle / self._pitch))
-        self._motion[0, self._columns] = motion.position[_FIRST_ROLLER:]
-        self._motion[1, self._columns] = motion.velocity[_FIRST_ROLLER:]
+        self.airborne.state[0, self._columns] = motion.position[_FIRST_ROLLER:]
+        self.airborne.state[1, self._columns] = motion.velocity[_FIRST_ROLLER:]
         self._write_bodies()
         self.airborne.set_rates(self._rates())
 
@@ -156,15 +153,15 @@ class NearRollersBody(RobotBody):
         self.skeleton.setPositions(self._position)
         self.skeleton.setVelocities(self._velocity)
 
-    def _rates(self) -> Rates:
+    def _rates(self) -> list[float]:
         """Return the wheels' rates as `AirborneRollers` takes them [rad/s]."""
         roll, pitch, yaw = unrotate(quaternion(*self._position[:3]), *self._velocity[:3])
         on_axle = roll + self._velocity[BASE_DOFS - 1]
-        rates: Rates = [], [], []
-        for wheel, rolls in enumerate((on_axle, on_axle, roll, roll), start=BASE_DOFS):
-            angle = self._position[wheel]
+        angles = self._position[BASE_DOFS:_FIRST_ROLLER]
+        speeds = self._velocity[BASE_DOFS:_FIRST_ROLLER]
+        x, z = [], []
+        for angle, rolls in zip(angles, (on_axle, on_axle, roll, roll), strict=True):
             cos, sin = math.cos(angle), math.sin(angle)
-            rates[0].append(rolls * cos - yaw * sin)
-            rates[1].append(pitch + self._velocity[wheel])
-            rates[2].append(rolls * sin + yaw * cos)
-        return rates
+            x.append(rolls * cos - yaw * sin)
+            z.append(rolls * sin + yaw * cos)
+        return [*x, *[pitch + speed for speed in speeds], *z]

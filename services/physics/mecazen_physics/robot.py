@@ -187,9 +187,9 @@ class SimulatedRobot:
         ridges = self._ridge_contacts
         if self._ridges_in is not None:
             ridges.lift(self._ridges_in)
-            self._ridges_in.remove_planes(ridges.skeleton)
+            self._ridges_in.remove(ridges.skeleton)
         if scene is not None:
-            scene.add_planes(ridges.skeleton)
+            scene.add(ridges.skeleton, {"plane": ridges.planes})
         self._ridges_in = scene
 
     def _friction_below(self, wheel: str) -> float:

@@ -81,8 +81,8 @@ class Roller:
     def profile(self, phi: npt.ArrayLike) -> tuple[Array, Array]:
         """Return axial position s and radius r [m] of the contact point at wheel angle `phi`."""
         phi = np.asarray(phi, dtype=float)
-        tan, cos_angle = np.tan(phi), np.cos(self.angle)
-        along_axle = self.axis_distance * tan / np.tan(self.angle)
+        tan, cos_angle = _tan(phi), np.cos(self.angle)
+        along_axle = self.axis_distance * tan / math.tan(self.angle)
         s = np.sin(self.angle) * self.wheel_radius * np.sin(phi) + cos_angle * along_axle
         r = (self.wheel_radius * np.cos(phi) - self.axis_distance) * np.sqrt(
             1.0 + (cos_angle * tan) ** 2
@@ -106,12 +106,13 @@ class Roller:
         phi = self.half_arc * nodes
         s, r = self.profile(phi)
         slope = np.sin(self.angle) * self.wheel_radius * np.cos(phi) + (
-            np.cos(self.angle) * self.axis_distance / np.tan(self.angle) / np.cos(phi) ** 2
+            np.cos(self.angle) * self.axis_distance / math.tan(self.angle) / np.cos(phi) ** 2
         )
         ds = weights * slope
-        density = self.mass / math.fsum(ds * r**2)
-        across = density * math.fsum(ds * (r**4 / 4.0 + r**2 * s**2))
-        along = density * math.fsum(ds * r**4 / 2.0)
+        square = r * r
+        density = self.mass / math.fsum(ds * square)
+        across = density * math.fsum(ds * square * (square / 4.0 + s * s))
+        along = density * math.fsum(ds * square * square / 2.0)
         return across, along
 
     def spheres(self, number: int) -> tuple[Array, Array]:
@@ -123,7 +124,7 @@ class Roller:
         phi = np.linspace(-self.half_arc, self.half_arc, number)
         distance = self.axis_distance
         return (
-            distance * np.tan(phi) / np.sin(self.angle),
+            distance * _tan(phi) / np.sin(self.angle),
             self.wheel_radius - distance / np.cos(phi),
         )
 
@@ -155,6 +156,12 @@ class Roller:
             ]
         )
         return vertices, triangles
+
+
+def _tan(angles: npt.ArrayLike) -> Array:
+    """Return tangents; NumPy's own differ in the last bit between processors."""
+    values = np.asarray(angles, dtype=float)
+    return np.array([math.tan(angle) for angle in values.ravel().tolist()]).reshape(values.shape)
 
 
 def gauss(number: int) -> tuple[Array, Array]:

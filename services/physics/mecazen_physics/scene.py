@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import dartpy as dart
 from mecazen.robot import WHEELS, Robot
@@ -20,8 +20,8 @@ from mecazen_physics.people import MovingPerson, place
 CONE_TOLERANCE = 1e-6
 """Tolerance of the solver of the cone: at 1e-5 a robot at rest with strained wheels creeps by
 14 µm/s."""
-MAX_SWEEPS = 100, 25
-"""Sweeps of the solver of the cone in a step, at most: with one robot, and with several.
+MAX_SWEEPS = 25
+"""Sweeps of the solver of the cone in a step, at most; DART's default is 100.
 
 Where wheels strain it rarely converges. Two robots that strafe take half the time with 25 sweeps,
 and are 0.1 mm from where 1000 sweeps bring them, after 0.26 m.
@@ -33,6 +33,8 @@ UPRIGHT = 0.99
 _PROBE_DEPTH = 1e-4
 
 Layer = Literal["ground", "obstacle", "person", "plane", "base", "wheel", "roller"]
+Layers = Mapping[Layer, Sequence[Any]]
+"""Bodies by layer."""
 _TOUCHING = {
     frozenset(pair)
     for pair in (
@@ -46,15 +48,6 @@ Where two rollers have up to 30 mm of air between them, or a roller and a box 20
 finds contacts, many times as deep as a roller is thick: rims of wheels collide instead. Planes
 collide with one roller each, which `Scene.allow` names. Nothing stops a person but a robot.
 """
-
-
-class RobotBodies(NamedTuple):
-    """A robot's skeleton, and its bodies by layer."""
-
-    skeleton: Any
-    base: list[Any]
-    wheels: list[Any]
-    rollers: list[Any]
 
 
 class Scene:
@@ -85,6 +78,9 @@ class Scene:
         self._solver = self.dart.getConstraintSolver()
         self._box = self._solver.getBoxedLcpSolver()
         self._cone = dart.constraint.NsgsFrictionSolver()
+        options = self._cone.getOptions()
+        options.tolerance, options.maxSweeps = CONE_TOLERANCE, MAX_SWEEPS
+        self._cone.setOptions(options)
         self.solves_cone = False
         """Whether friction is limited by Coulomb's cone, not by the box."""
         self.dart.setCollisionDetector(dart.simulation.BULLET)
@@ -92,50 +88,36 @@ class Scene:
         sleep = self.dart.getDeactivationOptions()
         sleep.mEnabled = False
         self.dart.setDeactivationOptions(sleep)
+        self._known: list[Any] = []
+        """The skeletons that have been in the scene."""
         self._layers: dict[Layer, list[Any]] = {}
-        """All bodies that have been in the scene."""
-        self._robots: list[RobotBodies] = []
-        """The robots that are in the scene."""
+        """Their bodies."""
         self.people: dict[int, Any] = {}
         """The skeletons of all people that have been present, by their numbers."""
         self._present: set[int] = set()
         self._has_obstacles = False
         self._ground = bodies.build_ground(robot, world)
-        self._register("ground", self._ground.getBodyNodes())
-        self.dart.addSkeleton(self._ground)
+        self.add(self._ground, {"ground": self._ground.getBodyNodes()})
         self.step = self.dart.step
 
     @cached_property
     def _obstacles(self) -> Any:
-        obstacles = bodies.build_obstacles(bodies.reachable(self._robot, self._world))
-        self._register("obstacle", obstacles.getBodyNodes())
-        return obstacles
+        return bodies.build_obstacles(bodies.reachable(self._robot, self._world))
 
-    def add(self, robot: RobotBodies) -> None:
-        """Add a robot."""
-        self.dart.addSkeleton(robot.skeleton)
-        if not self._knows("base", robot.base):
-            self._register("base", robot.base)
-            self._register("wheel", robot.wheels)
-            self._register("roller", robot.rollers)
-        self._robots.append(robot)
-        self._limit_sweeps()
-
-    def remove(self, robot: RobotBodies) -> None:
-        """Remove a robot."""
-        self.dart.removeSkeleton(robot.skeleton)
-        self._robots.remove(robot)
-        self._limit_sweeps()
-
-    def add_planes(self, skeleton: Any) -> None:
-        """Add planes, which collide with nothing until it is allowed."""
+    def add(self, skeleton: Any, layers: Layers) -> None:
+        """Add a skeleton, whose bodies collide with those of the layers in `_TOUCHING`."""
         self.dart.addSkeleton(skeleton)
-        planes = skeleton.getBodyNodes()
-        if not self._knows("plane", planes):
-            self._register("plane", planes)
+        if any(skeleton is known for known in self._known):
+            return
+        self._known.append(skeleton)
+        for layer, nodes in layers.items():
+            for other, others in self._layers.items():
+                if frozenset((layer, other)) not in _TOUCHING:
+                    self._keep_apart(nodes, others)
+            self._layers.setdefault(layer, []).extend(nodes)
 
-    def remove_planes(self, skeleton: Any) -> None:
-        """Remove planes."""
+    def remove(self, skeleton: Any) -> None:
+        """Remove a skeleton."""
         self.dart.removeSkeleton(skeleton)
 
     def allow(self, body: Any, other: Any) -> None:
@@ -154,16 +136,18 @@ class Scene:
         """
         if obstacles != self._has_obstacles:
             self._has_obstacles = obstacles
-            change = self.dart.addSkeleton if obstacles else self.dart.removeSkeleton
-            change(self._obstacles)
+            if obstacles:
+                self.add(self._obstacles, {"obstacle": self._obstacles.getBodyNodes()})
+            else:
+                self.remove(self._obstacles)
         if people.keys() == self._present:
             return
         for number in self._present - people.keys():
-            self.dart.removeSkeleton(self.people[number])
+            self.remove(self.people[number])
         for number in sorted(people.keys() - self._present):
             if number not in self.people:
                 self.people[number] = self._build_person(number, people[number])
-            self.dart.addSkeleton(self.people[number])
+            self.add(self.people[number], {"person": self.people[number].getBodyNodes()})
             place(self.people[number], people[number])
         self._present = set(people)
 
@@ -244,28 +228,11 @@ class Scene:
                     return True
         return False
 
-    def _limit_sweeps(self) -> None:
-        options = self._cone.getOptions()
-        options.tolerance = CONE_TOLERANCE
-        options.maxSweeps = MAX_SWEEPS[len(self._robots) > 1]
-        self._cone.setOptions(options)
-
     def _build_person(self, number: int, person: MovingPerson) -> Any:
         build = bodies.build_person if person.legs is None else bodies.build_legs
         skeleton = build(self._world.person)
         skeleton.setName(f"person_{number}")
-        self._register("person", skeleton.getBodyNodes())
         return skeleton
-
-    def _knows(self, layer: Layer, nodes: Sequence[Any]) -> bool:
-        return any(nodes[0] is known for known in self._layers.get(layer, ()))
-
-    def _register(self, layer: Layer, nodes: Sequence[Any]) -> None:
-        """Keep new bodies apart from those of all layers that they do not collide with."""
-        for other, others in self._layers.items():
-            if frozenset((layer, other)) not in _TOUCHING:
-                self._keep_apart(nodes, others)
-        self._layers.setdefault(layer, []).extend(nodes)
 
     def _keep_apart(self, nodes: Sequence[Any], others: Sequence[Any]) -> None:
         collisions = self._solver.getCollisionOption().collisionFilter
