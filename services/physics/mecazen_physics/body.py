@@ -48,7 +48,7 @@ class RobotBody(ABC):
         robot: Its dimensions.
         start: The pose of base_link.
         physics: How it is simulated.
-        world: What surrounds it.
+        world: Its surroundings.
 
     Raises:
         UnsupportedError: if dartpy does not simulate the rollers' shape.

@@ -44,8 +44,8 @@ class NearRollersBody(RobotBody):
     """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller.
 
     Raises:
-        UnsupportedError: if the rollers are too many for the fastest wheel in a step, or as of
-            `RobotBody`.
+        UnsupportedError: if the rollers are too many for the fastest wheel in a step, or for
+            the reasons of `RobotBody`.
     """
 
     def __init__(

@@ -21,7 +21,7 @@ LEGS = [limb for limb in LIMBS if limb.name.endswith(("thigh", "shank", "foot"))
 _BEGINS = [INDEX[limb.begin] for limb in LEGS]
 _ENDS = [INDEX[limb.end] for limb in LEGS]
 RADII = np.array([limb.radius for limb in LEGS])
-"""Of `LEGS`, as shares of the body's height."""
+"""Radii of `LEGS`, as shares of the body's height."""
 
 
 class Legs(NamedTuple):
@@ -32,7 +32,7 @@ class Legs(NamedTuple):
     begin_velocities: Floats
     end_velocities: Floats
     height: float
-    """Of the body [m]."""
+    """Height of the body [m]."""
 
 
 class MovingPerson(NamedTuple):
@@ -42,7 +42,7 @@ class MovingPerson(NamedTuple):
     y: float
     velocity: tuple[float, float]
     legs: Legs | None = None
-    """What robots touch of a person who has joints."""
+    """The legs of a person who has joints, which robots touch."""
 
     @classmethod
     def upright(cls, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
@@ -149,7 +149,7 @@ def place(skeleton: Any, person: MovingPerson) -> None:
     sizes = np.stack((lengths[:, 0], height * RADII), axis=-1).tolist()
     for body, (length, radius) in zip(skeleton.getBodyNodes(), sizes, strict=True):
         shape = body.getShapeNode(0).getShape()
-        # a new size has DART make the shape anew
+        # DART builds the shape again for a new size
         if abs(shape.getHeight() - length) > 1e-3 or shape.getRadius() != radius:
             shape.setHeight(length)
             shape.setRadius(radius)

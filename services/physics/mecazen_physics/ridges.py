@@ -1,9 +1,9 @@
 """Ramps and sills under the rollers: a plane for each roller that is about to touch one.
 
-Of all shapes only a plane has smooth contacts with a roller. A roller and a ridge are both
+Only a plane has smooth contacts with a roller. A roller and a ridge are both
 convex, so the plane through the nearest point of the ridge, at right angles to the shortest
 way to the roller, has each of them on one side: a contact with it is one with the ridge. It is
-laid anew before each step, so rollers roll over edges.
+laid again before each step, so rollers roll over edges.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Profile:
 
         Args:
             point: In the world [m].
-            distance: Of the point, by `nearest`.
+            distance: Distance of the point, by `nearest`.
             way: To the point, by `nearest` (2,).
         """
         along, up = way.tolist()
@@ -92,10 +92,10 @@ class RidgeContacts:
 
     Args:
         robot: The robot.
-        ridges: What it drives over.
+        ridges: Ramps and sills.
         wheels: DART's bodies of its wheels.
-        rollers: And of all of their rollers, wheel by wheel.
-        friction: Of the ridges.
+        rollers: DART's bodies of all rollers, wheel by wheel.
+        friction: Coefficient of the ridges.
     """
 
     def __init__(

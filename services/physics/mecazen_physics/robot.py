@@ -101,7 +101,7 @@ class SimulatedRobot:
 
     @cached_property
     def _ridge_contacts(self) -> RidgeContacts:
-        """What carries it over ramps and sills."""
+        """The planes that carry it over ramps and sills."""
         friction = bodies.ground_friction(self._robot, self._world)
         hubs = [wheel.getChildBodyNode() for wheel in self._all.wheels]
         return RidgeContacts(self._robot, self._world.ridges, hubs, self._all.rollers, friction)

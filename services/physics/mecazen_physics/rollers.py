@@ -99,7 +99,7 @@ class Roller:
     def inertia(self) -> tuple[float, float]:
         """Moments of inertia across and along the roller's axis, about its middle [kg·m²].
 
-        Of a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
+        For a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
         Gauss' rule in φ (the profile is analytic: 32 points leave rounding errors only).
         """
         nodes, weights = gauss(32)

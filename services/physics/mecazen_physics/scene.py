@@ -64,7 +64,7 @@ class Scene:
     Args:
         robot: The robot, or one of several with the same friction of the rollers.
         physics: How they are simulated.
-        world: What surrounds them.
+        world: Their surroundings.
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig, world: WorldConfig) -> None:
@@ -157,7 +157,7 @@ class Scene:
             place(self.people[number], person)
 
     def turn(self, heading: float) -> None:
-        """Turn DART's axes to `heading` from the world's [rad]; what is in it stays as it is."""
+        """Turn DART's axes to `heading` from the world's [rad]; bodies stay in their places."""
         self.heading = heading
         slope, uphill = self._slope
         along, uphill = -bodies.GRAVITY * math.sin(slope), uphill - heading

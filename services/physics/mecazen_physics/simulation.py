@@ -32,11 +32,11 @@ class Simulation:
     Args:
         robots: Each robot, and where its base_link starts in the world frame.
         physics: How they are simulated.
-        world: What surrounds them.
+        world: Their surroundings.
 
     Raises:
-        UnsupportedError: as of `SimulatedRobot`, or if the robots' rollers have not all the same
-            friction.
+        UnsupportedError: for the reasons of `SimulatedRobot`, or if the friction of the robots'
+            rollers differs.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What must hold at the start of a run: steps that divide the tick, robots in free space."""
+"""Checks at the start of a run: steps divide the tick, robots stand in free space."""
 
 from __future__ import annotations
 
