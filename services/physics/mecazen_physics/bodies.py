@@ -50,19 +50,15 @@ def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
         )
 
 
-def _robot_friction(robot: Robot, world: WorldConfig) -> float:
-    """Return the coefficient of the robot's own surface.
+def friction_range(robot: Robot, world: WorldConfig) -> tuple[float, float]:
+    """Return the lowest and the highest coefficient between a robot and its surroundings.
 
-    DART takes the lower one of two touching bodies. The robot's is the highest that is given for
-    anything it touches, so that of the other holds; it is also that between two robots.
+    DART takes the lower one of two touching bodies. The robot's own surface has the highest, so
+    that of the other body holds; it is also that between two robots.
     """
-    return max(_frictions(robot, world))
-
-
-def _frictions(robot: Robot, world: WorldConfig) -> list[float]:
-    """Return the coefficients of all that a robot may touch, but for another robot."""
-    others = (world.person, *world.solids)
-    return [*_ground_frictions(robot, world), *(other.friction for other in others)]
+    others = [other.friction for other in (world.person, *world.solids)]
+    frictions = [*_ground_frictions(robot, world), *others]
+    return min(frictions), max(frictions)
 
 
 def _ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
@@ -74,11 +70,6 @@ def ground_friction(robot: Robot, ground: WorldConfig | Patch) -> float:
     """Return the coefficient between the ground, or a patch of it, and the rollers."""
     own = ground.friction if isinstance(ground, Patch) else ground.ground_friction
     return own * robot.rollers.contact_friction
-
-
-def least_friction(robot: Robot, world: WorldConfig) -> float:
-    """Return the lowest coefficient of friction of anything in the world."""
-    return min(_frictions(robot, world))
 
 
 def build_ground(robot: Robot, world: WorldConfig) -> Any:
@@ -159,7 +150,7 @@ def build_robot(
     root.setTransform(_planar(start, 0.0))
     trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    friction = _robot_friction(robot, world)
+    _, friction = friction_range(robot, world)
     if not lumped:
         _collide_base(base, robot, friction)
     barrel = _barrel(robot)
@@ -234,7 +225,7 @@ def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldCon
     """
     base = skeleton.getBodyNode(0)
     if not base.getShapeNodes():
-        _collide_base(base, robot, _robot_friction(robot, world))
+        _collide_base(base, robot, friction_range(robot, world)[1])
     centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
     rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
     width = max(robot.wheels.hub_width_m, rollers)
