@@ -15,17 +15,17 @@ from mecazen_physics import model
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.rollers import Roller
+from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
-from mecazen_physics.world import World
 
 STEPS = 10  # of 1 ms in a control period
 
 
-def world_of(robots: Sequence[tuple[Robot, Pose2D]], **settings: Any) -> World:
+def simulation_of(robots: Sequence[tuple[Robot, Pose2D]], **settings: Any) -> Simulation:
     """A world with settings of `[physics]` and of `[world]`; a step is 1 ms if not said."""
     settings.setdefault("dt_s", 0.001)
     outside = {name: settings.pop(name) for name in WorldConfig.__struct_fields__ & settings.keys()}
-    return World(robots, PhysicsConfig(**settings), WorldConfig(**outside))
+    return Simulation(robots, PhysicsConfig(**settings), WorldConfig(**outside))
 
 
 def wheel_speeds(robot: Robot, twist: Twist2D) -> list[float]:
@@ -57,7 +57,7 @@ class Rig:
     """A single robot; settings are those of `[physics]` and of `[world]`."""
 
     def __init__(self, robot: Robot, start: Pose2D = Pose2D(), **settings: Any) -> None:  # noqa: B008
-        self.world = world_of([(robot, start)], **settings)
+        self.world = simulation_of([(robot, start)], **settings)
         (self.robot,) = self.world.robots
         self.joint_names = self.robot.joint_names
 
@@ -66,7 +66,7 @@ class Rig:
         return self.robot.body
 
     def state(self) -> RobotState:
-        return self.robot.state()
+        return self.robot.state
 
     def advance(self, speeds: Sequence[float], steps: int = STEPS) -> RobotState:
         """Turn the wheels at `speeds` [rad/s]; return the state after `steps`."""
@@ -87,6 +87,14 @@ class Rig:
 
     def place_person(self, pose: Pose2D, velocity: Twist2D = Twist2D()) -> None:  # noqa: B008
         self.world.place_person(0, MovingPerson.upright(pose, velocity))
+
+
+def after_mixed_driving(robot: Robot) -> Rig:
+    """A robot that has driven with all its wheels at different speeds."""
+    rig = Rig(robot)
+    for tick in range(100):
+        rig.advance([0.01 * tick * speed for speed in (3.0, -6.0, 2.0, 5.0)])
+    return rig
 
 
 def trajectory(robot: Robot) -> str:

@@ -15,12 +15,12 @@ from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.node import PhysicsWorld
 from mecazen_physics.people import MovingPerson
+from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
-from mecazen_physics.world import World
 
 
-class NullWorld:
-    """One robot that moves by the ideal equations, in place of a `World` and its robot.
+class NullSimulation:
+    """One robot that moves by the ideal equations, in place of a `Simulation` and its robot.
 
     Its rollers are at rest, at numbers with all their digits: messages are as long as real ones.
     """
@@ -47,6 +47,7 @@ class NullWorld:
             a + speed * elapsed for a, speed in zip(self._angles, self._speeds, strict=True)
         ]
 
+    @property
     def state(self) -> RobotState:
         x, y, yaw = self._pose
         return RobotState(
@@ -65,10 +66,10 @@ class NullWorld:
 
 
 class NullPhysics(PhysicsWorld):
-    """The world of one robot without dynamics."""
+    """The node of one robot without dynamics."""
 
-    def make_world(self) -> World:
-        """Return the null world, which has all that its node uses of a world."""
+    def make_simulation(self) -> Simulation:
+        """Return the null simulation, which has all that its node uses of one."""
         scenario = self.scenario
-        world = NullWorld(scenario.robot, self.config.dt_s, scenario.start.pose)
-        return cast(World, world)
+        simulation = NullSimulation(scenario.robot, self.config.dt_s, scenario.start.pose)
+        return cast(Simulation, simulation)

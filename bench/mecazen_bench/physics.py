@@ -16,7 +16,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.rollers import lateral_gain, yaw_gain
-from mecazen_physics.world import World
+from mecazen_physics.simulation import Simulation
 
 from mecazen_bench import gazebo_peer
 from mecazen_bench.engine import (
@@ -49,14 +49,16 @@ LATERAL = Target(0.965, 1.035)
 
 
 class DartEngine(Engine):
-    """The world of our physics service; raises what `World` raises."""
+    """Our physics; raises what `Simulation` raises."""
 
     def __init__(self, robot: Robot, dt_s: float, rollers: Literal["near", "all"]) -> None:
         super().__init__(f"mecazen, {rollers} rollers", robot, dt_s)
-        self._world = World([(robot, Pose2D())], PhysicsConfig(dt_s=dt_s, rollers=rollers))
+        self._simulation = Simulation(
+            [(robot, Pose2D())], PhysicsConfig(dt_s=dt_s, rollers=rollers)
+        )
         self._in_dart_ns = self._steps = 0
-        dart = self._world.robots[0].body.world
-        self._step, dart.step = dart.step, self._timed_step
+        scene = self._simulation.robots[0].home
+        self._step, scene.step = scene.step, self._timed_step
 
     @property
     def in_dart_s(self) -> float:
@@ -72,9 +74,9 @@ class DartEngine(Engine):
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
         begin = time.thread_time()
         command = WheelCommand([0.0] * len(WHEELS), is_effort=True)
-        self._world.advance([command if speeds is None else WheelCommand(speeds)], steps)
+        self._simulation.advance([command if speeds is None else WheelCommand(speeds)], steps)
         self.spent_s += time.thread_time() - begin
-        state = self._world.robots[0].state()
+        state = self._simulation.robots[0].state
         return Sample.of(state.position, state.orientation, state.joint_position[: len(WHEELS)])
 
 

@@ -13,7 +13,7 @@ from mecazen.config.physics import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen_physics.motors import WheelCommand
-from mecazen_physics.world import World
+from mecazen_physics.simulation import Simulation
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.stack import robot
@@ -53,7 +53,7 @@ class Robots:
         """Processor time of one robot's tick, a mean for each block."""
         self._drive, self._steps = drive, round(TICK_S / dt_s)
         nexus = robot("nexus")
-        self._world = World([(nexus, start) for start in starts], PhysicsConfig(dt_s=dt_s))
+        self._world = Simulation([(nexus, start) for start in starts], PhysicsConfig(dt_s=dt_s))
         self._advance(WARM_UP_TICKS)
 
     def measure(self) -> None:

@@ -11,14 +11,14 @@ import numpy.typing as npt
 import pytest
 from mecazen.config.world import Box
 from mecazen.robot import Robot
-from mecazen_physics import dart_robot, model, motors
+from mecazen_physics import motors
+from mecazen_physics import robot as robot_module
 from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.motors import WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.rollers import Roller
 from mecazen_physics.state import BASE_DOFS, Motion, RobotState
 from msgspec.structs import replace
-from physics_rig import Rig
+from physics_rig import Rig, after_mixed_driving
 
 MIXED = (
     (8.0, 8.0, 8.0, 8.0),  # straight
@@ -50,14 +50,6 @@ def drive(rig: Rig, seconds: float, steps: int = 10, dt: float = 0.001) -> list[
             state = rig.advance(command, steps)
         states.append(state)
     return states
-
-
-def mixed(robot: Robot) -> Rig:
-    """A robot that has driven with all its wheels at different speeds."""
-    rig = Rig(robot)
-    for tick in range(100):
-        rig.advance([0.01 * tick * speed for speed in (3.0, -6.0, 2.0, 5.0)])
-    return rig
 
 
 def rms(values: npt.NDArray[np.float64]) -> float:
@@ -117,37 +109,19 @@ def test_tick_by_tick_with_torques_it_moves_as_the_robot_with_every_roller(nexus
     assert found.angle < math.radians(0.1)
 
 
-def test_no_step_exceeds_the_motors_torque_and_few_ticks_are_simulated_again(nexus, monkeypatch):
-    # Between the spheres of a coarse hull wheels miss the ground, and torques jump; with 21 or more
-    # not one step exceeds the limit.
-    coarse = replace(nexus, rollers=replace(nexus.rollers, hull_spheres=15))
-    rig = Rig(coarse, dt_s=0.005)
-    robot, body, after_step = rig.robot, rig.body, rig.body.after_step
-    torques, taken_back, begins = [], [], []
+def test_no_step_of_an_isolated_robot_exceeds_the_motors_torque(nexus):
+    rig = Rig(nexus, dt_s=0.005)
+    step, torques = rig.body.scene.step, []
 
-    def noted(limit: float, *, stands: bool) -> bool:
-        fine = after_step(limit, stands=stands)
-        torques.append(max(map(abs, body.torques())))
-        return fine
+    def noted(reset: bool) -> None:
+        step(reset)
+        torques.extend(rig.body.torques())
 
-    def noted_back(command: WheelCommand, steps: int) -> Any:
-        # the step that exceeded the limit is one of those that never were
-        del torques[begins[-1] :]
-        taken_back.append(steps)
-        return take_back(command, steps)
-
-    def noted_begin(command: WheelCommand, steps: int) -> Any:
-        begins.append(len(torques))
-        return prepare(command, steps)
-
-    prepare, robot.prepare = robot.prepare, noted_begin  # type: ignore[method-assign]
-    take_back, robot.take_back = robot.take_back, noted_back  # type: ignore[method-assign]
-    body.after_step = noted
+    rig.body.scene.step = noted
     drive(rig, 15.0, 2, 0.005)
-    limit = coarse.wheels.max_torque_nm
-    assert len(torques) == 3_000
-    assert max(torques) <= limit * (1.0 + 1e-9)  # a servo's, to the solver's rounding
-    assert 0 < len(taken_back) < 0.03 * 1500
+    assert len(torques) == 4 * 3_000
+    # a servo's, to the solver's rounding
+    assert max(map(abs, torques)) <= nexus.wheels.max_torque_nm * (1.0 + 1e-9)
 
 
 def test_motors_simulated_without_their_limit_move_the_robot_as_with_it(nexus, monkeypatch):
@@ -188,7 +162,7 @@ def energy(rig: Rig, robot: Robot) -> float:
 
 
 def test_a_hand_over_changes_neither_energy_nor_motion(robot):
-    rig = mixed(robot)
+    rig = after_mixed_driving(robot)
     pitch = math.tau / robot.rollers.count
     position, velocity, heading = rig.body.read()
     position[BASE_DOFS : BASE_DOFS + 4] = (pitch - 1e-3, 1e-3, 3.0 * pitch - 1e-3, 1e-3 - pitch)
@@ -196,7 +170,7 @@ def test_a_hand_over_changes_neither_energy_nor_motion(robot):
     before = energy(rig, robot)
     fastest = robot.wheels.max_speed_rad_s
     forward, backward = (0.0, fastest), (-fastest, 0.0)
-    rig.body.prepare([forward, backward, forward, backward], 10, upright=True)
+    rig.body.prepare([forward, backward, forward, backward], 10)
     # Each joint has turned by a pitch, but not its wheel.
     turned = [wheel.getPosition(0) for wheel in rig.body.wheels]
     assert turned == pytest.approx([-1e-3, pitch + 1e-3] * 2, abs=1e-12)
@@ -207,72 +181,32 @@ def test_a_hand_over_changes_neither_energy_nor_motion(robot):
 
 
 def test_it_has_the_energy_of_the_robot_with_every_roller(robot):
-    near, everything = mixed(robot), Rig(robot, rollers="all")
+    near, everything = after_mixed_driving(robot), Rig(robot, rollers="all")
     everything.body.write(near.body.read())
     # The same masses with the same velocities. 1e-6: as above.
     assert energy(near, robot) == pytest.approx(energy(everything, robot), rel=1e-6)
 
 
 def test_the_motion_passes_to_every_roller_and_back(nexus, monkeypatch):
-    rig = mixed(nexus)
+    rig = after_mixed_driving(nexus)
     before = rig.body.read()
     with monkeypatch.context() as leaning:
-        leaning.setattr(dart_robot, "MAX_TILT_RAD", -1.0)
-        rig.robot.update_contact_candidates()
+        leaning.setattr(robot_module, "MAX_TILT_RAD", -1.0)
+        rig.robot.look_around()
     assert not isinstance(rig.body, NearRollersBody)
     among_others = rig.body.read()
     assert among_others.heading == 0.0
-    rig.robot.update_contact_candidates()
+    rig.robot.look_around()
     assert isinstance(rig.body, NearRollersBody)
     # the wheels' angles less whole pitches and back, and other axes: rounding
     for after in (among_others, rig.body.read()):
         assert_same(after, before)
 
 
-@pytest.mark.parametrize("heading", [0.0, 0.7, -3.0])
-def test_a_motion_is_the_same_in_all_axes(nexus, heading):
-    motion = mixed(nexus).body.read()
-    turned = motion.in_axes_at(heading)
-    assert turned.heading == heading
-    assert_same(turned, motion)
-    states = (RobotState.of(0.0, m, [0.0] * 4, 0.0) for m in (motion, turned))
-    one, other = (np.concatenate([np.ravel(field) for field in state]) for state in states)
-    np.testing.assert_allclose(one, other, atol=1e-12)
-
-
 def assert_same(one: Motion, other: Motion) -> None:
     """Two motions are the same, to rounding."""
     for a, b in zip(one.in_axes_at(0.0)[:2], other.in_axes_at(0.0)[:2], strict=True):
         assert a == pytest.approx(b, abs=1e-12)
-
-
-def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus):
-    friction = 2e-5
-    robot = replace(nexus, rollers=replace(nexus.rollers, bearing_friction_nms=friction))
-    rig = Rig(robot)
-    fifth = BASE_DOFS + 4 + 4  # of the front left wheel, near the top
-    motion = rig.body.read()
-    motion.velocity[fifth] = 10.0
-    rig.body.write(motion)
-    state = rig.advance([0.0] * 4, 100)
-    decay = friction / Roller.of(robot).inertia[1]
-    # 6 %: DART's implicit steps of 1 ms, of a time constant of 30 ms, three times over.
-    expected = 10.0 * math.exp(-0.1 * decay)
-    assert state.joint_velocity[4 + 4] == pytest.approx(expected, rel=0.06)
-    turned = 10.0 * (1.0 - math.exp(-0.1 * decay)) / decay
-    assert state.joint_position[4 + 4] == pytest.approx(turned, rel=0.02)
-
-
-def test_a_wheel_and_its_rollers_weigh_the_same_in_parts(robot):
-    tree = model.near_tree(robot)
-    assert len(tree.links) == 4 + 4 * 2 + 2
-    for parts in tree.lumped:
-        mass, centre, inertia = model.lump(parts)
-        count = robot.rollers.count - 2
-        assert mass == pytest.approx(robot.wheels.hub_mass_kg + count * robot.rollers.mass_kg)
-        # what is missing is at the bottom, and half a pitch to the side
-        assert centre[2] > 0.0
-        assert (np.linalg.eigvalsh(inertia) > 0.0).all()
 
 
 def test_rollers_too_many_for_the_fastest_wheel_are_refused(nexus):

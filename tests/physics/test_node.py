@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import pytest
-from harness import Rig, Sample, assert_sendable, error_of, load_robot
+from harness import Rig, Sample, assert_sendable, load_robot
 from hostile import FORGED, FUZZ, NO_STAMP, puts
 from hypothesis import given, settings
 from mecazen import keys
@@ -22,9 +22,7 @@ from mecazen.config import (
     SensorConfig,
     SimConfig,
     StartConfig,
-    WorldConfig,
 )
-from mecazen.config.world import Box, Cylinder
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
@@ -216,7 +214,7 @@ def test_a_walker_stops_the_robot_as_its_person_does_and_its_person_is_not_place
     for _ in range(100):
         driven.tick(command=joints([10.0] * 4), person=person(), people=people(walker))
     assert driven.pose().x < 0.45  # 0.2 m of the walker, 0.2 m of the robot
-    assert list(driven.world.walkers.values()) == [1]
+    assert driven.world.numbers == {"target": 0, "walker_1": 1}
 
 
 def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
@@ -234,19 +232,6 @@ def test_an_absurdly_fast_person_does_no_harm():
         driven.tick(person=person(Pose2D(), Twist2D(1.797e308, 1.797e308)))
     for topic, message in driven.states[""].items():
         assert_sendable(Sample(topic.key, message, None))
-
-
-BOX = {"position_m": (-0.3, 0.0), "size_m": (0.2, 0.2, 0.5)}
-
-
-@pytest.mark.parametrize(
-    ("solid", "kind"),
-    [(Box(**BOX), "box"), (Cylinder(position_m=(-0.3, 0.0), size_m=(0.15, 0.5)), "cylinder")],
-)
-def test_a_start_inside_an_obstacle_is_refused_and_one_below_it_is_not(solid, kind):
-    with pytest.raises(ConfigError, match=rf"start: .* inside the {kind} at \[-0.3, 0\]; move it"):
-        PhysicsWorld(scenario(world=WorldConfig(obstacles=(solid,))))
-    PhysicsWorld(scenario(world=WorldConfig(obstacles=(Box(**BOX, bottom_m=0.8),))))
 
 
 def test_a_start_inside_the_person_is_refused_and_one_beside_them_is_not():
@@ -313,19 +298,6 @@ def test_a_diverged_state_is_one_clear_error():
     ) as caught:
         driven.drive(10, effort=[1e9] * 4)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("dt_s", "nearest"),
-    [(0.0019, [0.01 / 6, 0.002]), (0.0049, [0.01 / 3, 0.005]), (0.0007, [0.01 / 15, 0.01 / 14])],
-)
-def test_a_step_that_does_not_divide_the_tick_is_an_error_that_names_steps_that_do(dt_s, nearest):
-    message = error_of(ConfigError, lambda: PhysicsWorld(scenario(PhysicsConfig(dt_s=dt_s))))
-    begin, _, steps = message.partition("; nearest: ")
-    assert begin == f"physics.dt_s = {dt_s} must divide sim.tick_s = 0.01"
-    assert list(map(float, steps.split(", "))) == pytest.approx(nearest)
-    for step in steps.split(", "):  # as it is printed, it is taken
-        PhysicsWorld(scenario(PhysicsConfig(dt_s=float(step))))
 
 
 GOOD = {
@@ -401,8 +373,7 @@ def test_a_person_and_a_walker_with_joints_are_touched_by_their_legs():
         refused = driven.tick(skeleton=skeleton, people=m.People(header, (walker,))).refused
         assert not refused
     assert driven.pose() == pytest.approx(Pose2D(), abs=1e-4)
-    for someone in (driven.world.robots[""].walking, driven.world.walking[1]):
-        assert someone is not None
+    for someone in (driven.world.walking["target"], driven.world.walking["walker_1"]):
         assert someone.legs is not None
         assert someone.velocity == pytest.approx((-1.0, 0.0))
     alone = m.People(persons=(m.Person("walker_1"),))

@@ -24,7 +24,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.portable import product
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
@@ -43,74 +42,76 @@ class AirborneRollers:
     place of each wheel are bodies of DART, the others are airborne. Place i is i pitches from
     the first.
 
-    A wheel's `rates` are its angular velocity, x, y, z in its own frame; those of all four make
+    The `rates` of the wheels are their angular velocities in their own frames: x of all four, y, z,
     a list of twelve [rad/s].
+
+    Products are those of `numpy.einsum`, which adds in one order: BLAS, whose kernels differ in the
+    last bit from one processor to another, takes no part.
     """
 
     def __init__(self, robot: Robot, dt: float) -> None:
         count = robot.rollers.count
-        friction, inertia = robot.rollers.bearing_friction_nms, Roller.of(robot).inertia[1]
+        self._friction = robot.rollers.bearing_friction_nms
+        self._inertia = Roller.of(robot).inertia[1]
         self._dt = dt
-        self._kept = 1.0 / (1.0 + friction * dt / inertia)
+        self._kept = 1.0 / (1.0 + self._friction * dt / self._inertia)
         # the last row is a·ω after the next chunk
         self._all: Array = np.zeros((4, _WHEELS * count))
         self.state: Array = self._all[:3]
         self.places: Array = self.state.reshape(3, _WHEELS, count)
         """A view of `state`."""
-        self._spins: Array = self._all[1:3].reshape(-1)
-        angles, spins, _, _ = self._all.reshape(4, _WHEELS, count)
-        self.body_angles, self.body_spins = angles[:, :: count - 1], spins[:, :: count - 1]
-        """Views (4, 2) of those of the bodies, to be written."""
         self._rates = [0.0] * (3 * _WHEELS)
-        axes = np.zeros((_WHEELS, count, _WHEELS, 3))
-        for index, roller in enumerate(model.links(robot)[_WHEELS : _WHEELS * (1 + count)]):
-            wheel, place = divmod(index, count)
-            axes[wheel, place, wheel] = roller.rotation[:, 2]
-        self._axes: Array = axes.reshape(_WHEELS * count, 3 * _WHEELS)
-        axes = axes.copy()
-        axes[:, [0, -1]] = 0.0
-        airborne = axes.reshape(self._axes.shape).T
-        # From spins and a·ω to the bearings' torques and the angular momenta about the axes.
-        self._loads: Array = np.block(
-            [[friction * airborne, 0.0 * airborne], [inertia * airborne, inertia * airborne]]
-        )
+        rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
+        axes = np.array([roller.rotation[:, 2] for roller in rollers]).T
+        axes = axes.reshape(3, _WHEELS, count)
+        self._axes: Array = (axes[:, None] * np.eye(_WHEELS)[:, :, None]).reshape(3 * _WHEELS, -1)
+        """From rates to a·ω."""
+        self._airborne: Array = axes.copy()
+        """The axes of airborne rollers, zero for the bodies."""
+        self._airborne[..., [0, -1]] = 0.0
 
     def set_rates(self, rates: list[float]) -> None:
         """Set the wheels' rates without an effect on the rollers' spins."""
         self._rates = rates
-        self.state[2] = product(self._axes, rates)
+        self._carry(rates, self.state[2])
 
     def advance(self, steps: int, rates: list[float]) -> None:
         """Simulate `steps` steps, in the first of which the wheels reach `rates`."""
         self._rates = rates
-        self._all[3] = product(self._axes, rates)
-        self.state[:] = product(_transition(self._kept, self._dt, steps), self._all)
+        self._carry(rates, self._all[3])
+        transition = _transition(self._kept, self._dt, steps)
+        self.state[:] = np.einsum("ij,jr->ir", transition, self._all)
 
     def torques(self, steps: int) -> list[tuple[float, float, float]]:
         """Return the mean torques on the wheels in `steps` steps, in their frames [N·m]."""
         _, _, after = _sums(self._kept, steps)
-        mean = after / steps
-        loads = product(self._loads, self._spins).tolist()
+        friction, inertia = self._friction * after / steps, self._inertia
+        # along x, y, z of each wheel
+        sums = np.einsum("awr,kwr->kaw", self._airborne, self.places[1:])
+        (sx, sy, sz), (cx, cy, cz) = sums.tolist()
         rates = self._rates
         torques = []
-        for i in range(0, 3 * _WHEELS, 3):
-            fx, fy, fz = loads[i : i + 3]
-            hx, hy, hz = loads[3 * _WHEELS + i : 3 * _WHEELS + i + 3]
-            wx, wy, wz = rates[i : i + 3]
+        for i in range(_WHEELS):
+            wx, wy, wz = rates[i::_WHEELS]
+            hx, hy, hz = sx[i] + cx[i], sy[i] + cy[i], sz[i] + cz[i]
             torques.append(
                 (
-                    mean * fx + hy * wz - hz * wy,
-                    mean * fy + hz * wx - hx * wz,
-                    mean * fz + hx * wy - hy * wx,
+                    friction * sx[i] + inertia * (hy * wz - hz * wy),
+                    friction * sy[i] + inertia * (hz * wx - hx * wz),
+                    friction * sz[i] + inertia * (hx * wy - hy * wx),
                 )
             )
         return torques
+
+    def _carry(self, rates: list[float], carried: Array) -> None:
+        """Write a·ω of each roller [rad/s]."""
+        np.einsum("ij,i->j", self._axes, rates, out=carried)
 
 
 @lru_cache
 def _sums(kept: float, steps: int) -> tuple[float, float, float]:
     """Return, for n = `steps`, ρ^(n-1), the sum of ρ^i over i < n, and that over 0 < i <= n."""
-    before = math.fsum(kept**i for i in range(steps))
+    before = math.fsum(kept**step for step in range(steps))
     return kept ** (steps - 1), before, kept * before
 
 

@@ -50,19 +50,15 @@ def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
         )
 
 
-def _robot_friction(robot: Robot, world: WorldConfig) -> float:
-    """Return the coefficient of the robot's own surface.
+def friction_range(robot: Robot, world: WorldConfig) -> tuple[float, float]:
+    """Return the lowest and the highest coefficient between a robot and its surroundings.
 
-    DART takes the lower one of two touching bodies. The robot's is the highest that is given for
-    anything it touches, so that of the other holds; it is also that between two robots.
+    DART takes the lower one of two touching bodies. The robot's own surface has the highest, so
+    that of the other body holds; it is also that between two robots.
     """
-    return max(_frictions(robot, world))
-
-
-def _frictions(robot: Robot, world: WorldConfig) -> list[float]:
-    """Return the coefficients of all that a robot may touch, but for another robot."""
-    others = (world.person, *world.solids)
-    return [*_ground_frictions(robot, world), *(other.friction for other in others)]
+    others = [other.friction for other in (world.person, *world.solids)]
+    frictions = [*_ground_frictions(robot, world), *others]
+    return min(frictions), max(frictions)
 
 
 def _ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
@@ -76,34 +72,32 @@ def ground_friction(robot: Robot, ground: WorldConfig | Patch) -> float:
     return own * robot.rollers.contact_friction
 
 
-def least_friction(robot: Robot, world: WorldConfig) -> float:
-    """Return the lowest coefficient of friction of anything in the world."""
-    return min(_frictions(robot, world))
-
-
-def build_surroundings(robot: Robot, world: WorldConfig) -> Any:
-    """Return the ground and the obstacles: one skeleton, so they never collide.
-
-    Raises:
-        UnsupportedError: as of `reachable`.
-    """
-    skeleton = dart.dynamics.Skeleton("surroundings")
+def build_ground(robot: Robot, world: WorldConfig) -> Any:
+    """Return the skeleton of the ground, a plane."""
+    skeleton = dart.dynamics.Skeleton("ground")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], DEPTH_M)
-    # Where there are patches the rollers have the coefficient of what is below them.
+    # On patches, the rollers have the coefficient of what is below them.
     _collide(ground, plane, max(_ground_frictions(robot, world)))
-    for obstacle in reachable(robot, world):
-        height, bottom = obstacle.size_m[-1], getattr(obstacle, "bottom_m", 0.0)
+    skeleton.setMobile(False)
+    return skeleton
+
+
+def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
+    """Return the skeleton of all obstacles: bodies of one skeleton do not collide."""
+    skeleton = dart.dynamics.Skeleton("obstacles")
+    for solid in solids:
+        height, bottom = solid.size_m[-1], getattr(solid, "bottom_m", 0.0)
         joint, body = skeleton.createWeldJointAndBodyNodePair()
-        if isinstance(obstacle, Box):
-            shape = dart.dynamics.BoxShape(list(obstacle.size_m))
-            yaw = math.radians(obstacle.yaw_deg)
+        if isinstance(solid, Box):
+            shape = dart.dynamics.BoxShape(list(solid.size_m))
+            yaw = math.radians(solid.yaw_deg)
         else:
-            shape = dart.dynamics.CylinderShape(*obstacle.size_m)
+            shape = dart.dynamics.CylinderShape(*solid.size_m)
             yaw = 0.0
-        pose = _planar(Pose2D(*obstacle.position_m, yaw), bottom + height / 2)
+        pose = _planar(Pose2D(*solid.position_m, yaw), bottom + height / 2)
         joint.setTransformFromParentBodyNode(pose)
-        _collide(body, shape, obstacle.friction)
+        _collide(body, shape, solid.friction)
     skeleton.setMobile(False)
     return skeleton
 
@@ -149,20 +143,21 @@ def build_robot(
     kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
     rollers are parallel, and it would glide along across them with all wheels at rest.
     """
+    links, lumped = tree
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
     root.setTransform(_planar(start, 0.0))
-    trunk = [model.base(robot), *(link for link in tree.links if link.axis is None)]
+    trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    friction = _robot_friction(robot, world)
-    if not tree.lumped:
+    _, friction = friction_range(robot, world)
+    if not lumped:
         _collide_base(base, robot, friction)
     barrel = _barrel(robot)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _add_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
-    for link in tree.links:
+    for link in links:
         if link.axis is None:
             continue
         parent, place = bodies[link.parent], np.array(link.translation)
@@ -176,7 +171,7 @@ def build_robot(
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
-    for wheel, parts in zip(joints[: len(WHEELS)], tree.lumped, strict=False):
+    for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
         wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
@@ -230,7 +225,7 @@ def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldCon
     """
     base = skeleton.getBodyNode(0)
     if not base.getShapeNodes():
-        _collide_base(base, robot, _robot_friction(robot, world))
+        _collide_base(base, robot, friction_range(robot, world)[1])
     centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
     rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
     width = max(robot.wheels.hub_width_m, rollers)

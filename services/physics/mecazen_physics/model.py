@@ -6,11 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.portable import product
 from mecazen.robot import WHEELS, Attachment, Payload, Robot, roller_joint, wheel_joint
 
 from mecazen_physics.rollers import Roller
@@ -39,12 +37,9 @@ class Link:
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class Tree(NamedTuple):
-    """The links of a model of the robot but for its base, in the order of `links`."""
-
-    links: Sequence[Link]
-    lumped: list[list[Link]]
-    """For each wheel what is lumped with it, in its frame; empty where every roller is a link."""
+Tree = tuple[Sequence[Link], Sequence[Sequence[Link]]]
+"""The links of a model of the robot but for its base, in the order of `links`; and for each wheel
+what is lumped with it, in its frame, or nothing where every roller is a link."""
 
 
 def hub_radius(robot: Robot) -> float:
@@ -82,26 +77,40 @@ def links(robot: Robot) -> tuple[Link, ...]:
     return (*wheels, *rollers, *fixed)
 
 
-def lump(parts: list[Link]) -> tuple[float, Array, Array]:
+def lump(parts: Sequence[Link]) -> tuple[float, Array, Array]:
     """Return mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²] of `parts`.
 
     The result is in the frame in which the parts are placed, by the parallel axis theorem.
     """
     mass = math.fsum(part.mass for part in parts)
-    places = [part.translation + product(part.rotation, part.centre) for part in parts]
+    places = [part.translation + _product(part.rotation, part.centre) for part in parts]
     pairs = list(zip(parts, places, strict=True))
     centre = sum((part.mass * place for part, place in pairs), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for part, place in pairs:
-        arm = place - centre
-        inertia += product(part.rotation * part.moments, part.rotation.T)
-        inertia += part.mass * (np.sum(arm * arm) * np.eye(3) - np.outer(arm, arm))
+        x, y, z = (place - centre).tolist()
+        inertia += _product(part.rotation * part.moments, part.rotation.T)
+        inertia += part.mass * np.array(
+            [
+                [y * y + z * z, -x * y, -x * z],
+                [-x * y, x * x + z * z, -y * z],
+                [-x * z, -y * z, x * x + y * y],
+            ]
+        )
     return mass, centre, inertia
 
 
-def full_tree(robot: Robot) -> Tree:
-    """Return the robot with every roller."""
-    return Tree(links(robot), [])
+def _product(matrix: Array, other: npt.ArrayLike) -> Array:
+    """Return a product of a (3, 3) and a (3,) or (3, n) in a fixed order, without BLAS.
+
+    The kernels of BLAS differ in the last bit from one processor to another.
+    """
+    factor = np.asarray(other, dtype=float)
+    columns = matrix.reshape(3, 3, *(1,) * (factor.ndim - 1))
+    product: Array = (
+        columns[:, 0] * factor[0] + columns[:, 1] * factor[1] + columns[:, 2] * factor[2]
+    )
+    return product
 
 
 def near_tree(robot: Robot) -> Tree:
@@ -130,7 +139,7 @@ def near_tree(robot: Robot) -> Tree:
                 *(replace(roller, moments=(*roller.moments[:2], 0.0)) for roller in airborne),
             ]
         )
-    return Tree([*wheels, *kept, *fixed], lumped)
+    return [*wheels, *kept, *fixed], lumped
 
 
 def driven_inertia(robot: Robot) -> float:
@@ -170,14 +179,14 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
     z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
     y = np.array([0.0, 0.0, -1.0])
     turn = _about_y(2.0 * np.pi * index / roller.count)
-    a, b, c = product(turn, (0.0, 0.0, -roller.axis_distance)).tolist()
+    a, b, c = _product(turn, (0.0, 0.0, -roller.axis_distance)).tolist()
     across, along = roller.inertia
     return Link(
         name=f"{wheel}_roller_{index:02d}",
         parent=f"{wheel}_wheel",
         joint=roller_joint(wheel, index),
         translation=(a, b, c),
-        rotation=product(turn, np.column_stack([np.cross(y, z), y, z])),
+        rotation=_product(turn, np.column_stack([np.cross(y, z), y, z])),
         axis=(0.0, 0.0, 1.0),
         mass=roller.mass,
         moments=(across, across, along),

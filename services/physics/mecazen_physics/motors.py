@@ -9,15 +9,17 @@ from operator import sub
 from typing import Any, NamedTuple
 
 from mecazen.config import PhysicsConfig
+from mecazen.config.physics import Pid
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import model
 from mecazen_physics.body import RobotBody
-from mecazen_physics.pid import WheelPid
 from mecazen_physics.state import RobotState
 
 TORQUE_HEADROOM = 0.8
 """Motors that need less than this share of their torque are simulated without its limit."""
+SLOW_DOWN_S = 1.0
+"""Over this time the wheels are brought to rest when commands have stopped."""
 
 Push = Callable[[], object]
 """Sets the wheels' commands before a step."""
@@ -28,6 +30,63 @@ class WheelCommand(NamedTuple):
 
     values: Sequence[float]
     is_effort: bool = False
+
+
+class Watchdog:
+    """Brings the wheels to rest within `SLOW_DOWN_S` when commands have stopped for `silence_s`."""
+
+    def __init__(self, silence_s: float) -> None:
+        self._silence_s = silence_s
+        self._last = WheelCommand((0.0,) * len(WHEELS))
+        self._speeds = self._last.values
+        """Speeds of the wheels when commands stopped [rad/s]."""
+
+    def command(
+        self, new: WheelCommand | None, silent_s: float, speeds: Sequence[float]
+    ) -> WheelCommand:
+        """Return the command to obey.
+
+        Args:
+            new: A command that has come, if any.
+            silent_s: Time since the last command [s].
+            speeds: Present speeds of the wheels [rad/s].
+        """
+        if new is not None:
+            self._last = new
+        if silent_s <= self._silence_s:
+            if not self._last.is_effort:
+                self._speeds = self._last.values
+        else:
+            if self._last.is_effort:
+                self._speeds = speeds
+            left = max(0.0, 1.0 - (silent_s - self._silence_s) / SLOW_DOWN_S)
+            self._last = WheelCommand(tuple(speed * left for speed in self._speeds))
+        return self._last
+
+
+class WheelPid:
+    """PID from speed error to torque, as control_toolbox's: the integral term is clamped.
+
+    Called once per physics step of `dt` [s].
+    """
+
+    def __init__(self, gains: Pid, max_torque: float, dt: float) -> None:
+        self._gains = gains
+        self._max_torque = max_torque
+        self._dt = dt
+        self._integral = 0.0
+        self._last_error: float | None = None
+
+    def update(self, error: float) -> float:
+        """Return the torque [N·m] for the speed error goal - speed [rad/s]."""
+        gains = self._gains
+        clamp = gains.i_clamp_nm
+        self._integral += gains.i_nm * error * self._dt
+        self._integral = min(max(self._integral, -clamp), clamp)
+        slope = 0.0 if self._last_error is None else (error - self._last_error) / self._dt
+        self._last_error = error
+        torque = gains.p_nms * error + self._integral + gains.d_nms2 * slope
+        return min(max(torque, -self._max_torque), self._max_torque)
 
 
 class Motors:
@@ -59,8 +118,7 @@ class Motors:
     ) -> tuple[list[tuple[float, float]], Push | None]:
         """Give the motors of `body` a command for the next `steps` steps.
 
-        Where that is not `strict`, motors with headroom are simulated without their limit: whether
-        they keep it must be looked at.
+        Where that is not `strict`, motors with headroom are simulated without their limit.
 
         Returns:
             The lowest and the highest speed that each wheel should have in them [rad/s], and

@@ -18,17 +18,17 @@ from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 
-from mecazen_physics import bodies
 from mecazen_physics.airborne import AirborneRollers
-from mecazen_physics.body import RobotBody
-from mecazen_physics.contacts import MAX_TILT_RAD, SPEED_MARGIN
-from mecazen_physics.dart_world import DartWorld
+from mecazen_physics.body import MAX_TILT_RAD, RobotBody
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.model import near_tree
+from mecazen_physics.scene import Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion, unrotate
 
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
+SPEED_MARGIN = 1.5
+"""How much faster than its present and its commanded speed a wheel may become within a tick."""
 PULL_RAD_S2 = 200.0
 """Acceleration of a wheel by weight and grip beside its motor: 1 g at R = 50 mm."""
 SLACK_RAD = 0.02
@@ -36,7 +36,6 @@ SLACK_RAD = 0.02
 on the border is not brought back and forth."""
 
 _WHEELS = len(WHEELS)
-_ON_AXLE = [wheel.startswith("front") for wheel in WHEELS]
 _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
@@ -44,20 +43,19 @@ class NearRollersBody(RobotBody):
     """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller.
 
     Raises:
-        UnsupportedError: if the rollers are too many for the fastest wheel in a step, or as of
-            `RobotBody`.
+        UnsupportedError: if the rollers are too many for the fastest wheel in a step, or for
+            the reasons of `RobotBody`.
     """
 
     def __init__(
         self,
+        scene: Scene,
         robot: Robot,
         start: Pose2D,
         physics: PhysicsConfig,
         world: WorldConfig,
-        dart_world: DartWorld,
     ) -> None:
-        skeleton, joints = bodies.build_robot(near_tree(robot), robot, start, world)
-        super().__init__(dart_world, skeleton, joints, robot, physics.dt_s)
+        super().__init__(scene, near_tree(robot), robot, start, physics, world)
         count = robot.rollers.count
         self._pitch = math.tau / count
         # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
@@ -71,6 +69,9 @@ class NearRollersBody(RobotBody):
         self.airborne = AirborneRollers(robot, physics.dt_s)
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
         """Indices that do as `np.roll` does, which takes ten times as long."""
+        angles, spins, _ = self.airborne.places
+        self._body_angles, self._body_spins = angles[:, :: count - 1], spins[:, :: count - 1]
+        """Views of those of the bodies."""
         self._columns = np.arange(_WHEELS * count)
         """The column of `AirborneRollers.state` of each roller."""
         self._order = self._columns.reshape(_WHEELS, count)
@@ -79,9 +80,8 @@ class NearRollersBody(RobotBody):
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
 
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int, *, upright: bool) -> int:
+    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """Bring back the wheels whose rollers move on; see `RobotBody`."""
-        del upright
         pull = PULL_RAD_S2 * self._dt * steps
         ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
         ahead_s = SPEED_MARGIN * self._dt
@@ -109,13 +109,8 @@ class NearRollersBody(RobotBody):
         position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
         self._position, self._velocity = position.tolist(), velocity.tolist()
         self.airborne.advance(steps, self._rates())
-        self.airborne.body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
-        self.airborne.body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
-
-    def take_back(self) -> None:
-        """See `RobotBody`."""
-        self.skeleton.setPositions(self._position)
-        self.skeleton.setVelocities(self._velocity)
+        self._body_angles[:] = position[_FIRST_ROLLER:].reshape(_WHEELS, -1)
+        self._body_spins[:] = velocity[_FIRST_ROLLER:].reshape(_WHEELS, -1)
 
     def _turn(self, motion: Motion) -> None:
         super()._turn(motion)
@@ -128,11 +123,11 @@ class NearRollersBody(RobotBody):
         position = self._position[:_FIRST_ROLLER] + angles
         for wheel, pitches in enumerate(self._pitches):
             position[BASE_DOFS + wheel] += pitches * self._pitch
-        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins, self.world.heading)
+        return Motion(position, self._velocity[:_FIRST_ROLLER] + spins, self.scene.heading)
 
     def write(self, motion: Motion) -> None:
         """See `RobotBody`."""
-        motion = motion.in_axes_at(self.world.heading)
+        motion = motion.in_axes_at(self.scene.heading)
         self._position[:_FIRST_ROLLER] = motion.position[:_FIRST_ROLLER]
         self._velocity[:_FIRST_ROLLER] = motion.velocity[:_FIRST_ROLLER]
         self._pitches = [0] * _WHEELS
@@ -152,19 +147,20 @@ class NearRollersBody(RobotBody):
 
     def _write_bodies(self) -> None:
         """Write positions and velocities, the bodies' from the rollers in their places."""
-        self._position[_FIRST_ROLLER:] = self.airborne.body_angles.ravel().tolist()
-        self._velocity[_FIRST_ROLLER:] = self.airborne.body_spins.ravel().tolist()
+        self._position[_FIRST_ROLLER:] = self._body_angles.ravel().tolist()
+        self._velocity[_FIRST_ROLLER:] = self._body_spins.ravel().tolist()
         self.skeleton.setPositions(self._position)
         self.skeleton.setVelocities(self._velocity)
 
     def _rates(self) -> list[float]:
         """Return the wheels' rates as `AirborneRollers` takes them [rad/s]."""
-        x, y, z = unrotate(quaternion(*self._position[:3]), *self._velocity[:3])
-        rolls = (x, x + self._velocity[BASE_DOFS - 1])
+        roll, pitch, yaw = unrotate(quaternion(*self._position[:3]), *self._velocity[:3])
+        on_axle = roll + self._velocity[BASE_DOFS - 1]
         angles = self._position[BASE_DOFS:_FIRST_ROLLER]
         speeds = self._velocity[BASE_DOFS:_FIRST_ROLLER]
-        rates: list[float] = []
-        for on_axle, angle, speed in zip(_ON_AXLE, angles, speeds, strict=True):
-            cos, sin, roll = math.cos(angle), math.sin(angle), rolls[on_axle]
-            rates += (roll * cos - z * sin, y + speed, roll * sin + z * cos)
-        return rates
+        x, z = [], []
+        for angle, rolls in zip(angles, (on_axle, on_axle, roll, roll), strict=True):
+            cos, sin = math.cos(angle), math.sin(angle)
+            x.append(rolls * cos - yaw * sin)
+            z.append(rolls * sin + yaw * cos)
+        return [*x, *[pitch + speed for speed in speeds], *z]

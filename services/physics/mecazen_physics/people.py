@@ -12,7 +12,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.limits import FASTEST_PERSON
 from mecazen.skeleton import INDEX, LIMBS
 
-from mecazen_physics.contacts import Footprint
+from mecazen_physics.footprint import Footprint
 
 Floats = npt.NDArray[np.float64]
 
@@ -21,9 +21,7 @@ LEGS = [limb for limb in LIMBS if limb.name.endswith(("thigh", "shank", "foot"))
 _BEGINS = [INDEX[limb.begin] for limb in LEGS]
 _ENDS = [INDEX[limb.end] for limb in LEGS]
 RADII = np.array([limb.radius for limb in LEGS])
-"""Of `LEGS`, as shares of the body's height."""
-
-TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
+"""Radii of `LEGS`, as shares of the body's height."""
 
 
 class Legs(NamedTuple):
@@ -34,7 +32,7 @@ class Legs(NamedTuple):
     begin_velocities: Floats
     end_velocities: Floats
     height: float
-    """Of the body [m]."""
+    """Height of the body [m]."""
 
 
 class MovingPerson(NamedTuple):
@@ -44,16 +42,18 @@ class MovingPerson(NamedTuple):
     y: float
     velocity: tuple[float, float]
     legs: Legs | None = None
-    """What robots touch of a person who has joints."""
+    """The legs of a person who has joints, which robots touch."""
 
     @classmethod
     def upright(cls, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
-        """Return somebody at `pose`, moving with `velocity` in their own frame."""
-        return cls(pose.x, pose.y, rotate(velocity.x, velocity.y, pose.yaw))
+        """Return a person at `pose`, moving with `velocity` in their own frame."""
+        slower = FASTEST_PERSON / max(math.hypot(velocity.x, velocity.y), FASTEST_PERSON)
+        velocity_x, velocity_y = velocity.x * slower, velocity.y * slower
+        return cls(pose.x, pose.y, rotate(velocity_x, velocity_y, pose.yaw))
 
     @classmethod
     def of_joints(cls, joints: Floats, velocities: Floats, height: float) -> MovingPerson:
-        """Return somebody whose joints (20, 3) [m] move with `velocities` (20, 3) [m/s].
+        """Return a person whose joints (20, 3) [m] move with `velocities` (20, 3) [m/s].
 
         They are in the order of `mecazen.skeleton.JOINTS`, in the world frame.
         """
@@ -92,45 +92,40 @@ class MovingPerson(NamedTuple):
         return Footprint(self.x, self.y, rim=radius, speed=speed)
 
 
-class Seen:
-    """Where somebody was last, so that nobody who jumps shoves a robot."""
-
-    def __init__(self) -> None:
-        self._points: Sequence[Sequence[float]] | None = None
-
-    def refuses(self, points: Sequence[Sequence[float]], gap_s: float) -> bool:
-        """Return whether they can't be there `gap_s` after they were seen; else note them.
-
-        Args:
-            points: Points of them [m], as many as before.
-            gap_s: Time since the last that was not refused; infinite before the first [s].
-        """
-        if self._points is not None:
-            steps = map(math.dist, points, self._points)
-            if not all(step <= FASTEST_PERSON * gap_s for step in steps):  # nor one that is NaN
-                return True
-        self._points = points
-        return False
-
-
-class JointMotion:
-    """How fast somebody's joints move, from where they are from sample to sample.
+class ReportedPerson:
+    """A person whom samples report: how fast their joints move, and which samples are plausible.
 
     `height` [m] is that of a body of which it is not known.
     """
 
     def __init__(self, height: float) -> None:
         self._height = height
-        self._before: tuple[Floats, float] | None = None
+        self._points: Floats | None = None
+        self._time = 0.0
 
-    def person(self, joints: Floats, time: float, height: float) -> MovingPerson:
-        """Return somebody whose joints (20, 3) [m] are there at `time` [s]; first they stand."""
+    def can_be_at(self, points: Floats, gap_s: float) -> bool:
+        """Return whether points (n, 2 or 3) [m] are within reach of the last ones in `gap_s`.
+
+        A person who jumps would shove a robot.
+        """
+        if self._points is None:
+            return True
+        steps = map(math.dist, points.tolist(), self._points.tolist())
+        return all(step <= FASTEST_PERSON * gap_s for step in steps)  # none is NaN then
+
+    def upright(self, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
+        """Return a person at `pose`, moving with `velocity` in their own frame."""
+        self._points = np.array([pose[:2]])
+        return MovingPerson.upright(pose, velocity)
+
+    def with_joints(self, joints: Floats, time: float, height: float) -> MovingPerson:
+        """Return a person whose joints (20, 3) [m] are there at `time` [s]; first they stand."""
         velocities = np.zeros_like(joints)
-        if self._before is not None and time > self._before[1]:
-            velocities = (joints - self._before[0]) / (time - self._before[1])
+        if self._points is not None and time > self._time:
+            velocities = (joints - self._points) / (time - self._time)
             speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
             velocities *= FASTEST_PERSON / np.maximum(speeds, FASTEST_PERSON)
-        self._before = joints, time
+        self._points, self._time = joints, time
         return MovingPerson.of_joints(joints, velocities, height or self._height)
 
 
@@ -154,7 +149,7 @@ def place(skeleton: Any, person: MovingPerson) -> None:
     sizes = np.stack((lengths[:, 0], height * RADII), axis=-1).tolist()
     for body, (length, radius) in zip(skeleton.getBodyNodes(), sizes, strict=True):
         shape = body.getShapeNode(0).getShape()
-        # a new size has DART make the shape anew
+        # DART builds the shape again for a new size
         if abs(shape.getHeight() - length) > 1e-3 or shape.getRadius() != radius:
             shape.setHeight(length)
             shape.setRadius(radius)

@@ -1,9 +1,9 @@
 """Ramps and sills under the rollers: a plane for each roller that is about to touch one.
 
-Of all shapes only a plane has smooth contacts with a roller. A roller and a ridge are both
+Only a plane has smooth contacts with a roller. A roller and a ridge are both
 convex, so the plane through the nearest point of the ridge, at right angles to the shortest
 way to the roller, has each of them on one side: a contact with it is one with the ridge. It is
-laid anew before each step, so rollers roll over edges.
+laid again before each step, so rollers roll over edges.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ import dartpy as dart
 import numpy as np
 import numpy.typing as npt
 from mecazen.config.world import Ridge
-from mecazen.portable import product
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import bodies
-from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.rollers import Roller
+from mecazen_physics.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,7 +53,7 @@ class Profile:
         distances are infinite.
         """
         flat = points[:, :2] - self._origin
-        section = np.stack((product(flat, self._ahead), points[:, 2]), axis=-1)
+        section = np.stack((_along(flat, self._ahead), points[:, 2]), axis=-1)
         from_corner = section[:, None] - self._corners[:-1]
         share = np.sum(from_corner * self._along, axis=2) / self._squares
         ways = from_corner - np.clip(share, 0.0, 1.0)[:, :, None] * self._along
@@ -62,7 +61,7 @@ class Profile:
         piece = np.argmin(far, axis=1)
         rows = np.arange(len(points))
         ways, distances = ways[rows, piece], far[rows, piece]
-        inside = np.abs(product(flat, self._across)) <= self._half_width
+        inside = np.abs(_along(flat, self._across)) <= self._half_width
         distances = np.where(inside & (ways[:, 1] > 0.0), distances, np.inf)
         ways = ways / np.where(far[rows, piece] > 0.0, far[rows, piece], 1.0)[:, None]
         return distances, ways
@@ -72,7 +71,7 @@ class Profile:
 
         Args:
             point: In the world [m].
-            distance: Of the point, by `nearest`.
+            distance: Distance of the point, by `nearest`.
             way: To the point, by `nearest` (2,).
         """
         along, up = way.tolist()
@@ -82,15 +81,21 @@ class Profile:
         return dart.math.Isometry3(axes, point - distance * np.array(normal))
 
 
+def _along(points: Floats, axis: Floats) -> Floats:
+    """Return the coordinates of points (n, 2) along an axis (2,), without BLAS."""
+    along: Floats = points[:, 0] * axis[0] + points[:, 1] * axis[1]
+    return along
+
+
 class RidgeContacts:
     """The planes that carry a robot's rollers over ridges.
 
     Args:
         robot: The robot.
-        ridges: What it drives over.
+        ridges: Ramps and sills.
         wheels: DART's bodies of its wheels.
-        rollers: And of all of their rollers, wheel by wheel.
-        friction: Of the ridges.
+        rollers: DART's bodies of all rollers, wheel by wheel.
+        friction: Coefficient of the ridges.
     """
 
     def __init__(
@@ -113,7 +118,7 @@ class RidgeContacts:
         self._carried: dict[int, tuple[int, int]] = {}
         """Which ridge and roller each plane is between."""
 
-    def lay(self, world: DartWorld) -> None:
+    def lay(self, scene: Scene) -> None:
         """Lay the planes for the next step."""
         hubs = np.array([hub.getWorldTransform().translation() for hub in self._hubs])
         wanted: dict[tuple[int, int], tuple[float, Any]] = {}
@@ -122,7 +127,7 @@ class RidgeContacts:
                 numbers = range(wheel * self._count, (wheel + 1) * self._count)
                 for number, gap, pose in self._touching(profile, numbers):
                     wanted[ridge, number] = gap, pose
-        self._assign(world, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
+        self._assign(scene, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
         for plane, pair in self._carried.items():
             self._joints[plane].setTransformFromParentBodyNode(wanted[pair][1])
 
@@ -147,18 +152,18 @@ class RidgeContacts:
                 pose = profile.plane(spheres[index, first], distance, way)
                 yield numbers[roller], gap, pose
 
-    def lift(self, world: DartWorld) -> None:
+    def lift(self, scene: Scene) -> None:
         """Take all planes away from the rollers."""
-        self._assign(world, ())
+        self._assign(scene, ())
 
-    def _assign(self, world: DartWorld, wanted: Sequence[tuple[int, int]]) -> None:
+    def _assign(self, scene: Scene, wanted: Sequence[tuple[int, int]]) -> None:
         """Have a plane for each of these pairs of ridge and roller, the same one as before."""
         for plane, pair in [*self._carried.items()]:
             if pair not in wanted:
-                world.forbid(self.planes[plane], self._rollers[pair[1]])
+                scene.forbid(self.planes[plane], self._rollers[pair[1]])
                 del self._carried[plane]
         new = [pair for pair in wanted if pair not in self._carried.values()]
         free = [plane for plane in range(PLANES) if plane not in self._carried]
         for plane, pair in zip(free, new, strict=False):
-            world.allow(self.planes[plane], self._rollers[pair[1]])
+            scene.allow(self.planes[plane], self._rollers[pair[1]])
             self._carried[plane] = pair

@@ -37,7 +37,6 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.portable import legendre
 from mecazen.robot import Robot
 
 Array = npt.NDArray[np.float64]
@@ -100,10 +99,10 @@ class Roller:
     def inertia(self) -> tuple[float, float]:
         """Moments of inertia across and along the roller's axis, about its middle [kg·m²].
 
-        Of a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
+        For a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
         Gauss' rule in φ (the profile is analytic: 32 points leave rounding errors only).
         """
-        nodes, weights = legendre(32)
+        nodes, weights = gauss(32)
         phi = self.half_arc * nodes
         s, r = self.profile(phi)
         slope = np.sin(self.angle) * self.wheel_radius * np.cos(phi) + (
@@ -111,10 +110,10 @@ class Roller:
         )
         ds = weights * slope
         square = r * r
-        density = self.mass / np.sum(ds * square)
-        across = density * np.sum(ds * square * (square / 4.0 + s * s))
-        along = density * np.sum(ds * square * square / 2.0)
-        return float(across), float(along)
+        density = self.mass / math.fsum(ds * square)
+        across = density * math.fsum(ds * square * (square / 4.0 + s * s))
+        along = density * math.fsum(ds * square * square / 2.0)
+        return across, along
 
     def spheres(self, number: int) -> tuple[Array, Array]:
         """Return centres on the axis and radii [m] of `number` spheres inside the envelope.
@@ -159,6 +158,27 @@ class Roller:
         return vertices, triangles
 
 
+def _tan(angles: npt.ArrayLike) -> Array:
+    """Return tangents; NumPy's own differ in the last bit between processors."""
+    values = np.asarray(angles, dtype=float)
+    return np.array([math.tan(angle) for angle in values.ravel().tolist()]).reshape(values.shape)
+
+
+def gauss(number: int) -> tuple[Array, Array]:
+    """Return nodes and weights of Gauss' rule on [-1, 1], by Newton's method.
+
+    NumPy's own come from LAPACK, whose last bits differ from one processor to another.
+    """
+    x = np.array([math.cos(math.pi * (i + 0.75) / (number + 0.5)) for i in range(number)])
+    for _ in range(8):
+        before, value = np.ones(number), x
+        for degree in range(2, number + 1):
+            before, value = value, ((2 * degree - 1) * x * value - (degree - 1) * before) / degree
+        slope = number * (before - x * value) / (1.0 - x**2)
+        x = x - value / slope
+    return x, 2.0 / ((1.0 - x**2) * slope**2)
+
+
 def _triangles(*corners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return corner indices, given as three arrays of one shape, as rows of three."""
     return np.stack([corner.ravel() for corner in corners], axis=1)
@@ -173,11 +193,6 @@ def binary_stl(vertices: Array, triangles: npt.NDArray[np.int64]) -> bytes:
     facets["vectors"][:, 0] = normals
     facets["vectors"][:, 1:] = corners
     return bytes(80) + struct.pack("<I", len(triangles)) + facets.tobytes()
-
-
-def _tan(angles: Array) -> Array:
-    tangents: Array = np.sin(angles) / np.cos(angles)
-    return tangents
 
 
 def lateral_gain(robot: Robot) -> float:
@@ -214,11 +229,11 @@ def yaw_gain(robot: Robot) -> float:
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
-    nodes, weights = legendre(16)
+    nodes, weights = gauss(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
-    offset = roller.axis_distance * _tan(theta) / math.tan(roller.angle)
+    offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
     distances = robot.half_track + np.stack([offset, -offset])
     levers = distances + robot.half_wheelbase * robot.cross_gain / np.cos(theta)
     prevails = np.argmax(np.abs(levers) / distances, axis=0)
     gain = robot.lever / np.take_along_axis(levers, prevails[None], axis=0)[0]
-    return float(np.sum(weights * gain) / 2.0)
+    return math.fsum(weights * gain) / 2.0

@@ -15,17 +15,17 @@ Quaternion = tuple[float, float, float, float]
 
 
 ROOT_DOFS = 6
-"""Of the base in space."""
+"""Degrees of freedom of the base in space."""
 BASE_DOFS = 7
-"""Of the base in space, and of its front axle."""
+"""Degrees of freedom of the base in space and of its front axle."""
 
 
 class Motion(NamedTuple):
     """Positions and velocities of a robot in DART's coordinates.
 
-    Of the base a rotation vector [rad], base_link's origin [m] and the front axle's angle
-    [rad], and their rates, in horizontal axes at `heading` [rad/s, m/s, rad/s]; then of the
-    joints, wheels and every roller, [rad] and [rad/s].
+    First those of the base: a rotation vector [rad], base_link's origin [m] and the front axle's
+    angle [rad], and their rates, in horizontal axes at `heading` [rad/s, m/s, rad/s]. Then those of
+    the joints, wheels and every roller, [rad] and [rad/s].
     """
 
     position: list[float]

@@ -1,24 +1,16 @@
-"""What can touch what soon: footprints, and the rollers that need collision detection."""
+"""Footprints: what can touch what soon."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mecazen.config import PhysicsConfig
 from mecazen.config.world import Box, Cylinder, Ridge
 from mecazen.geometry import Pose2D
-from mecazen.robot import WHEELS, Robot
 
-MARGIN_RAD = 0.2
-"""Beyond its arc a roller is clear of the ground: by R (1 - cos 0.2), 1 mm at R = 50 mm."""
-MAX_TILT_RAD = 0.05
-"""A base that leans more may touch the ground with any roller."""
-SPEED_MARGIN = 1.5
-"""How much faster than its present and its commanded speed a wheel may become within a tick."""
 HORIZON_S = 0.02
-"""Contact candidates are updated at least this often: farther ahead nothing is predictable."""
+"""Robots look around at least this often: farther ahead nothing is predictable."""
 CLEARANCE_M = 0.02
 """Added to the distance that two footprints can travel within the horizon."""
 MAX_ACCELERATION_M_S2 = 10.0
@@ -26,7 +18,7 @@ MAX_ACCELERATION_M_S2 = 10.0
 
 
 def horizon_steps(physics: PhysicsConfig) -> int:
-    """Return the most steps that are simulated between two updates of the candidates."""
+    """Return the most steps that are simulated before robots look around again."""
     return max(1, round(HORIZON_S / physics.dt_s))
 
 
@@ -117,50 +109,3 @@ class Footprint(NamedTuple):
         ahead = abs(cos * x + sin * y) - self.half_length
         aside = abs(cos * y - sin * x) - self.half_width
         return ahead, aside
-
-
-class ContactCandidates:
-    """Leaves rollers out of collision detection while they can touch nothing.
-
-    This changes no contact, only the time it takes to find them (and their order, so the last
-    bits of a sum): a roller whose arc is not near the bottom is above the ground. Every roller
-    is a candidate as soon as the robot leans. The angle of a roller
-    is counted from the bottom, where roller 0 of a wheel at 0 is.
-
-    Args:
-        robot: The robot.
-        rollers: DART's bodies of its rollers, wheel by wheel.
-    """
-
-    def __init__(self, robot: Robot, rollers: Sequence[Any]) -> None:
-        count = robot.rollers.count
-        self._pitch = math.tau / count
-        self._arc = math.pi / count + MARGIN_RAD + MAX_TILT_RAD
-        self._wheels = [rollers[first : first + count] for first in range(0, len(rollers), count)]
-        self._candidates = [[True] * count for _ in WHEELS]
-
-    def update(
-        self,
-        angles: Sequence[float],
-        speeds: Sequence[float],
-        duration: float,
-        *,
-        upright: bool,
-    ) -> None:
-        """Choose the candidates of the next `duration` [s].
-
-        Args:
-            angles: Of the wheels [rad].
-            speeds: The magnitude of each wheel's present or commanded speed, the larger [rad/s].
-            duration: Until the next update [s].
-            upright: Whether the robot does not lean: else every roller is a candidate.
-        """
-        for rollers, candidates, angle, speed in zip(
-            self._wheels, self._candidates, angles, speeds, strict=True
-        ):
-            arc = self._arc + SPEED_MARGIN * speed * duration if upright else math.inf
-            for index, roller in enumerate(rollers):
-                candidate = abs(math.remainder(angle + index * self._pitch, math.tau)) < arc
-                if candidate != candidates[index]:
-                    candidates[index] = candidate
-                    roller.setCollidable(candidate)

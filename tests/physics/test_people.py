@@ -40,7 +40,7 @@ def person(joints: np.ndarray, velocity: tuple[float, float, float] = (0.0, 0.0,
 
 
 def forces(rig: Rig) -> list[float]:
-    contacts = rig.body.world.simulation.getLastCollisionResult().getContacts()
+    contacts = rig.body.scene.dart.getLastCollisionResult().getContacts()
     return [float(np.linalg.norm(contact.force)) for contact in contacts]
 
 
@@ -73,8 +73,8 @@ def test_feet_that_reach_below_the_ground_touch_nothing(nexus):
     rig.world.place_person(0, person(standing(0.42)))
     for _ in range(50):
         rig.advance([0.0] * 4)
-    assert rig.body.world.people[0].getNumBodyNodes() == len(LEGS)  # they are close
-    contacts = rig.body.world.simulation.getLastCollisionResult().getContacts()
+    assert rig.body.scene.people[0].getNumBodyNodes() == len(LEGS)  # they are close
+    contacts = rig.body.scene.dart.getLastCollisionResult().getContacts()
     for contact in contacts:  # none but those of rollers
         x, y, _ = map(abs, contact.point)
         assert math.dist((x, y), (0.15, 0.15)) < 0.03

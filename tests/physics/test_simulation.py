@@ -16,10 +16,10 @@ from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
+from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
-from mecazen_physics.world import World
 from msgspec.structs import replace
-from physics_rig import STEPS, Rig, world_of
+from physics_rig import STEPS, Rig, simulation_of
 
 FORWARD = WheelCommand([6.0] * 4)  # 0.3 m/s of nexus
 BACKWARD = WheelCommand([-6.0] * 4)
@@ -35,11 +35,11 @@ JUDDER = 0.05
 """A robot that is pushed runs ahead and is met again; so much a mean over a second may be off."""
 
 
-def world_with(robot: Robot, *starts: Pose2D, **settings: Any) -> World:
-    return world_of([(robot, start) for start in starts], **settings)
+def world_with(robot: Robot, *starts: Pose2D, **settings: Any) -> Simulation:
+    return simulation_of([(robot, start) for start in starts], **settings)
 
 
-def drive(world: World, ticks: int, *commands: WheelCommand) -> list[list[RobotState]]:
+def drive(world: Simulation, ticks: int, *commands: WheelCommand) -> list[list[RobotState]]:
     """The states of all robots at every tick; the first half second brings the wheels up."""
     states = []
     for tick in range(ticks):
@@ -49,11 +49,11 @@ def drive(world: World, ticks: int, *commands: WheelCommand) -> list[list[RobotS
             for command in commands
         ]
         world.advance(scaled, STEPS)
-        states.append([robot.state() for robot in world.robots])
+        states.append([robot.state for robot in world.robots])
     return states
 
 
-def throw(world: World, number: int, speed: float) -> None:
+def throw(world: Simulation, number: int, speed: float) -> None:
     """Give a robot a speed along world x."""
     body = world.robots[number].body
     motion = body.read()
@@ -96,7 +96,7 @@ def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_
                         place, MovingPerson.upright(Pose2D(-1.0 + 0.004 * tick), walk)
                     )
             world.advance([(STAND, FORWARD)[number] for number in numbers], STEPS)
-        return [robot.state() for robot in world.robots]
+        return [robot.state for robot in world.robots]
 
     together = pushed(0, 1)
     assert together == [*pushed(0), *pushed(1)]
@@ -183,7 +183,7 @@ def test_a_pusher_accelerates_both_with_what_its_motors_give(nexus):
     mass = 4 * model.driven_inertia(nexus) / nexus.wheels.radius_m**2
     force = 4 * (push - brake) / nexus.wheels.radius_m
     expected = 0.5 * force / (2 * mass)
-    assert [along_x(robot.state()) for robot in world.robots] == pytest.approx(
+    assert [along_x(robot.state) for robot in world.robots] == pytest.approx(
         [expected] * 2, rel=0.02
     )
 
@@ -192,7 +192,7 @@ def test_a_robot_that_has_left_two_others_is_not_in_their_way(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.42), Pose2D(0.84))
     fast = WheelCommand([12.0] * 4)
     drive(world, 200, STAND, STAND, fast)
-    assert world.robots[0].body.world is world.robots[1].body.world
+    assert world.robots[0].body.scene is world.robots[1].body.scene
     last = drive(world, 200, fast, BRAKE, fast)[-1]
     # as far as in 1.75 s at full speed, but for the gap between them
     assert last[0].position[0] == pytest.approx(1.05, abs=0.02)
@@ -204,7 +204,7 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
 
     def isolated() -> bool:
         assert all(isinstance(robot.body, NearRollersBody) for robot in world.robots)
-        return first.body.world is not second.body.world
+        return first.body.scene is not second.body.scene
 
     drive(world, 10, STAND, STAND)
     assert isolated()
@@ -212,8 +212,8 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     assert not isolated()
     drive(world, 250, BACKWARD, STAND)
     assert isolated()
-    assert second.state().position[:2] == pytest.approx((0.8, 0.0), abs=1e-3)
-    assert first.state().linear[0] == pytest.approx(-0.3, rel=0.01)
+    assert second.state.position[:2] == pytest.approx((0.8, 0.0), abs=1e-3)
+    assert first.state.linear[0] == pytest.approx(-0.3, rel=0.01)
 
 
 def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus):
@@ -230,8 +230,8 @@ def test_a_robot_is_pushed_by_the_person_of_another(nexus):
         world.place_person(1, MovingPerson.upright(Pose2D(-1.0 + 0.004 * tick), Twist2D(x=0.4)))
         world.advance([ROLL, STAND], STEPS)
     # the person's middle is at 0.2 m, and their body of 0.2 m before it
-    assert world.robots[0].state().position[0] > 0.5
-    assert world.robots[1].state().position[:2] == pytest.approx((0.0, 3.0), abs=1e-3)
+    assert world.robots[0].state.position[0] > 0.5
+    assert world.robots[1].state.position[:2] == pytest.approx((0.0, 3.0), abs=1e-3)
 
 
 def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus):
@@ -252,7 +252,7 @@ def test_people_walk_through_each_other(nexus):
         world.place_person(0, MovingPerson.upright(Pose2D(0.45), Twist2D()))
         world.place_person(1, MovingPerson.upright(Pose2D(0.45, 0.1), Twist2D()))
         world.advance([STAND, STAND], STEPS)
-    assert math.dist(world.robots[0].state().position, (0.0, 0.0, 0.0)) < 1e-3
+    assert math.dist(world.robots[0].state.position, (0.0, 0.0, 0.0)) < 1e-3
 
 
 def test_the_same_collision_again_gives_the_same_to_the_bit(nexus):
@@ -266,10 +266,10 @@ def test_the_same_collision_again_gives_the_same_to_the_bit(nexus):
 def test_robots_of_different_rollers_can_not_share_a_ground(nexus):
     slippery = replace(nexus, rollers=replace(nexus.rollers, contact_friction=0.5))
     with pytest.raises(UnsupportedError, match=r"same rollers\.contact_friction"):
-        world_of([(nexus, Pose2D()), (slippery, Pose2D(2.0))])
+        simulation_of([(nexus, Pose2D()), (slippery, Pose2D(2.0))])
 
 
 def test_robots_of_two_sizes_push_each_other(nexus):
-    world = world_of([(nexus, Pose2D()), (load_robot("artbul"), Pose2D(0.8))])
+    world = simulation_of([(nexus, Pose2D()), (load_robot("artbul"), Pose2D(0.8))])
     states = drive(world, 350, FORWARD, BRAKE)
     assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)

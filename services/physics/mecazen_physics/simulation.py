@@ -1,4 +1,4 @@
-"""Robots in one world: each simulated by itself, or together with those that it may touch."""
+"""The robots of a scenario: each simulated by itself, or together with those it may touch."""
 
 from __future__ import annotations
 
@@ -10,38 +10,32 @@ from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 
-from mecazen_physics.contacts import CLEARANCE_M, HORIZON_S, horizon_steps
-from mecazen_physics.dart_robot import HYSTERESIS, Check, DartRobot
-from mecazen_physics.dart_world import DartWorld
 from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, horizon_steps
 from mecazen_physics.motors import Push, WheelCommand
 from mecazen_physics.people import MovingPerson
+from mecazen_physics.robot import HYSTERESIS, SimulatedRobot
 
-MAX_SWEEPS = 25
-"""Of the cone's solver where robots are close to each other, for which 100 are DART's default.
-
-Where wheels strain it rarely converges: two robots that strafe take half the time, and are 0.1 mm
-from where 1000 sweeps bring them, after 0.26 m.
-"""
 _UNLIMITED = 10**9
 """More steps than are ever asked for."""
 
 
-class World:
+class Simulation:
     """Robots, each at rest at its start, and what surrounds them.
 
-    A robot that is far from all others is simulated by itself and moves as if there were no
-    other, to the last bit. Those that are close to another are simulated together. Two worlds of
-    the same arguments that are advanced alike have the same states to the last bit.
+    A robot that is far from all others is simulated in a scene of its own and moves as if there
+    were no other, to the last bit. Those that are close to another are simulated in the scene of
+    the first of them. Two simulations of the same arguments that are advanced alike have the same
+    states to the last bit.
 
     Args:
         robots: Each robot, and where its base_link starts in the world frame.
         physics: How they are simulated.
-        world: What surrounds them.
+        world: Their surroundings.
 
     Raises:
-        UnsupportedError: as of `DartRobot`, or if the robots' rollers have not all the same
-            friction.
+        UnsupportedError: for the reasons of `SimulatedRobot`, or if the friction of the robots'
+            rollers differs.
     """
 
     def __init__(
@@ -50,16 +44,12 @@ class World:
         physics: PhysicsConfig,
         world: WorldConfig = WorldConfig(),  # noqa: B008 - immutable
     ) -> None:
-        self.robots = [DartRobot(robot, start, physics, world) for robot, start in robots]
-        self._horizon = horizon_steps(physics)
-        first = robots[0][0]
+        self.robots = [SimulatedRobot(robot, start, physics, world) for robot, start in robots]
         if len({robot.rollers.contact_friction for robot, _ in robots}) > 1:
             raise UnsupportedError(
                 "several robots need the same rollers.contact_friction: they share a ground"
             )
-        self._shared: DartWorld | None = None
-        if len(robots) > 1:
-            self._shared = DartWorld(first, physics, world, max_sweeps=MAX_SWEEPS)
+        self._horizon = horizon_steps(physics)
         fastest = max(robot.max_speed for robot in self.robots)
         self._approach = 2.0 * physics.dt_s * fastest
         """The most by which two robots come closer to each other in a step [m]."""
@@ -70,7 +60,7 @@ class World:
         """The numbers of the robots that are simulated together."""
         self._groups = [[number] for number in range(len(robots))]
         """The numbers of the robots of each group; the coupled ones are the last."""
-        self._clear_steps = 0
+        self._clear_steps = _UNLIMITED if len(robots) == 1 else 0
         """For how many steps no two robots that are far apart can come close."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
@@ -105,9 +95,7 @@ class World:
         Returns:
             For how many steps no other two can come close to each other.
         """
-        if self._shared is None:
-            return _UNLIMITED
-        centres = [robot.state().position[:2] for robot in self.robots]
+        centres = [robot.state.position[:2] for robot in self.robots]
         coupled = set()
         clear = math.inf
         for one, other in combinations(range(len(centres)), 2):
@@ -120,64 +108,44 @@ class World:
                 coupled |= {one, other}
             else:
                 clear = min(clear, gap)
-        for number in sorted(coupled ^ self._coupled):
-            self.robots[number].share(self._shared if number in coupled else None)
         if coupled != self._coupled:
             self._coupled = coupled
             apart = [[number] for number in range(len(centres)) if number not in coupled]
             self._groups = apart + ([sorted(coupled)] if coupled else [])
+            for group in self._groups:
+                scene = self.robots[group[0]].home
+                for number in group:
+                    self.robots[number].share(scene, alone=len(group) == 1)
         return int(min(clear / self._approach, _UNLIMITED))
 
 
-def _advance_group(orders: Sequence[tuple[DartRobot, WheelCommand]], steps: int) -> None:
-    """Simulate `steps` steps of one robot, or of several in the world that they share.
+def _advance_group(orders: Sequence[tuple[SimulatedRobot, WheelCommand]], steps: int) -> None:
+    """Simulate `steps` steps of one robot, or of several in the scene that they share.
 
     Raises:
         DivergedError: if a state is no longer one of a robot on the ground.
     """
-    left = steps
+    robots = [robot for robot, _ in orders]
+    scene, left = robots[0].body.scene, steps
     while left > 0:
         people: dict[int, MovingPerson] = {}
-        for robot, _ in orders:
-            robot.update_contact_candidates()
+        for robot in robots:
+            robot.look_around()
             people |= robot.close_people
-        world = orders[0][0].body.world
-        world.set_present(people)
-        chunk, pushes, checks = left, [], []
+        scene.show(people, obstacles=any(robot.near_obstacle for robot in robots))
+        scene.choose_solver(alone=robots[0].isolated)
+        chunk, pushes = left, list[Push]()
         for robot, command in orders:
-            prepared = robot.prepare(command, left)
-            chunk = min(chunk, prepared.steps)
-            pushes += prepared.pushes
-            checks.append(prepared.check)
-        if not _simulate(world, pushes, checks, chunk):
-            again = [robot.take_back(command, chunk) for robot, command in orders]
-            world.use_exact_friction(exact=not world.aligned)
-            pushes = [push for prepared in again for push in prepared.pushes]
-            _simulate(world, pushes, [prepared.check for prepared in again], chunk)
-        for robot, _ in orders:
+            possible, before = robot.prepare(command, left)
+            chunk = min(chunk, possible)
+            pushes += before
+        standing = [robot.body.stand for robot in robots if robot.stands]
+        for _ in range(chunk):
+            for push in pushes:
+                push()
+            scene.step(False)
+            for stand in standing:
+                stand()
+        for robot in robots:
             robot.settle(chunk)
         left -= chunk
-
-
-def _simulate(
-    world: DartWorld, pushes: Sequence[Push], checks: Sequence[Check], steps: int
-) -> bool:
-    """Simulate `steps` steps, and choose the solver of friction for the next ones.
-
-    Returns:
-        Whether all motors were within their torque, and all friction within its cone; if not,
-        the steps are to be taken back.
-    """
-    step = world.step
-    for _ in range(steps):
-        for push in pushes:
-            push()
-        step(False)
-        for check in checks:
-            if not check():
-                return False
-    if world.aligned:
-        return True
-    was_exact, slips = world.is_exact, world.slips()
-    world.use_exact_friction(exact=slips)
-    return was_exact or not slips

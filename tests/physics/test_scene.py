@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+import dartpy as dart
 import msgspec
 import pytest
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import yaw_gain
 from physics_rig import Rig, wheel_speeds
 
@@ -62,6 +64,11 @@ def test_beside_an_obstacle_it_slides_as_in_the_open(nexus, yaw_deg):
     assert abs(aside) < 0.01
 
 
+def touches_the_wall(rig: Rig) -> bool:
+    contacts = rig.body.scene.dart.getLastCollisionResult().getContacts()
+    return any(abs(contact.normal[2]) < 0.5 for contact in contacts)
+
+
 def test_along_a_wall_it_slides_as_in_the_open(nexus):
     wall = Box(size_m=(20.0, 0.2, 0.5), position_m=(0.0, 0.0))
     robot = without_bearing_friction(nexus)
@@ -70,13 +77,14 @@ def test_along_a_wall_it_slides_as_in_the_open(nexus):
     motion = rig.body.read().in_axes_at(0.0)
     motion.velocity[3:5] = 1.5, -0.2
     rig.body.write(motion)
-    while not rig.body.world.touches_more_than_the_ground():
-        before = rig.advance(HELD, 10)
-    after = rig.advance(HELD, 200)
+    while not touches_the_wall(rig):
+        rig.advance(HELD, 10)
+    before = rig.advance(HELD, 40)  # it bounces a little
+    after = rig.advance(HELD, 150)
     assert after.position[1] < 0.3
-    # rims pass on no friction: what is left is that of the ground. 2 %: it bounces a little
-    expected = 0.2 * MU * GRAVITY / math.sqrt(2.0)
-    assert before.linear[0] - after.linear[0] == pytest.approx(expected, rel=0.02)
+    # rims pass on no friction: what is left is that of the ground
+    expected = 0.15 * MU * GRAVITY / math.sqrt(2.0)
+    assert before.linear[0] - after.linear[0] == pytest.approx(expected, rel=0.01)
 
 
 def test_held_wheels_slide_down_a_slope_as_by_hand(robot):
@@ -97,3 +105,12 @@ def test_on_ice_it_turns_on_the_spot_as_its_inner_contacts_ask(nexus):
     # 1 %: where the pairs change over, both slip for longer than with more grip
     gain = (states[-1].yaw - states[0].yaw) / 1.99
     assert gain == pytest.approx(yaw_gain(nexus), rel=0.01)
+
+
+@pytest.mark.parametrize("detector", ["DART", "FCL", "ODE"])
+def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
+    nexus, monkeypatch, detector
+):
+    monkeypatch.setattr(dart.simulation, "BULLET", getattr(dart.simulation, detector))
+    with pytest.raises(UnsupportedError, match="does not simulate the rollers' shape"):
+        Rig(nexus)

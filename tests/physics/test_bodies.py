@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from mecazen.geometry import Twist2D, rotate
 from mecazen.robot import Payload, Robot
-from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.contacts import MAX_TILT_RAD
+from mecazen_physics.body import MAX_TILT_RAD
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
 
@@ -40,10 +39,10 @@ def centre_of_mass(robot: Robot) -> tuple[float, np.ndarray]:
 def wheel_loads(rig: Rig) -> list[float]:
     """The forces of the ground on the wheels, of both contacts of each [N]."""
     loads = [0.0] * 4
-    world = rig.body.world
-    for contact in world.simulation.getLastCollisionResult().getContacts():
+    scene = rig.body.scene
+    for contact in scene.dart.getLastCollisionResult().getContacts():
         x, y, _ = contact.point
-        ahead, aside = rotate(x, y, world.heading)  # the robot stands at the origin
+        ahead, aside = rotate(x, y, scene.heading)  # the robot stands at the origin
         loads[2 * (ahead < 0.0) + (aside < 0.0)] += abs(contact.force[2])
     return loads
 
@@ -113,8 +112,3 @@ def test_wheels_without_load_slip_and_loaded_ones_do_not(nexus):
     front_left, front_right, rear_left, rear_right = state.joint_velocity[:4]
     assert min(front_left, front_right) > 1.5 * ideal[0]
     assert (rear_left, rear_right) == pytest.approx(ideal[2:], rel=0.02)
-
-
-def test_a_load_is_a_link_of_the_description(nexus):
-    names = [link.name for link in model.links(loaded(nexus, 2.0, 0.0, 0.0, 0.3))]
-    assert names[-1] == "payload_link"

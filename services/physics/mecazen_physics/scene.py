@@ -1,0 +1,239 @@
+"""A scene in DART: the ground, one robot or several, and what is close to them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from itertools import product
+from typing import Any, Literal
+
+import dartpy as dart
+from mecazen.config import PhysicsConfig, WorldConfig
+from mecazen.robot import WHEELS, Robot
+
+from mecazen_physics import bodies
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.people import MovingPerson, place
+
+CONE_TOLERANCE = 1e-6
+"""Tolerance of the solver of the cone: at 1e-5 a robot at rest with strained wheels creeps by
+14 µm/s."""
+MAX_SWEEPS = 25
+"""Sweeps of the solver of the cone in a step, at most; DART's default is 100.
+
+Where wheels strain it rarely converges. Two robots that strafe take half the time with 25 sweeps,
+and are 0.1 mm from where 1000 sweeps bring them, after 0.26 m.
+"""
+SLIP_SHARE = 0.8
+"""From this share of the cone, a contact is expected to slip: the cone is solved in time."""
+UPRIGHT = 0.99
+"""The normal of a contact with the ground has at least this vertical part."""
+_PROBE_DEPTH = 1e-4
+
+Layer = Literal["ground", "obstacle", "person", "plane", "base", "wheel", "roller"]
+Layers = Mapping[Layer, Sequence[Any]]
+"""Bodies by layer."""
+_TOUCHING = {
+    frozenset(pair)
+    for pair in (
+        *product(("ground",), ("base", "roller")),
+        *product(("base", "wheel"), ("base", "wheel", "obstacle", "person")),
+    )
+}
+"""The layers whose bodies collide.
+
+Where two rollers have up to 30 mm of air between them, or a roller and a box 20 mm, Bullet still
+finds contacts, many times as deep as a roller is thick: rims of wheels collide instead. Planes
+collide with one roller each, which `Scene.allow` names. Nothing stops a person but a robot.
+"""
+
+
+class Scene:
+    """The ground in DART, with a robot, or several that are close to each other.
+
+    People and obstacles are in it while they are close. `step(False)` simulates a step of `dt_s`.
+
+    DART's default solver limits friction by a box along two horizontal axes, not by Coulomb's
+    cone: between these axes a force is up to √2 too large. A roller resists along its own axis
+    alone. So the box is exact if the axes are those of the rollers: with rollers at 45°, DART's
+    axes are turned with a robot that is alone. Elsewhere DART solves for the cone while any
+    contact is about to slip, which takes up to five times as long.
+
+    Args:
+        robot: The robot, or one of several with the same friction of the rollers.
+        physics: How they are simulated.
+        world: Their surroundings.
+    """
+
+    def __init__(self, robot: Robot, physics: PhysicsConfig, world: WorldConfig) -> None:
+        self._robot, self._world = robot, world
+        self._slope = math.radians(world.slope_deg), math.radians(world.slope_heading_deg)
+        self._friction, _ = bodies.friction_range(robot, world)
+        self.dart = dart.simulation.World()
+        self.dart.setTimeStep(physics.dt_s)
+        self._alignable = robot.rollers.angle_deg == 45.0
+        self.turn(0.0)
+        self._solver = self.dart.getConstraintSolver()
+        self._box = self._solver.getBoxedLcpSolver()
+        self._cone = dart.constraint.NsgsFrictionSolver()
+        options = self._cone.getOptions()
+        options.tolerance, options.maxSweeps = CONE_TOLERANCE, MAX_SWEEPS
+        self._cone.setOptions(options)
+        self.solves_cone = False
+        """Whether friction is limited by Coulomb's cone, not by the box."""
+        self.dart.setCollisionDetector(dart.simulation.BULLET)
+        # A body that DART has put to sleep ignores a person who walks into it.
+        sleep = self.dart.getDeactivationOptions()
+        sleep.mEnabled = False
+        self.dart.setDeactivationOptions(sleep)
+        self._known: list[Any] = []
+        """The skeletons that have been in the scene."""
+        self._layers: dict[Layer, list[Any]] = {}
+        """Their bodies."""
+        self.people: dict[int, Any] = {}
+        """The skeletons of all people that have been present, by their numbers."""
+        self._present: set[int] = set()
+        self._has_obstacles = False
+        self._ground = bodies.build_ground(robot, world)
+        self.add(self._ground, {"ground": self._ground.getBodyNodes()})
+        self.step = self.dart.step
+
+    @cached_property
+    def _obstacles(self) -> Any:
+        return bodies.build_obstacles(bodies.reachable(self._robot, self._world))
+
+    def add(self, skeleton: Any, layers: Layers) -> None:
+        """Add a skeleton, whose bodies collide with those of the layers in `_TOUCHING`."""
+        self.dart.addSkeleton(skeleton)
+        if any(skeleton is known for known in self._known):
+            return
+        self._known.append(skeleton)
+        for layer, nodes in layers.items():
+            for other, others in self._layers.items():
+                if frozenset((layer, other)) not in _TOUCHING:
+                    self._keep_apart(nodes, others)
+            self._layers.setdefault(layer, []).extend(nodes)
+
+    def remove(self, skeleton: Any) -> None:
+        """Remove a skeleton."""
+        self.dart.removeSkeleton(skeleton)
+
+    def allow(self, body: Any, other: Any) -> None:
+        """Let a plane and a roller collide."""
+        collisions = self._solver.getCollisionOption().collisionFilter
+        collisions.removeBodyNodePairFromBlackList(body, other)
+
+    def forbid(self, body: Any, other: Any) -> None:
+        """Let a plane and a roller no longer collide."""
+        self._keep_apart([body], [other])
+
+    def show(self, people: Mapping[int, MovingPerson], *, obstacles: bool) -> None:
+        """Choose the people, by their numbers, and whether obstacles are present.
+
+        People who stay are not moved: DART integrates their velocity.
+        """
+        if obstacles != self._has_obstacles:
+            self._has_obstacles = obstacles
+            if obstacles:
+                self.add(self._obstacles, {"obstacle": self._obstacles.getBodyNodes()})
+            else:
+                self.remove(self._obstacles)
+        if people.keys() == self._present:
+            return
+        for number in self._present - people.keys():
+            self.remove(self.people[number])
+        for number in sorted(people.keys() - self._present):
+            if number not in self.people:
+                self.people[number] = self._build_person(number, people[number])
+            self.add(self.people[number], {"person": self.people[number].getBodyNodes()})
+            place(self.people[number], people[number])
+        self._present = set(people)
+
+    def place_person(self, number: int, person: MovingPerson) -> None:
+        """Move a person, if they are present."""
+        if number in self._present:
+            place(self.people[number], person)
+
+    def turn(self, heading: float) -> None:
+        """Turn DART's axes to `heading` from the world's [rad]; bodies stay in their places."""
+        self.heading = heading
+        slope, uphill = self._slope
+        along, uphill = -bodies.GRAVITY * math.sin(slope), uphill - heading
+        down = -bodies.GRAVITY * math.cos(slope)
+        self.dart.setGravity([along * math.cos(uphill), along * math.sin(uphill), down])
+
+    def choose_solver(self, *, alone: bool) -> None:
+        """Solve for the cone from now on, if a contact is about to slip, or for the box.
+
+        Args:
+            alone: Whether nothing but the ground can touch the only robot.
+        """
+        cone = not (alone and self._alignable) and self._may_slip()
+        if cone != self.solves_cone:
+            self.solves_cone = cone
+            self._solver.setBoxedLcpSolver(self._cone if cone else self._box)
+
+    def alignment(self, yaw: float) -> float | None:
+        """Return the angle of the rollers' axes to DART's, of a robot at `yaw`, at most 45° [rad].
+
+        It is None where rollers are not at right angles to each other.
+        """
+        if not self._alignable:
+            return None
+        return math.remainder(yaw - math.pi / 4.0 - self.heading, math.pi / 2.0)
+
+    def check_detector(self, robot: Any) -> None:
+        """Press a robot's skeleton a little into the ground: its four rollers must feel it.
+
+        The DART detector knows no contact of such a shape, FCL puts a sphere in its place;
+        both without an error.
+
+        Raises:
+            UnsupportedError: if the contacts are others.
+        """
+        detector = self.dart.getCollisionDetector()
+        group = detector.createCollisionGroup()
+        group.addShapeFramesOf(self._ground.getBodyNode(0))
+        group.addShapeFramesOf(robot)
+        result = dart.collision.CollisionResult()
+        root = robot.getRootJoint()
+        placed = root.getPositions()
+        root.setPositions(placed - [0.0, 0.0, 0.0, 0.0, 0.0, _PROBE_DEPTH])
+        group.collide(self._solver.getCollisionOption(), result)
+        root.setPositions(placed)
+        depths = [contact.penetrationDepth for contact in result.getContacts()]
+        expected = _PROBE_DEPTH + bodies.DEPTH_M
+        wrong = [depth for depth in depths if abs(depth - expected) > 0.1 * expected]
+        if wrong or len(depths) != len(WHEELS):
+            raise UnsupportedError(
+                f"dartpy's {type(detector).__name__} does not simulate the rollers' shape: four "
+                f"of them {_PROBE_DEPTH} m deep in the ground have contacts of depth {depths} m"
+            )
+
+    def _may_slip(self) -> bool:
+        """Return whether any force of the ground in the last step was near the cone's border.
+
+        Rims have no friction, so of all contacts only those of a base that scrapes along something
+        are left out.
+        """
+        for contact in self.dart.getLastCollisionResult().getContacts():
+            nx, ny, nz = contact.normal.tolist()
+            if abs(nz) >= UPRIGHT or self._world.ridges:
+                x, y, z = contact.force.tolist()
+                along = x * nx + y * ny + z * nz
+                friction = math.hypot(x - along * nx, y - along * ny, z - along * nz)
+                if friction > SLIP_SHARE * self._friction * abs(along):
+                    return True
+        return False
+
+    def _build_person(self, number: int, person: MovingPerson) -> Any:
+        build = bodies.build_person if person.legs is None else bodies.build_legs
+        skeleton = build(self._world.person)
+        skeleton.setName(f"person_{number}")
+        return skeleton
+
+    def _keep_apart(self, nodes: Sequence[Any], others: Sequence[Any]) -> None:
+        collisions = self._solver.getCollisionOption().collisionFilter
+        for node, other in product(nodes, others):
+            collisions.addBodyNodePairToBlackList(node, other)

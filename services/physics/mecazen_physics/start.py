@@ -1,0 +1,60 @@
+"""Checks at the start of a run: steps divide the tick, robots stand in free space."""
+
+from __future__ import annotations
+
+import math
+
+from mecazen.config import Scenario
+from mecazen.config.physics import MAX_DT_S
+from mecazen.config.world import Box
+from mecazen.errors import ConfigError
+
+from mecazen_physics.footprint import Footprint
+
+
+def steps_per_tick(tick_s: float, dt_s: float) -> int:
+    """Return how many steps a control period has.
+
+    Raises:
+        ConfigError: It is not a whole number; the message names steps that are allowed.
+    """
+    steps = round(tick_s / dt_s)
+    if steps < 1 or not math.isclose(steps * dt_s, tick_s, rel_tol=1e-9):
+        most = math.ceil(tick_s / dt_s)
+        allowed = [tick_s / number for number in (most, most - 1) if number > 0]
+        which = ", ".join(repr(step) for step in allowed if step <= MAX_DT_S)
+        raise ConfigError(
+            f"physics.dt_s = {dt_s:g} must divide sim.tick_s = {tick_s:g}; nearest: {which}"
+        )
+    return steps
+
+
+def check_obstacles(scenario: Scenario, name: str) -> None:
+    """Refuse a robot that starts inside an obstacle.
+
+    Raises:
+        ConfigError: It does; the message names the place.
+    """
+    for solid in scenario.world.solids:
+        above = isinstance(solid, Box) and solid.bottom_m >= scenario.robot.height
+        if not above:
+            kind = "box" if isinstance(solid, Box) else "cylinder"
+            at = ", ".join(f"{value:g}" for value in solid.position_m)
+            _check(scenario, name, Footprint.of_obstacle(solid), f"{kind} at [{at}]; move it")
+
+
+def check_person(scenario: Scenario, name: str, x: float, y: float) -> None:
+    """Refuse a robot that starts inside its person, who is at x, y [m]: it could only crawl away.
+
+    Raises:
+        ConfigError: It does.
+    """
+    where = f"person, who is at [{x:g}, {y:g}]; move it, or target.path"
+    _check(scenario, name, Footprint(x, y, rim=scenario.world.person.radius_m), where)
+
+
+def _check(scenario: Scenario, name: str, other: Footprint, what: str) -> None:
+    robot = Footprint.of_robot(scenario.robot.footprint, scenario.start.pose, 0.0, 0.0)
+    if robot.gap(other) < 0.0:
+        key = f"robots.{name}.start" if name else "start"
+        raise ConfigError(f"{key}: the robot stands inside the {what}")
