@@ -28,6 +28,17 @@ needs_gazebo = pytest.mark.skipif(
 )
 
 
+@pytest.mark.parametrize("rollers", physics.ROLLERS)
+@pytest.mark.parametrize("name", physics.ROBOTS)
+def test_our_physics_is_smooth_and_has_the_predicted_gains(name, rollers, figures):
+    engine = physics.DartEngine(robot(name), STEP_S, rollers)
+    (row,) = figures([physics.measure("Physics", [engine], blocks=2)]).values()
+    accuracy = ["ripple % of R", "forward", "lateral", "lateral / predicted", "yaw / predicted"]
+    assert all(row[title].met for title in accuracy)
+    # a smooth wheel loses nothing; rollers that are hulls of spheres cost some percent
+    assert -10.0 < row["energy %/s"].value < 0.5
+
+
 def test_the_same_robot_drives_alike_in_mujoco():
     pytest.importorskip("mujoco", reason="MuJoCo, the bench's peer, is not installed")
     from mecazen_bench.mujoco_peer import MujocoEngine
@@ -152,11 +163,11 @@ def test_an_ideal_robot_has_gains_of_one_and_loses_what_slows_it(slowing):
 
 
 def test_a_step_of_1_ms_that_takes_20_us_is_50_times_real_time():
-    (row,) = physics.measure("Physics", [Ideal()], blocks=2).rows
-    assert row.subject == "nexus 1 ms ideal"
+    ((subject, row),) = physics.measure("Physics", [Ideal()], blocks=2).rows.items()
+    assert subject == "nexus 1 ms ideal"
     # sums of thousands of steps
-    assert row.figures["µs/step"].value == pytest.approx(20.0, rel=1e-9)
-    assert row.figures["× real time"].value == pytest.approx(50.0, rel=1e-9)
+    assert row["µs/step"].value == pytest.approx(20.0, rel=1e-9)
+    assert row["× real time"].value == pytest.approx(50.0, rel=1e-9)
 
 
 def test_our_largest_step_is_measured_by_the_capsules_of_mujoco():
@@ -166,7 +177,7 @@ def test_our_largest_step_is_measured_by_the_capsules_of_mujoco():
             self.name, self.dt_s = name, dt_s
 
     engines = [Named(physics.PEER, 0.001), Named("mecazen, near rollers", 0.001)]
-    peer, ours = physics.measure("Physics", engines, blocks=1).rows
-    assert peer.figures["of MuJoCo"].value == 1.0
+    peer, ours = physics.measure("Physics", engines, blocks=1).rows.values()
+    assert peer["of MuJoCo"].value == 1.0
     # both take 20 us a step
-    assert ours.figures["of MuJoCo"].value == pytest.approx(1.0, rel=1e-9)
+    assert ours["of MuJoCo"].value == pytest.approx(1.0, rel=1e-9)
