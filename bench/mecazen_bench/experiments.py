@@ -10,11 +10,10 @@ from tempfile import TemporaryDirectory
 
 from distributed import LocalCluster
 from mecazen.loading import load_table
-from mecazen_experiments.cluster import ClusterWorkers
 from mecazen_experiments.config import Experiment, experiment_path
+from mecazen_experiments.executor import ClusterWorkers, LocalWorkers, Workers, do_all, run_all
 from mecazen_experiments.jobs import Job, expand
-from mecazen_experiments.local import LocalWorkers
-from mecazen_experiments.schedule import Workers, run_all
+from mecazen_experiments.run import FOLLOWING
 from mecazen_experiments.store import Store
 
 from mecazen_bench.harness import Figure, Goal, Group
@@ -22,7 +21,7 @@ from mecazen_bench.harness import Figure, Goal, Group
 DURATION_S = 85.0
 WORKERS = 1, 2
 RUNS = 3
-"""Of each worker: with fewer, its start would dominate."""
+"""Runs of each worker: with fewer, its start would dominate."""
 MEMORY_MB: Goal = (None, 400.0)
 EFFICIENCY: Goal = (0.9, None)
 NOTHINGS = 1000
@@ -63,14 +62,14 @@ def _rate(jobs: Sequence[Job], workers: Workers) -> tuple[float, float]:
     """Return runs a minute, and the largest peak of a worker's memory [MB]."""
     with TemporaryDirectory() as folder, closing(Store(Path(folder) / "bench.sqlite")) as store:
         begin = time.perf_counter()
-        records = run_all(jobs, store, workers)
+        records = run_all(FOLLOWING, jobs, store, workers)
         rate = len(jobs) / (time.perf_counter() - begin) * 60.0
     return rate, max(record.peak_rss_mb for record in records.values())
 
 
 def _overhead_ms(workers: Workers, jobs: Sequence[Job]) -> float:
     begin = time.perf_counter()
-    for _ in workers.do(_do_nothing, [*jobs] * (NOTHINGS // len(jobs))):
+    for _ in do_all(_do_nothing, [*jobs] * (NOTHINGS // len(jobs)), workers):
         pass
     return 1e3 * (time.perf_counter() - begin) / NOTHINGS
 

@@ -31,7 +31,7 @@ KINDS = ("pose", "body", "legs", "fused")
 REAL_TIMES: Goal = (25.0, None)
 OF_MUJOCO: Goal = (1.0, None)
 DISTRIBUTED: Goal = (0.35, None)
-"""Of the loop in one process, by each service in its own."""
+"""Share of the speed of one process, with each service in its own."""
 GROUPED: Goal = (0.6, None)
 SHARE: Goal = (None, 10.0)
 OF_POSE: Goal = (0.8, None)

@@ -30,7 +30,7 @@ from mecazen_bench.stack import SCENARIOS, START_S, Usage, running, spin, spin_u
 WARM_S = 2.0
 WINDOW_S = 5.0
 VIEWER_WINDOW_S = 6.0
-"""Of the viewer's measurement; a quarter of it before that warms up."""
+"""Duration of the viewer's measurement; a quarter of it before that warms up."""
 
 FIRST_ODOM_S: Goal = (None, 0.6)
 JITTER_MS: Goal = (None, 1.0)
@@ -45,8 +45,8 @@ def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
     """Return when simulated time began [s], and how late each tick in the next `seconds` is [ms].
 
     In a process with the services' priority, by the monotonic clock. Ticks are late relative to
-    the median tick: a constant delay does not count. Who connects later than the first odometry
-    comes finds its time by the stamp of one that it gets.
+    the median tick: a constant delay does not count. The begin is computed from the stamp of any
+    odometry.
     """
     odoms: list[float] = []
     ticks: list[float] = []

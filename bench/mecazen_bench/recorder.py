@@ -23,7 +23,7 @@ from mecazen_bench.stack import SCENARIOS, Usage, running, spin_until
 
 DURATION_S = 10.0
 SPEED = 10.0
-"""Of the replay that the recorder receives, relative to real time."""
+"""Speed of the replay that the recorder receives, relative to real time."""
 ENCODINGS: tuple[Encoding, ...] = ("cdr", "json")
 
 

@@ -22,7 +22,7 @@ APART_M = 3.0
 CROWD, CROWD_M, CROWD_DT_S = 16, 4.0, 0.0025
 """So many robots in a square of this side, with this step."""
 CROWD_RAD_S = 15.0
-"""Of their wheels, at most."""
+"""Highest speed of their wheels."""
 TICK_S = 0.01
 WARM_UP_TICKS = 50
 REVERSAL_TICKS = 5
@@ -40,7 +40,7 @@ LINEAR: Goal = (None, 1.1)
 REAL_TIME: Goal = (1.0, None)
 
 Drive = Callable[[int], list[WheelCommand]]
-"""What all robots do in a block, by its number."""
+"""Commands of all robots, by the number of the block."""
 
 
 class Robots:

@@ -21,7 +21,7 @@ SERVICES = ("physics", "controller", "target", "follower")
 LOCKSTEP = 'sim.mode="lockstep"'
 OF_ROBOT = ("odom", "ground_truth/odom", "joint_states")
 OF_NO_ROBOT = ("clock", "tf")
-"""What five subscribers in ROS receive: all of it comes every tick, but for most frames."""
+"""Topics of five subscribers in ROS: a sample comes every tick, of the frames less often."""
 WITHOUT, NONE, FIVE = "without ROS 2", "0 subscribers", "5 subscribers"
 WINDOWS, WINDOW_S = 5, 1.0
 SETTLED_S = 0.3

@@ -60,6 +60,8 @@ class Series(NamedTuple):
     row: str
     case: BaseCase
     jobs: tuple[Job, ...]
+    labels: Mapping[str, str | float] = {}
+    """What distinguishes the row, by name."""
 
 
 def expand(

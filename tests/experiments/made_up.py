@@ -9,7 +9,7 @@ from mecazen.geometry import Pose2D
 from mecazen_experiments.config import Case
 from mecazen_experiments.jobs import Job, Key, Series
 from mecazen_experiments.report import summarise
-from mecazen_experiments.run import Record
+from mecazen_experiments.run import FOLLOWING, Record
 from mecazen_experiments.scores import Score, Scores, score
 from mecazen_experiments.table import Poses, Table
 from mecazen_follower.goal import Standoff
@@ -80,7 +80,7 @@ def series(name, d_err_m, **case):
 def row(name, *d_err_m, **case):
     """The row of runs with these errors, of the seeds 1, 2, … and no walk."""
     by_seed = {(None, seed): value for seed, value in enumerate(d_err_m, start=1)}
-    return summarise(*series(name, by_seed, **case))
+    return summarise(FOLLOWING, *series(name, by_seed, **case))
 
 
 def shown(*tables):

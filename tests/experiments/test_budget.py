@@ -61,6 +61,7 @@ def test_the_command_shows_the_parts_of_the_errors(folder):
     out, _ = folder.mecazen("budget", "short_experiment.toml", "--runs", 2, "--json", "out.json")
     assert "least by" in out
     (row,) = json.loads((folder.path / "out.json").read_text())["rows"]
-    assert row["control_theta_err_deg"]["mean"] < row["theta_err_deg"]["mean"]
-    assert all(math.isfinite(row[name]["mean"]) for name in row if name != "name")
-    assert row["d_err_m"]["n"] == row["smoother_yaw_deg"]["n"] == 2
+    means = row["means"]
+    assert means["control_theta_err_deg"]["mean"] < means["theta_err_deg"]["mean"]
+    assert all(math.isfinite(mean["mean"]) for mean in means.values())
+    assert means["d_err_m"]["n"] == means["smoother_yaw_deg"]["n"] == 2

@@ -8,7 +8,7 @@ import pytest
 from harness import ROOT, error_of
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario, load_table
-from mecazen_experiments.safety import SafetyConfig, expand, selected
+from mecazen_experiments.safety import SafetyConfig, configured, expand
 from mecazen_experiments.safety_scores import safety
 from mecazen_experiments.table import Poses
 from mecazen_experiments.watch import Body, Watched
@@ -55,12 +55,12 @@ def test_a_hard_stop_touches_without_a_guard_and_not_with_it(tmp_path, capsys):
     experiment(*options)
     rows = msgspec.json.decode((tmp_path / "out.json").read_bytes())["rows"]
     alone, guarded, *both = rows
-    assert (alone["situation"], alone["driver"]) == ("hard stop", "follower")
+    assert alone["labels"] == {"situation": "hard stop", "driver": "follower"}
     assert alone["sums"]["contacts_person"] == 1
     assert guarded["sums"]["contacts_person"] == 0
     assert guarded["least"]["gap_person_m"] > 0.15
     assert alone["least"]["gap_person_m"] < 0.0
-    assert [row["situation"] for row in both] == ["all", "all"]
+    assert [row["labels"]["situation"] for row in both] == ["all", "all"]
     assert (tmp_path / "films" / "hard_stop-guard-back.mcap").stat().st_size > 100_000
     assert "hard stop" in capsys.readouterr().out
 
@@ -82,19 +82,18 @@ def test_what_a_user_gets_wrong_is_one_line(arguments, words):
 
 
 def test_there_are_twelve_situations_and_all_can_be_loaded_from_each_view():
-    config = load_table(FILE, SafetyConfig)
+    config = configured(str(FILE), [], ["planner"], [])
     assert len(config.situations) == 12
-    todo = expand(selected(config, [], ["planner"], []), 1, ())
+    todo = expand(config, 1, ())
     assert len(todo) == 12 * len(config.views)
 
 
 def test_all_drivers_and_views_meet_the_same_values_of_a_seed():
-    config = selected(load_table(FILE, SafetyConfig), ["door"], ["guard", "planner"], [])
-    paths = {
-        place: [setting for job in jobs for setting in job.settings if "target.path" in setting]
-        for place, jobs in expand(config, 2, ()).items()
-    }
-    first, *others = paths.values()
+    config = configured(str(FILE), ["door"], ["guard", "planner"], [])
+    first, *others = (
+        [setting for job in one.jobs for setting in job.settings if "target.path" in setting]
+        for one in expand(config, 2, ())
+    )
     assert first[0] != first[1]
     assert others == [first] * 7
 
