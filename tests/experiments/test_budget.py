@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from harness import SCENARIOS
 from mecazen.loading import load_scenario
-from mecazen_experiments.budget import ORACLE, sights
+from mecazen_experiments.budget import sights
 from mecazen_experiments.table import Table
 from mecazen_tools.simulate import simulate
 
@@ -17,22 +17,6 @@ SHORT = ("sim.duration_s=4",)
 def run(*settings, scenario="back"):
     loaded = load_scenario(SCENARIOS / f"{scenario}.toml", (*SHORT, *settings))
     return loaded, *simulate(loaded, scenario)
-
-
-@pytest.mark.parametrize("scenario", ["back", "side"])
-def test_the_error_of_an_oracle_is_that_of_the_robot(scenario):
-    _, oracle, _ = run(ORACLE, scenario=scenario)
-    _, seen, _ = run(scenario=scenario)
-    # 0.2 m/s take 0.08 s at 2.5 m/s²: 8 mm at the start, and no more later
-    assert oracle.d_err_m < 2e-3
-    assert oracle.theta_err_deg < 0.1
-    assert seen.theta_err_deg > 5 * oracle.theta_err_deg
-
-
-def test_an_oracle_needs_no_sensor_and_repeats_itself():
-    blind = "sensor.occlusions_s=[[0, 100]]"
-    first, again, blinded = (run(ORACLE, *more)[1] for more in ((), (), (blind,)))
-    assert first.trajectory_sha256 == again.trajectory_sha256 == blinded.trajectory_sha256
 
 
 @pytest.mark.parametrize("frame", ["base_link", "world"])

@@ -4,13 +4,11 @@ import math
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 from harness import ROOT, error_of
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_table
 from mecazen_experiments.mocap import MocapConfig, configured, expand
-from mecazen_experiments.mocap_figures import by_stride
 from mecazen_tools.cli.app import app
 
 SHORT = f"""
@@ -100,13 +98,3 @@ def test_options_replace_what_the_experiment_has():
     assert (some.views, some.standoffs_m, some.speeds_m_s) == ({"back": 180.0}, (1.2,), (0.8,))
     with pytest.raises(ConfigError, match="above"):
         configured("short.toml", ["above"], (), ())
-
-
-def test_strides_are_laid_over_each_other():
-    progress = np.linspace(0.3, 3.7, 200)
-    phases = np.stack((progress % 1.0, (progress + 0.5) % 1.0), axis=-1)
-    values = np.stack((100.0 * phases[:, 0], 100.0 * phases[:, 1]), axis=-1)
-    values[5:8] = np.nan
-    strides = by_stride(phases, values)
-    assert strides.shape == (5, 51)
-    assert strides[:, 25] == pytest.approx(50.0, abs=1.0)
