@@ -56,7 +56,7 @@ help:
 	@echo "make lint         style, types and import rules"
 	@echo "make test-chaos   a hundred kills at random moments: following goes on"
 	@echo "make soak         hours of simulated time, of floods and of hostile payloads (SCALE=30)"
-	@echo "make bench        speed and accuracy, in 5 minutes; mecazen bench compare shows what changed"
+	@echo "make bench        speed and accuracy, in some minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph        what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"

@@ -43,11 +43,11 @@ EPISODE_S = 60.0
 ROOM_M = 7.0
 """Length of the walls."""
 CLEAR_M = 0.5
-"""Of the robot and of the person at the start, from anything else."""
+"""Least distance of robot and person from anything else at the start."""
 WHEEL_LAG_S = 0.02
 """Time constant of the plane world's wheels."""
 BRAKING_M_S2 = 6.0
-"""Of the person: from 1.8 m/s in 0.3 s."""
+"""Deceleration of the person: from 1.8 m/s in 0.3 s."""
 COMMAND_TICKS = 5
 """The robot is commanded at 20 Hz."""
 NEAR_M = 0.5
@@ -89,7 +89,7 @@ class Plane(World):
 
 
 class Episode(msgspec.Struct, frozen=True):
-    """What came of a minute."""
+    """The scores of a minute."""
 
     contacts: int
     """Times at which the outline began to touch something."""
@@ -163,7 +163,7 @@ def _gaps(
 
 
 EPISODE = Kind("fuzz", Record[Episode], _measure, msgspec.structs.asdict)
-"""What a guarded robot touches in a minute."""
+"""Contacts of a guarded robot in a minute."""
 
 
 def tell(done: Iterable[Record[Episode]]) -> str:
@@ -303,7 +303,7 @@ def _place(thing: Box | Cylinder) -> Pose2D:
 
 
 def _half(thing: Box | Cylinder) -> tuple[float, float]:
-    """Return half the length and half the width of what a thing stands on."""
+    """Return half the length and half the width of a thing's footprint."""
     if isinstance(thing, Cylinder):
         return thing.size_m[0], thing.size_m[0]
     return thing.size_m[0] / 2.0, thing.size_m[1] / 2.0

@@ -31,7 +31,7 @@ LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
 
 
 class Key(msgspec.Struct, frozen=True):
-    """What the result of a run depends on, and nothing else; see `fingerprint` and `version`."""
+    """All that the result of a run depends on; see `fingerprint` and `version`."""
 
     scenario_sha256: str
     seed: int
@@ -61,7 +61,7 @@ class Series(NamedTuple):
     case: BaseCase
     jobs: tuple[Job, ...]
     labels: Mapping[str, str | float] = {}
-    """What distinguishes the row, by name."""
+    """Properties that distinguish the row, by name."""
 
 
 def expand(

@@ -20,7 +20,7 @@ from mecazen_experiments.report import Row
 from mecazen_experiments.table import Floats
 
 PERCENT = np.linspace(0.0, 100.0, 51)
-"""Of the gait cycle."""
+"""Points of the gait cycle."""
 WEDGE_RAD = math.radians(40.0)
 STAGES = "raw", "refined"
 LINES: dict[str, dict[str, Any]] = {

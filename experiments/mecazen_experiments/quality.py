@@ -56,9 +56,9 @@ class Curves(NamedTuple):
     phases: Floats
     """Share of the gait cycle since heel strike (n, 2), left and right."""
     angles: dict[str, Floats]
-    """Of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`.
+    """Angles of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`.
 
-    NaN where nobody was reported.
+    NaN where no body was reported.
     """
 
 

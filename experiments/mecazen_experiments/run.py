@@ -75,7 +75,7 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
     Args:
         scenario: What to simulate.
         topics: The topics.
-        drive: What is put from outside, in each tick but the last.
+        drive: Returns the payloads to put in each tick but the last.
 
     Raises:
         MecazenError: The run failed.

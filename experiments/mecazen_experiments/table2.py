@@ -16,7 +16,7 @@ from mecazen_experiments.scores import Scores
 from mecazen_experiments.statistics import Interval, paired_difference
 
 NAME = "table2"
-"""Of the experiment."""
+"""The name of the experiment."""
 VIEWS = ("back", "side")
 PAPER = ("without", "with")
 """The variants that the paper has; the third, best, is ours."""

@@ -17,7 +17,7 @@ from mecazen_experiments.run import FOLLOWING, Record
 from mecazen_experiments.scores import Scores
 
 SEED = 1
-"""Of the search, which is deterministic."""
+"""Seed of the search, which is deterministic."""
 PREFERENCE = 0.001
 """Weight of preferred values: less than any difference between runs that matters."""
 EXCESS = 100.0
@@ -29,7 +29,7 @@ Do = Callable[[Iterable[Job]], Mapping[Key, Record[Scores]]]
 
 
 class Best(msgspec.Struct, frozen=True):
-    """What `mecazen experiment tune --json` writes."""
+    """The result of `mecazen experiment tune`."""
 
     objective: str
     trials: int
