@@ -25,7 +25,6 @@ def trajectory(ticks=TICKS, services=("physics", "controller", "target", "follow
 
     def put(topic, tick, message):
         bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))
-        bus.spin()
 
     for tick in range(ticks):
         robot, person, odom = (
