@@ -15,11 +15,11 @@ CIRCLE = SCENARIOS / "circle.toml"
 EVERY_TICK = (keys.CLOCK, keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE, keys.JOINT_COMMAND)
 
 LOCKSTEP_S = 60.0
-REAL_TIME_S = 5.0
-SETTLED = 1 / 12
-"""Share of the run after which memory may grow ..."""
+REAL_TIME_S = 8.0
+SHARE = 1 / 12
+"""Memory is measured after each such share of the run ..."""
 GROWTH_BYTES = 5_000_000
-"""... by this at most."""
+"""... and grows by this at most after the first."""
 DRIFT_MS = 10.0
 """Largest drift of the schedule against the wall clock."""
 
@@ -55,13 +55,13 @@ def test_hours_in_lockstep_lose_no_tick_and_no_memory(stack, scale):
     begin = time.monotonic()
     with on_one_core():
         running.start()
-    due = sim.ticks * SETTLED
+    due = sim.ticks * SHARE
     while ticks.newest < sim.ticks - 1:
         running.supervisor.poll(0.0)
         running.bus.spin_once(0.25)
         if ticks.newest < due:
             continue
-        due = ticks.newest + 6000
+        due += sim.ticks * SHARE
         now = memory(running)
         settled = settled or now
         most = {name: max(now[name], most.get(name, 0)) for name in now}
@@ -88,7 +88,7 @@ def test_real_time_keeps_to_the_wall_clock(stack, scale):
         running.supervisor.poll(0.0)
         running.bus.spin_once(0.25)
     # the earliest tick of both ends counts: others were late
-    window_s = end_s / 5.0
+    window_s = end_s / 4.0
     first = min(lag for time_s, lag in ticks if time_s < ticks[0][0] + window_s)
     last = min(lag for time_s, lag in ticks if time_s > end_s - window_s)
     print(f"in {end_s:g} s the schedule drifts by {1e3 * (last - first):+.3f} ms")
