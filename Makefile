@@ -8,7 +8,7 @@ USED = $(or $(shell for one in $(or $(PYTHON),$(PYTHONS)); do $(RUNS) && echo $$
 RUNS = $$one -c '$(USABLE)' 2>/dev/null
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
-HOURS ?= 2
+SCALE ?= 120
 # what a user runs, and what comes with the targets that need it
 SDK := common people tools
 RUN := $(SDK) $(SERVICES:%=services/%)
@@ -64,8 +64,8 @@ help:
 	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
 	@echo "make test-chaos   a hundred kills at random moments: following goes on"
-	@echo "make soak         hours of simulated time: memory, ticks, schedule (HOURS=0.5)"
-	@echo "make bench        speed and accuracy, in 5 minutes; mecazen bench compare shows what changed"
+	@echo "make soak         hours of simulated time, of floods and of hostile payloads (SCALE=30)"
+	@echo "make bench        speed and accuracy, in some minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph        what is made from the graph of nodes: tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
@@ -192,7 +192,7 @@ test-chaos: .venv/developer
 	.venv/bin/python -m pytest -s tests/chaos
 
 soak: .venv/developer
-	@.venv/bin/mecazen bench soak --hours $(HOURS)
+	.venv/bin/python -m pytest -s --scale $(SCALE) tests/system/test_soak.py tests/system/test_floods.py tests/system/test_intruders.py
 
 test-compose: .venv/developer
 	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose

@@ -24,6 +24,16 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser):
+    parser.addoption("--scale", type=int, default=1, help="make long tests this often as long")
+
+
+@pytest.fixture
+def scale(request):
+    """By how much long tests take longer than by default."""
+    return request.config.getoption("--scale")
+
+
 @pytest.fixture
 def write_scenario(tmp_path):
     """Write a scenario into `scenarios/`, beside `robots/nexus.toml`; return its path."""

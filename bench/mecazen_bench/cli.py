@@ -2,24 +2,56 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from mecazen_tools.cli.options import console
-from rich.console import Console
+from mecazen.errors import MecazenError
+
+if TYPE_CHECKING:
+    from mecazen_bench.harness import Group
 
 app = typer.Typer(
     no_args_is_help=True, help="Measure speed, accuracy and latency, and compare results."
 )
 
-WIDTH = 120
-"""Of the tables [characters] where the output is no terminal."""
+BENCHMARKS = {
+    "physics": "physics:run",
+    "robots": "robots:run",
+    "loop": "loop:run",
+    "senses": "loop:run_senses",
+    "safety": "loop:run_safety",
+    "latency": "latency:run",
+    "realtime": "realtime:run",
+    "viewer": "realtime:run_viewer",
+    "recorder": "recorder:run",
+    "ros2": "ros2:run",
+    "peers": "physics:run_peers",
+    "steps": "physics:run_steps",
+    "experiments": "experiments:run",
+}
+"""Module and function of each, which measures one round."""
+ON_REQUEST = ("peers", "steps", "experiments")
+"""Benchmarks that take minutes."""
 
 File = Annotated[Path, typer.Argument(metavar="FILE.json", show_default=False)]
 
 # Each command imports what it needs itself: every start of `mecazen` imports this module.
+
+
+def benchmark(name: str) -> Callable[[], list[Group]]:
+    """Return the function of a benchmark.
+
+    Raises:
+        MecazenError: There is no such benchmark.
+    """
+    if name not in BENCHMARKS:
+        raise MecazenError(f"--only {name}: no such benchmark; there are {', '.join(BENCHMARKS)}")
+    module, _, function = BENCHMARKS[name].partition(":")
+    found: Callable[[], list[Group]] = getattr(import_module(f"mecazen_bench.{module}"), function)
+    return found
 
 
 @app.command()
@@ -29,27 +61,11 @@ def run(
         typer.Option(
             metavar="BENCHMARK",
             help="Measure one benchmark; may be given several times. Measured only on request, "
-            "since they take minutes: peers, steps, experiments, flood, malformed, containers.",
+            f"since they take minutes: {', '.join(ON_REQUEST)}.",
             show_default=False,
         ),
     ] = None,
-    payloads: Annotated[
-        int | None,
-        typer.Option(
-            min=1000,
-            help="Of the benchmark malformed: so many for the services in this process, and as "
-            "many for each of two stacks, open and secured.",
-            show_default="1000000 and 100000",
-        ),
-    ] = None,
-    minutes: Annotated[
-        float,
-        typer.Option(
-            min=0.0,
-            help="Of the benchmark malformed: each of the three ends after so long.",
-            show_default="no end",
-        ),
-    ] = math.inf,
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds of each benchmark.")] = 3,
     json: Annotated[
         Path | None,
         typer.Option(
@@ -64,20 +80,19 @@ def run(
 
     Examples: mecazen bench run · mecazen bench run --only physics --only loop
     """
-    from mecazen_bench import benchmarks, results  # noqa: PLC0415
+    from mecazen_bench import harness  # noqa: PLC0415
 
-    chosen = benchmarks.select(only or (), payloads=payloads, minutes=minutes)
-    with Console(stderr=True).status("") as status:
-        found = benchmarks.measure(chosen, lambda what: status.update(f"measuring {what} …"))
-    terminal = console(WIDTH)
-    terminal.print(found.table())
-    for group in found.groups:
-        terminal.print(f"[dim]{group.title}: {group.how}[/]")
-    took = ", ".join(f"{name} {one.seconds:.0f} s" for name, one in found.benchmarks.items())
-    terminal.print(f"{found.context()}\ntook {took}")
-    path = json or results.default_path(found.machine.name, list(chosen) if only else [])
-    results.write(found, path)
-    terminal.print(f"figures: {path}")
+    chosen = only or [name for name in BENCHMARKS if name not in ON_REQUEST]
+    found = harness.measure(
+        {name: benchmark(name) for name in chosen},
+        rounds,
+        lambda what: typer.echo(f"measuring {what}", err=True),
+    )
+    for groups in found.benchmarks.values():
+        typer.echo("\n".join(group.markdown() for group in groups))
+    path = json or harness.default_path(harness.machine_name(), only or [])
+    harness.write(found, path)
+    typer.echo(f"{found.context}\nfigures: {path}")
 
 
 @app.command()
@@ -89,36 +104,18 @@ def compare(before: File, after: File) -> None:
 
     Example: mecazen bench compare before.json after.json
     """
-    from mecazen_bench import results  # noqa: PLC0415
-    from mecazen_bench.compare import compare, notes, table  # noqa: PLC0415
+    from mecazen_bench import harness  # noqa: PLC0415
 
-    earlier, later = results.read(before), results.read(after)
-    changes = compare(earlier, later)
-    terminal = console(WIDTH)
-    terminal.print(table(changes), *notes(earlier, later), sep="\n")
-    worse = sum(change.verdict == "worse" for change in changes)
-    terminal.print(f"{worse} of {len(changes)} figures became worse")
+    earlier, later = harness.read(before), harness.read(after)
+    table, worse = harness.compare(earlier, later)
+    typer.echo(f"{table}\nbefore: {earlier.context}\nafter: {later.context}")
+    typer.echo(f"{worse} figures became worse")
     raise typer.Exit(1 if worse else 0)
 
 
 @app.command()
 def tables() -> None:
     """Write the tables of docs/performance.md from the files in bench/results."""
-    from mecazen_bench.results import DOCUMENT, updated  # noqa: PLC0415
+    from mecazen_bench import harness  # noqa: PLC0415
 
-    DOCUMENT.write_text(updated(DOCUMENT.read_text()))
-
-
-@app.command()
-def soak(
-    hours: Annotated[float, typer.Option(help="Simulated time in lockstep.")] = 2.0,
-    minutes: Annotated[float, typer.Option(help="Real time.")] = 10.0,
-) -> None:
-    """Run for hours; check that memory does not grow, no tick is lost, and time does not drift.
-
-    The exit code is 1 where one of these fails.
-    """
-    from mecazen_bench import soak  # noqa: PLC0415
-
-    passed = [soak.lockstep(hours), soak.real_time(minutes)]
-    raise typer.Exit(0 if all(passed) else 1)
+    harness.DOCUMENT.write_text(harness.updated(harness.DOCUMENT.read_text()))

@@ -74,11 +74,11 @@ class Body(NamedTuple):
     """
 
     mass: float
-    """Of everything [kg]."""
+    """Mass of the robot [kg]."""
     yaw_inertia: float
-    """Of everything about base_link's z axis [kg·m²]."""
+    """Moment of inertia of the robot about base_link's z axis [kg·m²]."""
     wheel_inertia: float
-    """Of a wheel with its rollers about its axle [kg·m²]."""
+    """Moment of inertia of a wheel with its rollers about its axle [kg·m²]."""
 
     @classmethod
     def of(cls, robot: Robot) -> Body:

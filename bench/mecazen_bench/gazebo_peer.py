@@ -17,7 +17,7 @@ from mecazen_bench.engine import Engine, Sample
 
 Shape = Literal["capsule", "mesh"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
-"""Of the rollers, in other engines."""
+"""Shapes of the rollers in other engines."""
 
 PROGRAM = Path(__file__).parents[1] / "build" / "gazebo-peer"
 MESH_RINGS, MESH_SEGMENTS = 10, 11

@@ -1,4 +1,4 @@
-"""Real time: from `cmd_vel` put by another process or host to the `joint_command` that follows."""
+"""Real time: from `cmd_vel` put by another process to the `joint_command` that follows."""
 
 from __future__ import annotations
 
@@ -21,15 +21,12 @@ from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
-from mecazen.loading import load_scenario
 from mecazen.messages import JointState, Twist
 from mecazen.wire import JSON_ENCODING, Stamp, encode
 
-from mecazen_bench.compose import Compose
-from mecazen_bench.figures import Better, Figure, Group, Row, Target
-from mecazen_bench.stack import SCENARIOS, running, spin, spin_until
+from mecazen_bench.harness import Figure, Goal, Group
+from mecazen_bench.stack import running, spin, spin_until
 
 PUTS = 500
 PAUSE_S = (0.003, 0.009)
@@ -40,9 +37,9 @@ ANSWER_S = 1.0
 SPEED, SPEED_STEP = 0.05, 1e-5
 """Speed of the first command, and between two [m/s]: within the controller's limits."""
 
-MEDIAN_MS = Target(high=0.2)
-P99_MS = Target(high=1.0)
-BUSY_P99_MS = Target(high=5.0)
+MEDIAN_MS: Goal = (None, 0.2)
+P99_MS: Goal = (None, 1.0)
+BUSY_P99_MS: Goal = (None, 5.0)
 
 BLIND = "sensor.also=[]"
 """Without lidar and guard: the way to the controller alone."""
@@ -50,8 +47,6 @@ BLIND = "sensor.also=[]"
 TOGETHER = 'processes=[["physics","controller","target"]]'
 
 THERE, BACK = "bench/there", "bench/back"
-
-CONTAINERS = ("router", "teleop-physics", "teleop-controller", "teleop-target")
 
 
 class Probe:
@@ -69,17 +64,13 @@ class Probe:
         # backwards: away from the person
         twist = Twist.planar(Twist2D(x=-SPEED - number * SPEED_STEP))
         begin = time.perf_counter()
-        self.put(twist)
+        self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
         while self._received != number:
             left_s = begin + timeout_s - time.perf_counter()
             if left_s <= 0.0:
                 return None
             self._bus.spin_once(left_s)
         return self._received_s - begin
-
-    def put(self, twist: Twist) -> None:
-        """Put a command, as any external program does."""
-        self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
 
     def _on_joint_command(self, joints: JointState, _: Stamp | None) -> None:
         number = round((-joints.velocity[0] * self._radius - SPEED) / SPEED_STEP)
@@ -100,34 +91,17 @@ def run(puts: int = PUTS) -> list[Group]:
             echo.result()
         with running("teleop", BLIND, TOGETHER) as stack:
             together = drivers.submit(drive, stack.scenario, puts).result()
-    rows = (
-        Row("idle", figures(idle)),
-        Row("idle, all services in one process", figures(together)),
-        Row("all cores busy", figures(busy, "less", BUSY_P99_MS)),
-        Row("bytes there and back, without any of our code", figures(bare, "less")),
-    )
+    rows = {
+        "idle": figures(idle),
+        "idle, all services in one process": figures(together),
+        "all cores busy": figures(busy, "less", BUSY_P99_MS),
+        "bytes there and back, without any of our code": figures(bare, "less"),
+    }
     how = (
         f"{puts} puts by another process at random phases of the tick, in real time; all "
         "processes with real-time priority, where that is allowed"
     )
     return [Group("Latency from cmd_vel to joint_command: scenario teleop", how, rows)]
-
-
-def run_containers(puts: int = PUTS) -> list[Group]:
-    """Drive the scenario `teleop` as processes and in containers, where Docker is available."""
-    title = "Latency in containers: scenario teleop"
-    try:
-        Compose().run("build", *CONTAINERS)
-    except MecazenError as error:
-        return [Group(title, str(error), ())]
-    with running("teleop", BLIND) as stack:
-        processes = figures(drive(stack.scenario, puts))
-    with closing(Compose(MECAZEN_SET=BLIND)) as compose:
-        compose.run("up", "--detach", *CONTAINERS)
-        reached = (BLIND, f'bus.connect=["{compose.endpoint}"]')
-        containers = figures(drive(load_scenario(SCENARIOS / "teleop.toml", reached), puts))
-    rows = Row("processes", processes), Row("containers", containers)
-    return [Group(title, f"`cmd_vel` to `joint_command`: {puts} puts by the host", rows)]
 
 
 def send_back(config: BusConfig) -> None:
@@ -208,14 +182,14 @@ def drive(scenario: Scenario, puts: int) -> list[float | None]:
 
 
 def figures(
-    latencies: Sequence[float | None], median: Target | Better = MEDIAN_MS, p99: Target = P99_MS
+    latencies: Sequence[float | None], median: Goal = MEDIAN_MS, p99: Goal = P99_MS
 ) -> dict[str, Figure]:
     """Return the percentiles of what `drive` returns, with the goals of two."""
     answered = [latency * 1e3 for latency in latencies if latency is not None]
     half, most = np.percentile(answered, (50, 99)).tolist()
     return {
-        "median ms": Figure.of(half, median),
-        "p99 ms": Figure.of(most, p99),
-        "max ms": Figure.of(max(answered), "less"),
-        "lost": Figure.of(len(latencies) - len(answered), "less"),
+        "median ms": Figure(half, median),
+        "p99 ms": Figure(most, p99),
+        "max ms": Figure(max(answered), "less"),
+        "lost": Figure(len(latencies) - len(answered), "less"),
     }

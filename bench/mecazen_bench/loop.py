@@ -1,200 +1,151 @@
-"""The whole loop: in one process, as processes over Zenoh, its messages only, and its parts."""
+"""The whole loop in one process and as processes over Zenoh, and the parts of a tick."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections import defaultdict
-from contextlib import closing
-from pathlib import Path
-from typing import Any, cast
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
 
-from mecazen.bus import Bus, LocalBus
-from mecazen.bus.base import Handler, Publisher
-from mecazen.config import Scenario
-from mecazen.keys import Topic
+import numpy as np
 from mecazen.loading import load_scenario
-from mecazen.messages import MessageT
-from mecazen.wire import Stamp
-from mecazen_tools.processes import Supervisor, on_one_core, private_router
-from mecazen_tools.simulate import InProcess, Result, simulate, simulate_distributed
+from mecazen.programs import classes
+from mecazen_tools.simulate import simulate, simulate_distributed
 
-from mecazen_bench import hops
-from mecazen_bench.figures import Better, Figure, Group, Row, Target
+from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.physics import peer_rtf
 from mecazen_bench.stack import SCENARIOS
 
-PATH = SCENARIOS / "back.toml"
 DURATION_S = 10.0
-NULL_PHYSICS = f'programs.physics="{Path(__file__).with_name("null_physics.py")}:NullPhysics"'
+GROUPS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "distributed": (),
+    "physics; all others": (("controller", "target", "follower"),),
+    "physics, controller; all others": (("physics", "controller"), ("target", "follower")),
+    "physics, controller; target; follower": (("physics", "controller"),),
+    "physics; controller, follower; target": (("controller", "follower"),),
+}
+"""The services that share a process, by the name of the grouping; others have their own."""
+KINDS = ("pose", "body", "legs", "fused")
 
-GROUP = ("controller", "target", "follower")
-GROUPED = f"processes={json.dumps([GROUP])}"
-
-REAL_TIMES = Target(low=25.0)
-DISTRIBUTED_REAL_TIMES = Target(low=12.0)
-OF_ONE_PROCESS, OF_ONE_PROCESS_GROUPED = Target(low=0.6), Target(low=0.75)
-OF_MUJOCO = Target(low=1.0)
-MESSAGING_TICKS = Target(low=4000.0)
-SHARE = Target(high=10.0)
-
-BUS = "messages and bus"
+REAL_TIMES: Goal = (25.0, None)
+OF_MUJOCO: Goal = (1.0, None)
+DISTRIBUTED: Goal = (0.35, None)
+"""Share of the speed of one process, with each service in its own."""
+GROUPED: Goal = (0.6, None)
+SHARE: Goal = (None, 10.0)
+OF_POSE: Goal = (0.8, None)
 UNBOUNDED = ("physics", "follower")
 """Parts whose share has no target: their computation is the purpose of the loop."""
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
-    """Run the scenario `back` in each of the ways, and divide a tick into its parts."""
+    """Run the scenario `back` in each way, and divide a tick into its parts."""
     settings = (f"sim.duration_s={duration_s}",)
-    return [_ways(settings, duration_s), parts(settings, duration_s)]
+    return [_ways(settings), _parts("back", settings)]
 
 
-def _ways(settings: tuple[str, ...], duration_s: float) -> Group:
-    def row(
-        name: str,
-        result: Result,
-        ticks: Target | Better = "more",
-        real_time: Target | Better = "more",
-        share: Target | Better = "more",
-        of_peer: Target | Better = "more",
-    ) -> Row:
-        figures = {
-            "ticks/s": Figure.of(result.ticks / result.wall_s, ticks),
-            "× real time": Figure.of(result.rtf, real_time),
-            "of one process": Figure.of(result.rtf / one.rtf, share),
+def run_senses(duration_s: float = DURATION_S) -> list[Group]:
+    """Run the scenario `back` with each kind of sensor, and divide a tick of the costliest."""
+    settings = (f"sim.duration_s={duration_s}",)
+    factors = {}
+    for kind in KINDS:
+        scenario = load_scenario(SCENARIOS / "back.toml", (*settings, f"sensor.kind={kind}"))
+        factors[kind] = simulate(scenario, "back")[0].rtf
+    rows = {
+        kind: {
+            "× real time": Figure(factor, "more"),
+            "of pose": Figure(factor / factors["pose"], "more" if kind == "pose" else OF_POSE),
+        }
+        for kind, factor in factors.items()
+    }
+    how = f"in one process; {duration_s:g} s"
+    fused = _parts("back", (*settings, "sensor.kind=fused"), ", sensor fused")
+    return [Group("Kinds of sensor: scenario back", how, rows), fused]
+
+
+def run_safety(duration_s: float = DURATION_S) -> list[Group]:
+    """Divide a tick of the scenario `crowd` beside the person, with guard and planner."""
+    settings = ("follower.view='side_left'", "follower.planner={}", f"sim.duration_s={duration_s}")
+    return [_parts("crowd", settings, ", with planner")]
+
+
+def _ways(settings: tuple[str, ...]) -> Group:
+    path = SCENARIOS / "back.toml"
+    peer = peer_rtf()
+    one = simulate(load_scenario(path, settings), "back")[0].rtf
+    factors = {"in one process": one}
+    goals: dict[str, Goal] = {"in one process": 1.0}
+    for name, groups in GROUPS.items():
+        grouped = (*settings, f"processes={json.dumps(groups)}") if groups else settings
+        factors[name] = simulate_distributed(path, grouped, "back")[0].rtf
+        goals[name] = GROUPED if groups else DISTRIBUTED
+    rows = {}
+    for name, factor in factors.items():
+        is_one = name == "in one process"
+        rows[name] = {
+            "× real time": Figure(factor, REAL_TIMES if is_one else "more"),
+            "of one process": Figure(factor / one, goals[name]),
         }
         if peer is not None:
-            figures["of MuJoCo"] = Figure.of(result.rtf / peer, of_peer)
-        return Row(name, figures)
-
-    name, peer = PATH.stem, peer_rtf()
-    one, _ = simulate(load_scenario(PATH, settings), name)
-    distributed, _ = simulate_distributed(PATH, settings, name)
-    grouped, _ = simulate_distributed(PATH, (*settings, GROUPED), name)
-    messages, _ = simulate_distributed(PATH, (*settings, NULL_PHYSICS), name)
-    rows = (
-        row("in one process", one, real_time=REAL_TIMES, of_peer=OF_MUJOCO),
-        row("distributed", distributed, real_time=DISTRIBUTED_REAL_TIMES, share=OF_ONE_PROCESS),
-        row("physics, and the others in one", grouped, share=OF_ONE_PROCESS_GROUPED),
-        row("distributed, without physics", messages, MESSAGING_TICKS),
-        _bare("bare Zenoh, distributed", settings, one),
-        _bare("bare Zenoh, physics and the others", (*settings, GROUPED), one),
-    )
+            rows[name]["of MuJoCo"] = Figure(factor / peer, OF_MUJOCO if is_one else "more")
     how = (
-        f"lockstep; {duration_s:g} s, without the start; MuJoCo: its physics alone, of the robot "
-        "with capsules at 1 ms; bare Zenoh: processes that pass on bytes, as many and as long, and "
-        "how fast, of one process, that and its tick would be together"
+        "lockstep, without the start, no observer but the trajectory; MuJoCo: its physics alone, "
+        "of the robot with capsules at 1 ms; services of a process are joined by commas"
     )
     return Group("Whole loop: scenario back", how, rows)
 
 
-def _bare(name: str, settings: tuple[str, ...], one: Result) -> Row:
-    """Return how fast a distributed run could be at most."""
-    settings = (*settings, *private_router())
-    supervisor = Supervisor(PATH, settings)
-    try:
-        with on_one_core():
-            supervisor.start_router()
-        ticks_s = hops.rate(load_scenario(PATH, settings), one.ticks)
-    finally:
-        supervisor.stop()
-    share = ticks_s / (ticks_s + one.ticks / one.wall_s)
-    return Row(
-        name,
-        {"ticks/s": Figure.of(ticks_s, "more"), "of one process": Figure.of(share, "more")},
-    )
-
-
-def parts(settings: tuple[str, ...], duration_s: float) -> Group:
-    """Divide a tick of the scenario `back` into the parts of its services."""
-    scenario = load_scenario(PATH, settings)
-    ns = _timed_run(scenario)
-    total = sum(ns.values())
-    rows = []
-    for part in (*scenario.services, "trajectory", BUS):
-        goal: Target | Better = "less" if part in UNBOUNDED else SHARE
-        figures = {
-            "µs/tick": Figure.of(ns[part] / 1e3, "less"),
-            "% of the tick": Figure.of(100.0 * ns[part] / total, goal),
+def _parts(name: str, settings: tuple[str, ...], variant: str = "") -> Group:
+    """Divide a tick of a scenario into the steps of its nodes."""
+    scenario = load_scenario(SCENARIOS / f"{name}.toml", settings)
+    with ExitStack() as stack:
+        spent = {
+            f"{service}: {node}" if node != service else node: stack.enter_context(
+                timed(kind, "step")
+            )
+            for service in scenario.services
+            for node, kind in classes(service, scenario).items()
         }
-        rows.append(Row(part, figures))
-    rows.append(Row("all", {"µs/tick": Figure.of(total / 1e3, "less")}))
+        result, _ = simulate(scenario, name)
+    total = result.wall_s / result.ticks
+    rows = {
+        part: {
+            "p99 of a step, ms": Figure(1e3 * float(np.percentile(steps, 99)), "less"),
+            **_share(sum(steps) / result.ticks, total, "less" if part in UNBOUNDED else SHARE),
+        }
+        for part, steps in spent.items()
+    }
+    rest = total - sum(map(sum, spent.values())) / result.ticks
+    rows["messages, clock and trajectory"] = _share(rest, total, SHARE)
+    rows["all"] = _share(total, total, "less")
     how = (
-        f"in one process; means over {duration_s:g} s of a part's handlers with "
-        "the messages that they make, and the stopwatch's own time"
+        f"in one process; processor time of nodes' steps, means over {scenario.sim.duration_s:g} s"
     )
-    of_kind = "" if scenario.sensor.kind == "pose" else f", sensor {scenario.sensor.kind}"
-    return Group(f"Parts of a tick: scenario back{of_kind}", how, tuple(rows))
+    return Group(f"Parts of a tick: scenario {name}{variant}", how, rows)
 
 
-def _timed_run(scenario: Scenario) -> dict[str, float]:
-    """Return the mean time of each part in a tick [ns]."""
-    watch = Stopwatch()
-    count = 0
-    with closing(InProcess(scenario, watch.seen_by)) as loop:
-        for _ in loop.ticks():
-            if not count:
-                watch.ns.clear()  # the first answers take longer
-            count += 1
-            watch.turn_to("physics")
-        watch.turn_to(BUS)
-    return {part: ns / count for part, ns in watch.ns.items()}
+def _share(seconds: float, total_s: float, goal: Goal) -> dict[str, Figure]:
+    return {
+        "µs/tick": Figure(1e6 * seconds, "less"),
+        "% of the tick": Figure(100.0 * seconds / total_s, goal),
+    }
 
 
-class Stopwatch:
-    """Adds up the time of each part of a run; one is active at any time."""
+@contextmanager
+def timed(owner: type, name: str) -> Iterator[list[float]]:
+    """Give the processor time of each call of a class's method [s]."""
+    method = getattr(owner, name)
+    took: list[float] = []
 
-    def __init__(self) -> None:
-        self.ns: defaultdict[str, int] = defaultdict(int)
-        self._part = BUS
-        self._since = time.perf_counter_ns()
+    def measured(*arguments: Any) -> Any:
+        begin = time.thread_time_ns()
+        result = method(*arguments)
+        took.append((time.thread_time_ns() - begin) / 1e9)
+        return result
 
-    def turn_to(self, part: str) -> None:
-        """Count for `part` from now on."""
-        now = time.perf_counter_ns()
-        self.ns[self._part] += now - self._since
-        self._part, self._since = part, now
-
-    def seen_by(self, bus: LocalBus, part: str) -> Bus:
-        """Return the bus as a part sees it, timed."""
-        return cast(Bus, TimedBus(bus, self, part))
-
-
-class TimedBus:
-    """A bus as one part of the loop sees it: its handlers count as the part's time.
-
-    Publishing counts as the bus's time, and so does everything between two handlers.
-    """
-
-    def __init__(self, bus: LocalBus, watch: Stopwatch, part: str) -> None:
-        self._bus, self._watch, self._part = bus, watch, part
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._bus, name)
-
-    def namespaced(self, name: str) -> TimedBus:
-        bus = self._bus.namespaced(name)
-        return self if bus is self._bus else TimedBus(bus, self._watch, self._part)
-
-    def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        return _TimedPublisher(self._bus.publisher(topic), self._watch, self._part)
-
-    def subscribe(
-        self, topic: Topic[MessageT], handler: Handler[MessageT], *, every: bool = False
-    ) -> None:
-        def timed(message: MessageT, stamp: Stamp | None) -> None:
-            self._watch.turn_to(self._part)
-            handler(message, stamp)
-            self._watch.turn_to(BUS)
-
-        self._bus.subscribe(topic, timed, every=every)
-
-
-class _TimedPublisher(Publisher[MessageT]):
-    def __init__(self, publisher: Publisher[MessageT], watch: Stopwatch, part: str) -> None:
-        self._publisher, self._watch, self._part = publisher, watch, part
-
-    def put(self, message: MessageT, stamp: Stamp | None) -> None:
-        self._watch.turn_to(BUS)
-        self._publisher.put(message, stamp)
-        self._watch.turn_to(self._part)
+    setattr(owner, name, measured)
+    try:
+        yield took
+    finally:
+        setattr(owner, name, method)

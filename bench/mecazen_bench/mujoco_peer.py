@@ -21,7 +21,7 @@ four times as much and bring no gain closer to the geometry's."""
 CONTACT_TIME_CONSTANT_STEPS = 2.0
 """In steps; the shortest that MuJoCo allows: contacts as stiff as possible."""
 SERVO_GAIN = 10.0
-"""Of the wheels' velocity actuators [N·m·s/rad], integrated implicitly."""
+"""Gain of the wheels' velocity actuators [N·m·s/rad], integrated implicitly."""
 MESH_RINGS, MESH_SEGMENTS = 33, 48
 
 

@@ -1,4 +1,4 @@
-"""Cost per step, smoothness and gains of our physics, and of other engines."""
+"""Cost per step, smoothness and gains of our physics, of its steps and hulls, and of others."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from contextlib import ExitStack, closing, contextmanager
 from itertools import product
 from typing import Any, Literal
 
+import msgspec
 from mecazen.config import PhysicsConfig
 from mecazen.config.physics import MAX_DT_S
 from mecazen.geometry import Pose2D
@@ -29,7 +30,7 @@ from mecazen_bench.engine import (
     measure_speed,
     slippery,
 )
-from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.stack import robot
 
 ROBOTS = ("nexus", "artbul")
@@ -41,11 +42,15 @@ BLOCKS = 5
 ROLLERS: tuple[Literal["near", "all"], ...] = ("near", "all")
 """Which rollers are bodies."""
 
-OF_MUJOCO = {"nexus": Target(low=1.6), "artbul": Target(low=1.8)}
+CONVERGENCE_S = (0.0005, 0.001, 0.002, 0.0025, 0.005)
+SPHERES = (11, 21, 41, 81, 101)
+"""In the hull of a roller, at steps of 1 ms."""
+
+OF_MUJOCO: dict[str, Goal] = {"nexus": (1.6, None), "artbul": (1.8, None)}
 """Real-time factor at our largest step, of that of MuJoCo's capsules at 1 ms."""
-RIPPLE_PERCENT = Target(high=0.1)
-GAIN = Target(0.99, 1.01)
-LATERAL = Target(0.965, 1.035)
+RIPPLE_PERCENT: Goal = (None, 0.1)
+GAIN: Goal = (0.99, 1.01)
+LATERAL: Goal = (0.965, 1.035)
 
 
 class DartEngine(Engine):
@@ -93,15 +98,31 @@ def run_peers() -> list[Group]:
         slides = [measure_slide(engine) for engine in engines]
     with peers(robots) as (engines, missing):
         group = measure("Physics engines", engines)
-    rows = tuple(
-        Row(row.subject, row.figures | {f"slide {a:g}°": Figure.of(r, 1.0) for a, r in of.items()})
-        for row, of in zip(group.rows, slides, strict=True)
-    )
+    rows = {
+        subject: {**row, **{f"slide {a:g}°": Figure(ratio, 1.0) for a, ratio in of.items()}}
+        for (subject, row), of in zip(group.rows.items(), slides, strict=True)
+    }
     how = (
         f"{group.how}; slide: deceleration with locked wheels and a friction of "
         f"{SLIDE_FRICTION:g} over that of Coulomb's law, at three yaw angles"
     )
     return [Group(group.title, "; ".join([how, *missing]), rows)]
+
+
+def run_steps() -> list[Group]:
+    """Measure nexus at several steps, and with several hulls at 1 ms."""
+    nexus = robot("nexus")
+    steps = [DartEngine(nexus, dt_s, "near") for dt_s in CONVERGENCE_S]
+    hulls = []
+    for spheres in SPHERES:
+        rollers = msgspec.structs.replace(nexus.rollers, hull_spheres=spheres)
+        engine = DartEngine(msgspec.structs.replace(nexus, rollers=rollers), 0.001, "near")
+        engine.name = f"{spheres} spheres"
+        hulls.append(engine)
+    return [
+        measure("Convergence of the step", steps),
+        measure("Convergence of the hull", hulls),
+    ]
 
 
 @contextmanager
@@ -151,34 +172,32 @@ def measure(title: str, engines: Sequence[Engine], blocks: int = BLOCKS) -> Grou
         (engine.robot.name, engine.name, engine.dt_s): engine.dt_s / statistics.median(seconds)
         for engine, seconds in zip(engines, times, strict=True)
     }
-    rows = []
-    for (of, name, dt_s), rtf, engine, found in zip(
-        rtfs, rtfs.values(), engines, accuracy, strict=True
-    ):
+    rows = {}
+    for ((of, name, dt_s), rtf), engine, found in zip(rtfs.items(), engines, accuracy, strict=True):
         figures = _figures(engine, rtf, found)
         if (peer := rtfs.get((of, PEER, PEERS_STEP_S))) is not None:
             held = (name, dt_s) == ("mecazen, near rollers", MAX_DT_S)
-            figures["of MuJoCo"] = Figure.of(rtf / peer, OF_MUJOCO[of] if held else "more")
-        rows.append(Row(f"{of} {dt_s * 1e3:g} ms {name}", figures))
-    return Group(title, how, tuple(rows))
+            figures["of MuJoCo"] = Figure(rtf / peer, OF_MUJOCO[of] if held else "more")
+        rows[f"{of} {dt_s * 1e3:g} ms {name}"] = figures
+    return Group(title, how, rows)
 
 
 def _figures(engine: Engine, rtf: float, found: Accuracy) -> dict[str, Figure]:
     lateral, yaw = lateral_gain(engine.robot), yaw_gain(engine.robot)
     percent = 100.0 * found.ripple / engine.robot.wheels.radius_m
     in_dart = (
-        {"of it in DART": Figure.of(engine.in_dart_s * 1e6, "less")}
+        {"of it in DART": Figure(engine.in_dart_s * 1e6, "less")}
         if isinstance(engine, DartEngine)
         else {}
     )
     return {
-        "µs/step": Figure.of(engine.dt_s / rtf * 1e6, "less"),
+        "µs/step": Figure(engine.dt_s / rtf * 1e6, "less"),
         **in_dart,
-        "× real time": Figure.of(rtf, "more"),
-        "ripple % of R": Figure.of(percent, RIPPLE_PERCENT),
-        "forward": Figure.of(found.forward, GAIN),
-        "lateral": Figure(found.lateral, lateral, target=LATERAL),
-        "lateral / predicted": Figure.of(found.lateral / lateral, GAIN),
-        "yaw / predicted": Figure.of(found.yaw / yaw, GAIN),
-        "energy %/s": Figure.of(100.0 * found.energy, 0.0),
+        "× real time": Figure(rtf, "more"),
+        "ripple % of R": Figure(percent, RIPPLE_PERCENT),
+        "forward": Figure(found.forward, GAIN),
+        "lateral": Figure(found.lateral, LATERAL),
+        "lateral / predicted": Figure(found.lateral / lateral, GAIN),
+        "yaw / predicted": Figure(found.yaw / yaw, GAIN),
+        "energy %/s": Figure(100.0 * found.energy, 0.0),
     }

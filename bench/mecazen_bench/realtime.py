@@ -23,29 +23,30 @@ from mecazen.messages import Clock, Odometry
 from mecazen.wire import NS_PER_S, Stamp
 from mecazen_tools.processes import private_router
 
-from mecazen_bench.figures import Figure, Group, Row, Target
+from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.latency import set_priority
 from mecazen_bench.stack import SCENARIOS, START_S, Usage, running, spin, spin_until
 
 WARM_S = 2.0
 WINDOW_S = 5.0
 VIEWER_WINDOW_S = 6.0
-"""Of the viewer's measurement; a quarter of it before that warms up."""
+"""Duration of the viewer's measurement; a quarter of it before that warms up."""
 
-FIRST_ODOM_S = Target(high=0.6)
-JITTER_MS = Target(high=1.0)
-CPU_PERCENT = Target(high=25.0)
-MEMORY_MB = Target(high=150.0)
-STACK_MEMORY_MB = Target(high=180.0)
-VIEWER_CPU_PERCENT, VIEWER_MEMORY_MB = Target(high=10.0), Target(high=300.0)
+FIRST_ODOM_S: Goal = (None, 0.6)
+JITTER_MS: Goal = (None, 1.0)
+CPU_PERCENT: Goal = (None, 25.0)
+MEMORY_MB: Goal = (None, 150.0)
+STACK_MEMORY_MB: Goal = (None, 180.0)
+VIEWER_CPU_PERCENT: Goal = (None, 10.0)
+VIEWER_MEMORY_MB: Goal = (None, 300.0)
 
 
 def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
     """Return when simulated time began [s], and how late each tick in the next `seconds` is [ms].
 
     In a process with the services' priority, by the monotonic clock. Ticks are late relative to
-    the median tick: a constant delay does not count. Who connects later than the first odometry
-    comes finds its time by the stamp of one that it gets.
+    the median tick: a constant delay does not count. The begin is computed from the stamp of any
+    odometry.
     """
     odoms: list[float] = []
     ticks: list[float] = []
@@ -86,16 +87,16 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
             rows = usage.rows(CPU_PERCENT, MEMORY_MB, STACK_MEMORY_MB)
     half, most = np.percentile(np.abs(late_ms), (50, 99)).tolist()
     schedule = {
-        "first odom s": Figure.of(first_odom_s - begin, FIRST_ODOM_S),
-        "tick off schedule, median ms": Figure.of(half, "less"),
-        "p99 ms": Figure.of(most, JITTER_MS),
+        "first odom s": Figure(first_odom_s - begin, FIRST_ODOM_S),
+        "tick off schedule, median ms": Figure(half, "less"),
+        "p99 ms": Figure(most, JITTER_MS),
     }
     where = "scenario back in real time"
     load = f"under `mecazen up --no-viewer`, over {window_s:g} s; proportional memory"
     start = "from the command to the first `odom`; `clock` as another process receives it"
     return [
-        Group(f"Processes: {where}", load, tuple(rows)),
-        Group(f"Start and schedule: {where}", start, (Row("mecazen up", schedule),)),
+        Group(f"Processes: {where}", load, rows),
+        Group(f"Start and schedule: {where}", start, {"mecazen up": schedule}),
     ]
 
 
@@ -114,7 +115,7 @@ def run_viewer(window_s: float = VIEWER_WINDOW_S) -> list[Group]:
             spin(bus, window_s)
             rows = usage.rows(VIEWER_CPU_PERCENT, "less", VIEWER_MEMORY_MB)
     how = f"real time, 30 frames a second, no browser; over {window_s:g} s; proportional memory"
-    return [Group("Viewer: scenario side", how, tuple(rows))]
+    return [Group("Viewer: scenario side", how, rows)]
 
 
 @contextmanager

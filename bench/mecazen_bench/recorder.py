@@ -18,12 +18,12 @@ from mecazen_recorder.replay import publish
 from mecazen_recorder.writer import RecordingWriter
 from mecazen_tools.simulate import simulate
 
-from mecazen_bench.figures import Figure, Group, Row
+from mecazen_bench.harness import Figure, Group
 from mecazen_bench.stack import SCENARIOS, Usage, running, spin_until
 
 DURATION_S = 10.0
 SPEED = 10.0
-"""Of the replay that the recorder receives, relative to real time."""
+"""Speed of the replay that the recorder receives, relative to real time."""
 ENCODINGS: tuple[Encoding, ...] = ("cdr", "json")
 
 
@@ -38,15 +38,16 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
         )
         simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")
         recording = Recording(file)
-        rows = [
-            *(_write(recording, encoding) for encoding in ENCODINGS),
-            *(_receive(recording, encoding) for encoding in ENCODINGS),
-        ]
+        rows = {
+            f"{way}, {encoding}": measure(recording, encoding)
+            for way, measure in (("writer only", _write), ("as a process", _receive))
+            for encoding in ENCODINGS
+        }
     how = f"messages of {duration_s:g} s; as a process: replayed at {SPEED:g} × real time"
-    return [Group("Recorder: scenario back", how, tuple(rows))]
+    return [Group("Recorder: scenario back", how, rows)]
 
 
-def _write(recording: Recording, encoding: Encoding) -> Row:
+def _write(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
     samples = list(recording.samples())
     messages: list[Message] = [
         sample.message(topic.type) for sample in samples if (topic := topic_of(sample.key))
@@ -58,14 +59,13 @@ def _write(recording: Recording, encoding: Encoding) -> Row:
         writer.write(sample.key, message, sample.stamp, sample.time_ns)
     writer.close()
     elapsed = time.perf_counter() - begin
-    figures = {
-        "messages/s": Figure.of(len(samples) / elapsed, "more"),
-        "bytes/message": Figure.of(path.stat().st_size / len(samples), "less"),
+    return {
+        "messages/s": Figure(len(samples) / elapsed, "more"),
+        "bytes/message": Figure(path.stat().st_size / len(samples), "less"),
     }
-    return Row(f"writer only, {encoding}", figures)
 
 
-def _receive(recording: Recording, encoding: Encoding) -> Row:
+def _receive(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
     path = recording.path.with_name(f"{encoding}.mcap")
     settings = (f'recorder.file="{path}"', f"recorder.encoding={encoding}")
     with (
@@ -80,12 +80,11 @@ def _receive(recording: Recording, encoding: Encoding) -> Row:
         published = publish(recording, bus, speed=SPEED)
         elapsed = time.perf_counter() - begin
         cpu = usage.core_percent()["recorder"]
-    figures = {
-        "messages/s": Figure.of(published / elapsed, "more"),
-        "% of a core": Figure.of(cpu, "less"),
-        "lost": Figure.of(_count(recording) - _count(Recording(path)), "less"),
+    return {
+        "messages/s": Figure(published / elapsed, "more"),
+        "% of a core": Figure(cpu, "less"),
+        "lost": Figure(_count(recording) - _count(Recording(path)), "less"),
     }
-    return Row(f"as a process, {encoding}", figures)
 
 
 def _count(recording: Recording) -> int:

@@ -15,7 +15,7 @@ from mecazen.robot import WHEELS
 from mecazen_physics.motors import WheelCommand
 from mecazen_physics.simulation import Simulation
 
-from mecazen_bench.figures import Better, Figure, Group, Row, Target
+from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.stack import robot
 
 COUNTS = (1, 2, 4, 8, 64)
@@ -23,7 +23,7 @@ APART_M = 3.0
 CROWD, CROWD_M, CROWD_DT_S = 16, 4.0, 0.0025
 """So many robots in a square of this side, with this step."""
 CROWD_RAD_S = 15.0
-"""Of their wheels, at most."""
+"""Highest speed of their wheels."""
 TICK_S = 0.01
 WARM_UP_TICKS = 50
 REVERSAL_TICKS = 5
@@ -37,11 +37,11 @@ MOTIONS = (
     (9.0, 2.0, 2.0, 9.0),
 )
 """Wheel speeds of forward, lateral, yaw and diagonal motion [rad/s]."""
-LINEAR = Target(high=1.1)
-REAL_TIME = Target(low=1.0)
+LINEAR: Goal = (None, 1.1)
+REAL_TIME: Goal = (1.0, None)
 
 Drive = Callable[[int], list[WheelCommand]]
-"""What all robots do in a block, by its number."""
+"""Commands of all robots, by the number of the block."""
 
 
 class Robots:
@@ -113,20 +113,22 @@ def run(blocks: int = BLOCKS) -> list[Group]:
         for case in cases.values():
             case.measure()
     seconds = {name: statistics.median(case.spent_s) for name, case in cases.items()}
-    rows = []
-    for name, spent in seconds.items():
-        is_apart = name.endswith("apart")
-        linear: Target | Better = LINEAR if is_apart else "less"
-        real_time: Target | Better = "more" if is_apart else REAL_TIME
-        figures = {
-            "µs/robot and tick": Figure.of(spent * 1e6, "less"),
-            "relative to one robot": Figure.of(spent / seconds["1 apart"], linear),
-            "× real time": Figure.of(TICK_S / spent / cases[name].count, real_time),
+    rows = {
+        name: {
+            "µs/robot and tick": Figure(spent * 1e6, "less"),
+            "relative to one robot": Figure(
+                spent / seconds["1 apart"], LINEAR if name.endswith("apart") else "less"
+            ),
+            "× real time": Figure(
+                TICK_S / spent / cases[name].count,
+                "more" if name.endswith("apart") else REAL_TIME,
+            ),
         }
-        rows.append(Row(name, figures))
+        for name, spent in seconds.items()
+    }
     how = (
         f"processor time in one process, physics only, nexus at {MAX_DT_S * 1e3:g} ms; the crowd "
         f"within {CROWD_M:g} x {CROWD_M:g} m, at {CROWD_DT_S * 1e3:g} ms; interleaved, median of "
         f"{blocks} blocks; 1 means linear in the number of robots"
     )
-    return [Group("Several robots", how, tuple(rows))]
+    return [Group("Several robots", how, rows)]

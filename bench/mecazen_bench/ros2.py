@@ -1,86 +1,86 @@
-"""What ROS 2 costs: a message in CDR, beside rosbags and JSON."""
+"""ROS 2 beside the plain keys: what it adds to a tick."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from contextlib import ExitStack, closing
 from functools import partial
+from statistics import median
+from typing import Any
 
-from mecazen import messages as m
-from mecazen.ros import cdr
-from mecazen.wire import decode, encode
-from rosbags.typesys import Stores, get_typestore
+from mecazen import keys
+from mecazen.bus.session import open_session
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import Process, Scenario
+from mecazen.messages import Empty
+from mecazen.robots import join_key
 
-from mecazen_bench.figures import Figure, Group, Row
+from mecazen_bench.harness import Figure, Goal, Group
+from mecazen_bench.stack import Stack, running, spent_s, spin, spin_until
 
-REPEATS = 200
-CALLS = 20
-"""At once, between two looks at the clock."""
-BEAMS = 720
-JOINTS = 40
+SERVICES = ("physics", "controller", "target", "follower")
+LOCKSTEP = 'sim.mode="lockstep"'
+OF_ROBOT = ("odom", "ground_truth/odom", "joint_states")
+OF_NO_ROBOT = ("clock", "tf")
+"""Topics of five subscribers in ROS: a sample comes every tick, of the frames less often."""
+WITHOUT, NONE, FIVE = "without ROS 2", "0 subscribers", "5 subscribers"
+WINDOWS, WINDOW_S = 5, 1.0
+SETTLED_S = 0.3
+"""After it both sides know who subscribes."""
+UNHEARD_PERCENT: Goal = (None, 2.0)
 
 
-def run(repeats: int = REPEATS) -> list[Group]:
-    """Write and read messages of four kinds in three ways, interleaved."""
-    rows = [row for message in _messages() for row in _rows(message, repeats)]
-    how = f"fastest of {repeats} blocks of {CALLS} calls, interleaved; rosbags with NumPy's arrays"
-    return [Group("Messages in CDR", how, tuple(rows))]
-
-
-def _messages() -> tuple[m.Message, ...]:
-    header = m.Header(m.Time(12, 340_000_000), "odom")
-    covariance = tuple(number / 7 for number in range(36))
-    joints = tuple(number / 7 for number in range(JOINTS))
-    names = tuple(f"wheel_{number}_joint" for number in range(JOINTS))
-    return (
-        m.Twist(m.Vector3(0.3, 0.1), m.Vector3(z=0.5)),
-        m.Odometry(
-            header,
-            "base_link",
-            m.PoseWithCovariance(covariance=covariance),
-            m.TwistWithCovariance(covariance=covariance),
-        ),
-        m.JointState(header, names, joints, joints, joints),
-        m.LaserScan(header, ranges=tuple(number / 4 for number in range(BEAMS))),
+def run(windows: int = WINDOWS, window_s: float = WINDOW_S) -> list[Group]:
+    """Measure the processor time of a tick, in turns without ROS, unheard and with subscribers."""
+    spent: dict[str, list[float]] = {name: [] for name in (WITHOUT, NONE, FIVE)}
+    with ExitStack() as exits:
+        stacks = {}
+        for ros in (False, True):
+            settings = (LOCKSTEP, f"bus.ros2={str(ros).lower()}")
+            stack = exits.enter_context(running("back", *settings, services=()))
+            stack.supervisor.start(Process(SERVICES))
+            bus = exits.enter_context(closing(ZenohBus(stack.scenario.bus)))
+            spin_until(bus, partial(_is_ready, bus), "`back` does not start")
+            bus.call(keys.SIM_PAUSE, Empty())
+            stacks[ros] = stack, bus
+        for _ in range(windows):
+            for name, micros in spent.items():
+                stack, bus = stacks[name != WITHOUT]
+                with closing(_listening(stack.scenario, subscribes=name == FIVE)):
+                    spin(bus, SETTLED_S)
+                    micros.append(_measure(stack, bus, window_s))
+    rows = {}
+    for name, micros in spent.items():
+        extra = [one / base - 1.0 for one, base in zip(micros, spent[WITHOUT], strict=True)]
+        rows[name] = {
+            "µs/tick": Figure(median(micros), "less"),
+            "% more": Figure(100.0 * median(extra), UNHEARD_PERCENT if name == NONE else "less"),
+        }
+    how = (
+        f"processor time of a process with {len(SERVICES)} services, in lockstep: the "
+        f"medians of {windows} windows of {window_s:g} s, in turns"
     )
+    return [Group("ROS 2, cost of a tick: scenario back", how, rows)]
 
 
-def _rows(message: m.Message, repeats: int) -> list[Row]:
-    kind, name = type(message), message.ROS_TYPE
-    payload = cdr.encode(message)
-    text = encode(message, "json")
-    store = get_typestore(Stores.ROS2_JAZZY)
-    theirs = store.deserialize_cdr(payload, name)
-    ways: dict[str, tuple[Callable[[], object], Callable[[], object], int]] = {
-        "CDR": (partial(cdr.encode, message), partial(cdr.decode, payload, kind), len(payload)),
-        "rosbags": (
-            partial(store.serialize_cdr, theirs, name),
-            partial(store.deserialize_cdr, payload, name),
-            len(payload),
-        ),
-        "JSON": (partial(encode, message, "json"), partial(decode, text, kind), len(text)),
-    }
-    calls = [call for write, read, _ in ways.values() for call in (write, read)]
-    spent = iter(_fastest_us(calls, repeats))
-    return [
-        Row(
-            f"{kind.__name__}, {way}",
-            {
-                "write µs": Figure.of(next(spent), "less"),
-                "read µs": Figure.of(next(spent), "less"),
-                "bytes": Figure.of(size, "less"),
-            },
-        )
-        for way, (_, _, size) in ways.items()
-    ]
+def _is_ready(bus: ZenohBus) -> bool:
+    return bool(bus.alive() >= {f"{name}/ready" for name in SERVICES})
 
 
-def _fastest_us(calls: list[Callable[[], object]], repeats: int) -> list[float]:
-    best = [float("inf")] * len(calls)
-    for _ in range(repeats):
-        for index, call in enumerate(calls):
-            begin = time.perf_counter()
-            for _ in range(CALLS):
-                call()
-            best[index] = min(best[index], time.perf_counter() - begin)
-    return [1e6 * seconds / CALLS for seconds in best]
+def _listening(scenario: Scenario, *, subscribes: bool) -> Any:
+    """Return a session that receives five topics of ROS, or none."""
+    session = open_session(scenario.bus.of_ros, "client")
+    names = [*OF_NO_ROBOT, *(join_key(name, scenario.bus.namespace or "") for name in OF_ROBOT)]
+    for name in names if subscribes else ():
+        # of a topic's key only the type and its hash come after the name
+        session.declare_subscriber(f"{scenario.bus.ros_domain_id}/{name}/*/*", lambda _: None)
+    return session
+
+
+def _measure(stack: Stack, bus: ZenohBus, window_s: float) -> float:
+    """Return the processor time of a tick within a window [µs]."""
+    (process,) = (p for name, p in stack.processes().items() if name != "router")
+    first = bus.call(keys.SIM_RESUME, Empty()).tick
+    begin = spent_s(process)
+    spin(bus, window_s)
+    last = bus.call(keys.SIM_PAUSE, Empty()).tick
+    return 1e6 * (spent_s(process) - begin) / (last - first)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import psutil
 from mecazen.bus import Bus
@@ -16,7 +16,7 @@ from mecazen.loading import load_scenario
 from mecazen.robot import Robot
 from mecazen_tools.processes import Supervisor, private_router
 
-from mecazen_bench.figures import Better, Figure, Row, Target
+from mecazen_bench.harness import Figure, Goal, Rows
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 CPU = "% of a core"
@@ -45,7 +45,6 @@ def running(
     name: str,
     *settings: str,
     services: Sequence[str] | None = None,
-    protocol: Literal["tcp", "tls"] = "tcp",
 ) -> Iterator[Stack]:
     """Run a router and a scenario's services, or some of them, isolated from any other run.
 
@@ -53,7 +52,7 @@ def running(
         MecazenError: A process has ended.
     """
     path = SCENARIOS / f"{name}.toml"
-    settings = (*settings, *private_router(protocol))
+    settings = (*settings, *private_router())
     scenario = load_scenario(path, settings)
     supervisor = Supervisor(path, settings)
     try:
@@ -109,17 +108,17 @@ class Usage:
             name: process.memory_full_info().pss / 1e6 for name, process in self._processes.items()
         }
 
-    def rows(self, cpu: Target, memory: Target | Better, total: Target | None = None) -> list[Row]:
+    def rows(self, cpu: Goal, memory: Goal, total: Goal | None = None) -> Rows:
         """Return both for each process, and for all with goals of their sums; `total` in MB."""
         taken, used = self.core_percent(), self.memory_mb()
-        rows = [
-            Row(name, {CPU: Figure.of(taken[name], "less"), "MB": Figure.of(mb, memory)})
+        rows = {
+            name: {CPU: Figure(taken[name], "less"), "MB": Figure(mb, memory)}
             for name, mb in used.items()
-        ]
-        sums = {CPU: Figure.of(sum(taken.values()), cpu)}
+        }
+        rows["all"] = {CPU: Figure(sum(taken.values()), cpu)}
         if total is not None:
-            sums["MB"] = Figure.of(sum(used.values()), total)
-        return [*rows, Row("all", sums)]
+            rows["all"]["MB"] = Figure(sum(used.values()), total)
+        return rows
 
 
 def spent_s(process: psutil.Process) -> float:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from mecazen import messages as m
-from mecazen.bus import LocalBus
-from mecazen.errors import ConfigError
-from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
-from mecazen.loading import load_scenario
-from mecazen.messages import MessageT
+from mecazen.config import Scenario
+from mecazen.keys import SKELETONS, TARGET_SKELETON
 from mecazen.skeleton import JOINTS
 from mecazen_people.body.posture import sagittal_angles
-from mecazen_tools.simulate import InProcess
 
-from mecazen_experiments.jobs import Job, check_version
+from mecazen_experiments.run import observe_bodies
 from mecazen_experiments.table import Floats, Table
 
 SEEN = 2
@@ -27,7 +22,7 @@ SEEN = 2
 class Motion(NamedTuple):
     """Joints over time, at a constant rate, in a frame that is fixed and level; the floor is z = 0.
 
-    Where nobody was reported, joints are NaN and confidence is 0.
+    Where no body was reported, joints are NaN and confidence is 0.
     """
 
     t: Floats
@@ -48,7 +43,7 @@ class Motion(NamedTuple):
 
     @property
     def reported(self) -> npt.NDArray[np.bool_]:
-        """Whether somebody was (n,)."""
+        """Whether a body was reported (n,)."""
         return ~np.isnan(self.joints[:, 0, 0])
 
     def where(self, rows: npt.NDArray[Any]) -> Motion:
@@ -57,7 +52,7 @@ class Motion(NamedTuple):
 
 
 class Capture(NamedTuple):
-    """What a run leaves behind."""
+    """The joints and the table of a run."""
 
     truth: Motion
     """In world, at the rate of `sensors.skeleton_rate_hz`; deviations are 0."""
@@ -65,6 +60,7 @@ class Capture(NamedTuple):
     """At the tracker's frames, in odom: the robot has nothing else to place them with."""
     table: Table
     """Robot and person at every tick."""
+    trajectory_sha256: str
 
     def since(self, t_s: float) -> Capture:
         """Return the joints from a time on, and the whole table."""
@@ -83,47 +79,31 @@ def angles(joints: Floats) -> Floats:
     return np.degrees([sagittal_angles(frame) for frame in joints.tolist()])
 
 
-def capture(job: Job) -> Capture:
-    """Simulate a job, and return what was seen in it and what there was to be seen.
+def capture(scenario: Scenario) -> Capture:
+    """Simulate a scenario; return what was seen in it, and what there was to be seen.
 
     Raises:
-        MecazenError: The run failed, this process has another version of the code, or the
-            scenario has no body tracker.
+        MecazenError: As `observe_bodies`.
     """
-    check_version(job)
-    scenario = load_scenario(job.scenario, job.settings)
-    if "tracker" not in scenario.sensor.features:
-        raise ConfigError("motion capture needs sensor.kind = 'body' or 'fused'")
-    with closing(InProcess(scenario)) as run:
-        bodies = collect(run.bus, TARGET_SKELETON)
-        frames = collect(run.bus, SKELETONS)
-        for _ in run.ticks():
-            pass
-        table = Table.of(run.trajectory)
-    truth = _motion([(body.header, body) for body in bodies])
+    found = observe_bodies(scenario)
+    table = found.table
+    truth = _motion([(body.header, body) for body in found.samples[TARGET_SKELETON.key]])
     # frames taken before the start have no stamp
     seen = _motion(
         [
             (frame.header, frame.skeletons[0] if frame.skeletons else None)
-            for frame in frames
+            for frame in found.samples[SKELETONS.key]
             if frame.header.stamp.ns
         ]
     )
     odom = table.poses("odom")
-    at = np.rint((seen.t - table["t_s"][0]) / table.tick_s).astype(int)
+    at = table.ticks(seen.t)
     c, s = np.cos(odom.yaw[at])[:, None], np.sin(odom.yaw[at])[:, None]
     x, y, z = np.moveaxis(seen.joints, -1, 0)
     placed = np.stack(
         (odom.x[at][:, None] + c * x - s * y, odom.y[at][:, None] + s * x + c * y, z), axis=-1
     )
-    return Capture(truth, seen._replace(joints=placed), table)
-
-
-def collect(bus: LocalBus, topic: Topic[MessageT]) -> list[MessageT]:
-    """Return a list that grows by every sample of a topic."""
-    samples: list[MessageT] = []
-    bus.subscribe(topic, lambda message, _: samples.append(message), every=True)
-    return samples
+    return Capture(truth, seen._replace(joints=placed), table, found.trajectory_sha256)
 
 
 def _motion(bodies: list[tuple[m.Header, m.Skeleton | None]]) -> Motion:

@@ -147,22 +147,22 @@ def mocap(
     runs: Runs = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
+    store: Store = STORE,
     json: Json = None,
     out: MocapFigures = None,
 ) -> None:
     """Score how well the robot captures a gait, by view, standoff and walking speed.
 
+    Finished runs are kept: after Ctrl-C the same command continues from there.
+
     Example: mecazen experiment mocap --view back --standoff 1.5 --standoff 2 --speed 1
     """
     from mecazen_experiments import commands  # noqa: PLC0415
+    from mecazen_experiments.mocap import configured  # noqa: PLC0415
 
-    draw = None
-    if out is not None:
-        from mecazen_experiments.mocap_figures import draw_into  # noqa: PLC0415
-
-        draw = draw_into(out)
-    wanted = commands.Wanted(view or (), standoff or (), speed or (), tuple(settings or ()), runs)
-    commands.mocap(file, wanted, commands.Options(jobs, scheduler, STORE, json), draw)
+    config = configured(file, view or (), standoff or (), speed or ())
+    options = commands.Options(jobs, scheduler, store, json)
+    commands.mocap(options, config, tuple(settings or ()), runs, out)
 
 
 @app.command()
@@ -186,10 +186,11 @@ def safety(
     Example: mecazen experiment safety --situation "hard stop" --driver guard --runs 3
     """
     from mecazen_experiments import commands  # noqa: PLC0415
+    from mecazen_experiments.safety import configured  # noqa: PLC0415
 
+    config = configured(file, situation or (), driver or (), view or ())
     options = commands.Options(jobs, scheduler, store, json)
-    wanted = situation or (), driver or (), view or ()
-    commands.safety(file, wanted, tuple(settings or ()), runs, options, films)
+    commands.safety(options, config, tuple(settings or ()), runs, films)
 
 
 @app.command()
@@ -220,6 +221,5 @@ def figures(
 ) -> None:
     """Draw the paper's figures from runs of the four cases of its Table II."""
     from mecazen_experiments import commands  # noqa: PLC0415
-    from mecazen_experiments.figures import draw  # noqa: PLC0415
 
-    commands.figures(draw, out, seed)
+    commands.figures(out, seed)

@@ -19,7 +19,7 @@ Seed = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Runs = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Settings = tuple[str, ...]
-"""Overrides `key=value`, as of `--set`."""
+"""Overrides `key=value`, as in `--set`."""
 
 
 class BaseCase(Section):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import math
-from collections.abc import Iterable, Mapping
-from contextlib import closing
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +29,13 @@ from mecazen.keys import (
 from mecazen.loading import from_tables
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS
-from mecazen.skeleton import INDEX
+from mecazen.skeleton import INDEX, SIDES
 from mecazen.wire import encode
 from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
-from mecazen_tools.simulate import InProcess
 
 from mecazen_experiments.config import Settings
-from mecazen_experiments.jobs import Job, Key, check_version, fingerprint, version
+from mecazen_experiments.jobs import Job, Key, fingerprint, version
+from mecazen_experiments.run import Kind, Record, Samples, observe
 
 ROLLERS = ("programs={}",)
 """Settings with which the robot drives in DART, not in a plane without slip: many times slower."""
@@ -43,11 +43,11 @@ EPISODE_S = 60.0
 ROOM_M = 7.0
 """Length of the walls."""
 CLEAR_M = 0.5
-"""Of the robot and of the person at the start, from anything else."""
+"""Least distance of robot and person from anything else at the start."""
 WHEEL_LAG_S = 0.02
 """Time constant of the plane world's wheels."""
 BRAKING_M_S2 = 6.0
-"""Of the person: from 1.8 m/s in 0.3 s."""
+"""Deceleration of the person: from 1.8 m/s in 0.3 s."""
 COMMAND_TICKS = 5
 """The robot is commanded at 20 Hz."""
 NEAR_M = 0.5
@@ -57,7 +57,10 @@ FOOT_M = 0.04
 AWAY = math.radians(70.0)
 """The person walks only straight away from the robot, or up to this angle past it."""
 FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
-"""Of commands; the wheels reach less."""
+"""Limits of the commands; the wheels reach less."""
+
+Points = Sequence[tuple[float, float]]
+"""Places x, y [m]."""
 
 
 class Plane(World):
@@ -86,9 +89,8 @@ class Plane(World):
 
 
 class Episode(msgspec.Struct, frozen=True):
-    """What came of a minute."""
+    """The scores of a minute."""
 
-    key: Key
     contacts: int
     """Times at which the outline began to touch something."""
     least_gap_m: float
@@ -109,46 +111,74 @@ def jobs(seeds: Iterable[int], robot: Path, settings: Settings = ()) -> list[Job
     return [Job("minute", None, robot, settings, Key(sha256, seed, version())) for seed in seeds]
 
 
-def episode(job: Job) -> Episode:
-    """Drive at random for a minute, in a room made from a seed.
-
-    Raises:
-        MecazenError: The run failed, or this process has another version of the code.
-    """
-    check_version(job)
-    gc.collect()  # reference cycles hold the last run's world
+def _measure(job: Job) -> tuple[Episode, str]:
+    """Drive at random for a minute, in a room made from a seed."""
     random = _random(job.key.seed)
     scenario = _scenario(job.key.seed, random, job.scenario, job.settings)
-    with closing(InProcess(scenario)) as run:
-        world, rider = _World(run, scenario), _Rider(random)
-        run.begin()
-        for tick in range(1, scenario.sim.ticks):
-            run.clock.await_answers()
-            if world.robot is not None and world.person is not None:
-                if tick % COMMAND_TICKS == 0:
-                    command = m.Twist.planar(rider.command(tick, world))
-                    run.bus.put_bytes(CMD_VEL.key, encode(command, "json"))
-                walk = m.Twist.planar(rider.walk(tick, world))
-                run.bus.put_bytes(TARGET_CMD_VEL.key, encode(walk, "json"))
-            run.step()
-        run.end()
-    return Episode(
-        job.key, world.contacts, world.least_gap, world.driven, world.held / scenario.sim.ticks
+    rider = _Rider(random, scenario)
+    topics = GROUND_TRUTH, TARGET_ODOM, TARGET_SKELETON, GUARD_STATE
+    found = observe(scenario, *topics, drive=rider.drive)
+    truth, person, bodies, guarded = found.samples.values()
+    robots, persons = ([odom.pose.pose.to_planar() for odom in of] for of in (truth, person))
+    # a robot that moves meets the person where they were a tick ago
+    feet = _feet_by_tick(bodies, [odom.header.stamp.ns for odom in person])
+    around = zip(robots, [None, *persons], [(), *feet], strict=False)
+    gaps = [min(_gaps(scenario, *of_tick)) for of_tick in around]
+    touches = [gap < 0.0 for gap in gaps]
+    held = {state.header.stamp.ns: state.factor < 1.0 for state in reversed(guarded)}
+    episode = Episode(
+        sum(now and not before for before, now in zip([False, *touches], touches, strict=False)),
+        min(gaps),
+        sum(after.distance(before) for before, after in pairwise(robots)),
+        sum(held.values()) / scenario.sim.ticks,
     )
+    return episode, found.trajectory_sha256
 
 
-def tell(done: Iterable[Episode]) -> str:
-    """Return what came of some minutes, in a line."""
+def _feet_by_tick(bodies: Sequence[m.Skeleton], stamps: Sequence[int]) -> list[Points]:
+    """Return the places of the feet at each stamp: those of the newest body."""
+    names = [f"{side}_{name}" for side in SIDES for name in ("ankle", "heel", "foot")]
+    times = [body.header.stamp.ns for body in bodies]
+    points: list[Points] = [()]
+    for body in bodies:
+        joints = [body.joints[INDEX[name]] for name in names]
+        points.append([(joint.x, joint.y) for joint in joints])
+    return [points[bisect_right(times, stamp)] for stamp in stamps]
+
+
+def _gaps(
+    scenario: Scenario, robot: Pose2D, person: Pose2D | None, feet: Points
+) -> Iterator[float]:
+    """Yield the distance of the outline from each thing and from the person [m]."""
+    half = scenario.robot.footprint
+    yield NEAR_M
+    for thing in scenario.world.obstacles:
+        place = from_outline(_place(thing), _half(thing), robot.x, robot.y)
+        if place < NEAR_M + math.hypot(*half):
+            yield gap(robot, half, thing)
+    if person is not None:
+        yield from_outline(robot, half, *person[:2]) - scenario.world.person.radius_m
+    for foot in feet:
+        yield from_outline(robot, half, *foot) - FOOT_M
+
+
+EPISODE = Kind("fuzz", Record[Episode], _measure, msgspec.structs.asdict)
+"""Contacts of a guarded robot in a minute."""
+
+
+def tell(done: Iterable[Record[Episode]]) -> str:
+    """Return the contacts of some minutes, in a line."""
     done = list(done)
     if not done:
         return "nothing is driven yet"
-    touched = [one.key.seed for one in done if one.contacts]
+    scores = [one.scores for one in done]
+    touched = [str(one.key.seed) for one in done if one.scores.contacts]
     return (
-        f"{len(done)} min, {sum(one.driven_m for one in done):.0f} m driven, held "
-        f"{sum(one.held for one in done) / len(done):.0%} of the time, least gap "
-        f"{min(one.least_gap_m for one in done):.3f} m, "
-        f"contacts {sum(one.contacts for one in done)}"
-    ) + (f" with seeds {', '.join(map(str, touched))}" if touched else "")
+        f"{len(done)} min, {sum(one.driven_m for one in scores):.0f} m driven, held "
+        f"{sum(one.held for one in scores) / len(done):.0%} of the time, least gap "
+        f"{min(one.least_gap_m for one in scores):.3f} m, "
+        f"contacts {sum(one.contacts for one in scores)}"
+    ) + (f" with seeds {', '.join(touched)}" if touched else "")
 
 
 def _random(seed: int) -> np.random.Generator:
@@ -195,89 +225,47 @@ def _scenario(seed: int, random: np.random.Generator, file: Path, settings: Sett
     return from_tables(tables, file, settings)
 
 
-class _World:
-    """Where everybody is, and what the robot touches."""
-
-    def __init__(self, run: InProcess, scenario: Scenario) -> None:
-        self._half = scenario.robot.footprint
-        self._things = [(_place(thing), _half(thing), thing) for thing in scenario.world.obstacles]
-        self._radius = scenario.world.person.radius_m
-        self.robot: Pose2D | None = None
-        self.person: Pose2D | None = None
-        self._feet: list[tuple[float, float]] = []
-        self._touches, self._last_ns = False, -1
-        self.contacts, self.least_gap, self.driven, self.held = 0, math.inf, 0.0, 0
-        run.bus.subscribe(GROUND_TRUTH, self._on_robot)
-        run.bus.subscribe(TARGET_ODOM, self._on_person)
-        run.bus.subscribe(TARGET_SKELETON, self._on_skeleton)
-        run.bus.subscribe(GUARD_STATE, self._on_guard)
-
-    def _on_robot(self, odom: m.Odometry, _: object) -> None:
-        last, self.robot = self.robot, odom.pose.pose.to_planar()
-        self.driven += self.robot.distance(last or self.robot)
-        gap = min(self._gaps(self.robot))
-        self.least_gap = min(self.least_gap, gap)
-        touches = gap < 0.0
-        self.contacts += touches and not self._touches
-        self._touches = touches
-
-    def _on_person(self, odom: m.Odometry, _: object) -> None:
-        self.person = odom.pose.pose.to_planar()
-
-    def _on_skeleton(self, body: m.Skeleton, _: object) -> None:
-        joints = [
-            body.joints[INDEX[f"{side}_{name}"]]
-            for side in ("left", "right")
-            for name in ("ankle", "heel", "foot")
-        ]
-        self._feet = [(joint.x, joint.y) for joint in joints]
-
-    def _on_guard(self, state: m.GuardState, _: object) -> None:
-        self.held += state.factor < 1.0 and state.header.stamp.ns > self._last_ns
-        self._last_ns = state.header.stamp.ns
-
-    def _gaps(self, robot: Pose2D) -> list[float]:
-        """Return the distance of the outline from each thing and from the person [m]."""
-        reach = NEAR_M + math.hypot(*self._half)
-        gaps = [NEAR_M]
-        for at, half, thing in self._things:
-            if from_outline(at, half, robot.x, robot.y) < reach:
-                gaps.append(gap(robot, self._half, thing))
-        if self.person is not None:
-            gaps.append(from_outline(robot, self._half, *self.person[:2]) - self._radius)
-        return gaps + [from_outline(robot, self._half, *foot) - FOOT_M for foot in self._feet]
-
-    def is_free(self, x: float, y: float) -> bool:
-        """Return whether somebody could stand at a place."""
-        return all(
-            from_outline(at, half, x, y) > CLEAR_M + self._radius for at, half, _ in self._things
-        )
-
-
 class _Rider:
-    """Who commands the robot and the person, at random."""
+    """Commands the robot and the person at random."""
 
-    def __init__(self, random: np.random.Generator) -> None:
+    def __init__(self, random: np.random.Generator, scenario: Scenario) -> None:
         self._random = random
+        self._things = [(_place(thing), _half(thing)) for thing in scenario.world.obstacles]
+        self._radius = scenario.world.person.radius_m
         self._robot, self._robot_until = Twist2D(), 0
         self._at_person = False
         self._wanted, self._person_until = Twist2D(), 0
         self._speed = 0.0
 
-    def command(self, tick: int, world: _World) -> Twist2D:
-        """Return the twist that the robot is to have; it is known where both are."""
-        assert world.robot is not None
-        assert world.person is not None
+    def drive(self, tick: int, samples: Samples) -> Mapping[str, bytes]:
+        """Return the commands of a tick; none before both are seen."""
+        seen = [samples[topic.key] for topic in (GROUND_TRUTH, TARGET_ODOM)]
+        if not all(seen):
+            return {}
+        robot, person = (odometry[-1].pose.pose.to_planar() for odometry in seen)
+        put = {}
+        if tick % COMMAND_TICKS == 0:
+            put[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)), "json")
+        walk = m.Twist.planar(self.walk(tick, robot, person))
+        return put | {TARGET_CMD_VEL.key: encode(walk, "json")}
+
+    def _is_free(self, x: float, y: float) -> bool:
+        """Return whether a person could stand at a place."""
+        return all(
+            from_outline(at, half, x, y) > CLEAR_M + self._radius for at, half in self._things
+        )
+
+    def command(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
+        """Return the twist that the robot is to have."""
         if tick >= self._robot_until:
             self._robot_until = tick + int(self._random.integers(5, 300))
             self._robot = self._next(self._robot)
-        to = world.robot.between(world.person)
-        robot = self._robot
+        to, twist = robot.between(person), self._robot
         if self._at_person:
             along = math.atan2(to.y, to.x)
-            speed = abs(robot.x)
-            robot = Twist2D(speed * math.cos(along), speed * math.sin(along), robot.yaw)
-        return robot
+            speed = abs(twist.x)
+            twist = Twist2D(speed * math.cos(along), speed * math.sin(along), twist.yaw)
+        return twist
 
     def _next(self, last: Twist2D) -> Twist2D:
         kind = self._random.integers(6)
@@ -293,18 +281,15 @@ class _Rider:
             return Twist2D(x=made.x)
         return made._replace(yaw=0.3 * made.yaw)
 
-    def walk(self, tick: int, world: _World) -> Twist2D:
+    def walk(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
         """Return the twist of the person in a tick."""
-        robot, person = world.robot, world.person
-        assert robot is not None
-        assert person is not None
         if tick >= self._person_until:
             self._person_until = tick + int(self._random.integers(100, 400))
             speed = float(self._random.uniform(0.3, 1.8)) * bool(self._random.integers(2))
             self._wanted = Twist2D(x=speed, yaw=float(self._random.uniform(-1.0, 1.0)))
         from_robot = math.atan2(person.y - robot.y, person.x - robot.x)
         c, s = math.cos(person.yaw), math.sin(person.yaw)
-        ahead = all(world.is_free(person.x + d * c, person.y + d * s) for d in (0.3, 0.6, 0.9))
+        ahead = all(self._is_free(person.x + d * c, person.y + d * s) for d in (0.3, 0.6, 0.9))
         walks = ahead and abs(wrap(from_robot - person.yaw)) < AWAY
         step = BRAKING_M_S2 * 0.01
         wanted = self._wanted.x if walks else 0.0
@@ -318,7 +303,7 @@ def _place(thing: Box | Cylinder) -> Pose2D:
 
 
 def _half(thing: Box | Cylinder) -> tuple[float, float]:
-    """Return half the length and half the width of what a thing stands on."""
+    """Return half the length and half the width of a thing's footprint."""
     if isinstance(thing, Cylinder):
         return thing.size_m[0], thing.size_m[0]
     return thing.size_m[0] / 2.0, thing.size_m[1] / 2.0

@@ -1,4 +1,4 @@
-"""Gait events and spatio-temporal parameters from the joints of somebody who walks.
+"""Gait events and spatio-temporal parameters from the joints of a walker.
 
 Forward and left are the walker's, who walks steadily and without sharp turns; the frame of the
 joints is level, with the floor at z = 0.
@@ -24,9 +24,9 @@ PATH_HZ = 0.3
 STRIDE_HZ = 0.3, 1.6
 """Frequencies of strides, from a shuffle's to a fast walk's."""
 PROMINENCE = 0.3
-"""Of an event's extremum, in standard deviations of what it is one of."""
+"""Prominence of an event's extremum, in standard deviations of its signal."""
 CONTACT_M = 0.001
-"""A true foot whose lowest point is less than this above the floor stands on it."""
+"""Height of a true foot's lowest point below which it stands on the floor."""
 HEELS, BALLS = (tuple(INDEX[f"{side}_{name}"] for side in SIDES) for name in ("heel", "foot"))
 LATERAL = [(INDEX[f"left_{name}"], INDEX[f"right_{name}"]) for name in ("hip", "shoulder")]
 
@@ -39,7 +39,7 @@ class Gait(msgspec.Struct, frozen=True):
     cadence_per_min: float
     """Steps, of which a stride has two."""
     stance_share: float
-    """Of the stride; mean of both legs."""
+    """Share of the stride; mean of both legs."""
     step_time_asymmetry: float
     """Left less right step time over their mean; the left step ends with the left heel strike."""
     step_length_asymmetry: float

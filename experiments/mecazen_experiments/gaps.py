@@ -15,7 +15,7 @@ from mecazen.skeleton import INDEX, LIMBS
 from mecazen_experiments.table import Floats, Poses
 
 _STEPS = 40
-"""Of the search for the nearest point of a segment: to 1e-7 of its length."""
+"""Steps of the search for the nearest point of a segment: to 1e-7 of its length."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _BEGINS = [INDEX[limb.begin] for limb in LIMBS]
 _ENDS = [INDEX[limb.end] for limb in LIMBS]
@@ -45,7 +45,7 @@ def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> 
     Args:
         robot: The robot.
         poses: Its poses in the world, n of them.
-        joints: The person's joints in the world (n, 20, 3) [m]; NaN where there is nobody.
+        joints: The person's joints in the world (n, 20, 3) [m]; NaN where there is no person.
         height: Of the person, which radii are shares of [m].
     """
     begins, ends = joints[:, _BEGINS], joints[:, _ENDS]

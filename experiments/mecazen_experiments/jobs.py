@@ -30,7 +30,7 @@ LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
 
 
 class Key(msgspec.Struct, frozen=True):
-    """What the result of a run depends on, and nothing else; see `fingerprint` and `version`."""
+    """All that the result of a run depends on; see `fingerprint` and `version`."""
 
     scenario_sha256: str
     seed: int
@@ -59,6 +59,8 @@ class Series(NamedTuple):
     row: str
     case: BaseCase
     jobs: tuple[Job, ...]
+    labels: Mapping[str, str | float] = {}
+    """Properties that distinguish the row, by name."""
 
 
 def expand(

@@ -6,61 +6,26 @@ Somebody walks straight on, and the robot follows at each of its places by its o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import msgspec
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import load_scenario
+from mecazen.loading import load_table
 from mecazen.schema import AngleDeg, Positive, Section
 from mecazen.standoff import Standoff
-from rich.table import Table
 
 from mecazen_experiments.capture import capture
-from mecazen_experiments.config import BaseCase, Name, Runs, Settings
-from mecazen_experiments.jobs import Job, Key, Series, series
-from mecazen_experiments.quality import MEASURED, Curves, Quality, numbers, quality
-from mecazen_experiments.report import CAPTION, show
-from mecazen_experiments.statistics import Interval, mean_interval
+from mecazen_experiments.config import BaseCase, Name, Runs, Settings, experiment_path
+from mecazen_experiments.jobs import Job, Series, series
+from mecazen_experiments.quality import Curves, Quality, numbers, quality
+from mecazen_experiments.run import Kind, Record, loaded, standoff_of
 
-Column = tuple[str, str, int]
-"""Heading, name in `quality.numbers`, and digits to show."""
-ANGLE_COLUMNS: tuple[Column, ...] = (
-    *(
-        (f"{joint} \\[°]\n{stage}", f"{stage}_{joint}_deg", 1)
-        for joint in MEASURED
-        for stage in ("raw", "refined")
-    ),
-    *((f"{joint} \\[°]\ncentred", f"refined_{joint}_centred_deg", 1) for joint in MEASURED),
-    ("jitter \\[mm]\nraw", "raw_jitter_mm", 0),
-    ("refined", "refined_jitter_mm", 0),
-)
-GAIT_COLUMNS: tuple[Column, ...] = (
-    ("stride\n\\[ms]", "stride_time_err_ms", 1),
-    ("stride\n\\[mm]", "stride_length_err_mm", 0),
-    ("cadence\n\\[%]", "cadence_err_percent", 2),
-    ("stance\n\\[%]", "stance_err_percent", 1),
-    ("asymm.\n\\[%]", "asymmetry_err_percent", 1),
-    *((f"{name}\nseen \\[%]", f"{name}_seen_percent", 0) for name in ("knee", "ankle", "foot")),
-    ("D_err\n\\[m]", "d_err_m", 3),
-    ("Θ_err\n\\[°]", "theta_err_deg", 1),
-    ("odometry\n\\[%]", "odometry_drift_percent", 1),
-)
-GAITS_COLUMNS: tuple[Column, ...] = tuple(
-    (f"{heading}\n{stage}", f"{stage}_{name}", digits)
-    for heading, name, digits in (
-        ("step length\nasymm. \\[%]", "step_length_percent", 1),
-        ("step time\nasymm. \\[%]", "step_time_percent", 1),
-        ("stance\nasymm. \\[%]", "stance_percent", 1),
-        ("left knee\n\\[°]", "left_knee_deg", 0),
-        ("right knee\n\\[°]", "right_knee_deg", 0),
-        ("stride\n\\[m]", "stride_m", 2),
-        ("cadence\n\\[1/min]", "cadence", 0),
-    )
-    for stage in ("true", "found")
-)
+SHOWN = 2.0, 1.0
+"""Standoff [m] and speed [m/s] whose curves are shown, or the nearest that there are."""
 
 Values = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)]
 
@@ -83,37 +48,8 @@ class MocapConfig(Section):
     """Settings of the walker's gait, by its name."""
 
 
-class Place(NamedTuple):
-    """From where a walk is seen, and how fast it is."""
-
-    view: str
-    standoff_m: float
-    speed_m_s: float
-    gait: str
-
-
-class Run(msgspec.Struct, frozen=True):
-    """A run and its scores."""
-
-    key: Key
-    quality: Quality
-
-
-class Row(msgspec.Struct, frozen=True):
-    """All runs of one place."""
-
-    view: str
-    bearing_deg: float
-    standoff_m: float
-    speed_m_s: float
-    gait: str
-    means: dict[str, Interval]
-    """Over the seeds, by the names of `quality.numbers`."""
-    runs: tuple[Run, ...]
-
-
-def selected(
-    config: MocapConfig,
+def configured(
+    file: str,
     views: Sequence[str],
     standoffs_m: Sequence[float],
     speeds_m_s: Sequence[float],
@@ -121,8 +57,9 @@ def selected(
     """Return an experiment with some of its views, and with other standoffs and speeds.
 
     Raises:
-        ConfigError: It has no such view.
+        ConfigError: There is no such file, or no such view in it.
     """
+    config = load_table(experiment_path(file), MocapConfig)
     if unknown := [view for view in views if view not in config.views]:
         raise ConfigError(f"--view {unknown[0]}: unknown; allowed: {', '.join(config.views)}")
     return msgspec.structs.replace(
@@ -133,7 +70,7 @@ def selected(
     )
 
 
-def expand(config: MocapConfig, runs: int | None, settings: Settings) -> dict[Place, Series]:
+def expand(config: MocapConfig, runs: int | None, settings: Settings) -> list[Series]:
     """Return the runs of an experiment by place; `settings` override its own.
 
     Raises:
@@ -141,89 +78,63 @@ def expand(config: MocapConfig, runs: int | None, settings: Settings) -> dict[Pl
     """
     case = BaseCase("mocap", config.scenario, config.settings)
     seeds = range(1, (runs or config.seeds) + 1)
-    todo = {}
-    for view, bearing in config.views.items():
-        for distance in config.standoffs_m:
-            # the robot faces the person
-            heading = math.remainder(bearing - 180.0, 360.0)
-            start = Standoff(distance, math.radians(bearing), 0.0).goal(Pose2D())
-            for speed in config.speeds_m_s:
-                own = (
-                    f"follower.bearing_deg={bearing}",
-                    f"follower.heading_deg={heading}",
-                    f"follower.standoff_m={distance}",
-                    f"start={{ x_m = {start.x}, y_m = {start.y}, yaw_deg = {heading} }}",
-                    f"target.path.speed_m_s={speed}",
-                )
-                name = f"{view}, {distance:g} m, {speed:g} m/s"
-                for gait, of in config.gaits.items():
-                    place = Place(view, distance, speed, gait)
-                    row = name if gait == "normal" else f"{name}, {gait}"
-                    todo[place] = series(case, row, (*own, *of, *settings), seeds)
+    todo = []
+    places = product(
+        config.views.items(), config.standoffs_m, config.speeds_m_s, config.gaits.items()
+    )
+    for (view, bearing), distance, speed, (gait, of) in places:
+        # the robot faces the person
+        heading = math.remainder(bearing - 180.0, 360.0)
+        start = Standoff(distance, math.radians(bearing), 0.0).goal(Pose2D())
+        own = (
+            f"follower.bearing_deg={bearing}",
+            f"follower.heading_deg={heading}",
+            f"follower.standoff_m={distance}",
+            f"start={{ x_m = {start.x}, y_m = {start.y}, yaw_deg = {heading} }}",
+            f"target.path.speed_m_s={speed}",
+        )
+        name = f"{view}, {distance:g} m, {speed:g} m/s"
+        name += "" if gait == "normal" else f", {gait}"
+        labels: dict[str, str | float] = {
+            "view": view,
+            "bearing_deg": bearing,
+            "standoff_m": distance,
+            "speed_m_s": speed,
+            "gait": gait,
+        }
+        one = series(case, name, (*own, *of, *settings), seeds)
+        todo.append(one._replace(labels=labels))
     return todo
 
 
-def measure(job: Job) -> tuple[Quality, Curves]:
-    """Simulate a job and score what was captured.
+def _measure(job: Job) -> tuple[Quality, str]:
+    scenario = loaded(job)
+    found = capture(scenario)
+    return quality(found, standoff_of(scenario))[0], found.trajectory_sha256
+
+
+CAPTURE = Kind("mocap", Record[Quality], _measure, numbers)
+"""How well a gait is captured."""
+
+
+def shown(todo: Sequence[Series]) -> list[Job]:
+    """Return the first run of the place of each view whose curves are shown."""
+
+    def distance(one: Series) -> float:
+        return math.dist([float(one.labels[n]) for n in ("standoff_m", "speed_m_s")], SHOWN)
+
+    views = dict.fromkeys(one.labels["view"] for one in todo)
+    return [
+        min((one for one in todo if one.labels["view"] == view), key=distance).jobs[0]
+        for view in views
+    ]
+
+
+def curves(job: Job) -> Curves:
+    """Simulate a job once more; return what is to be drawn.
 
     Raises:
-        MecazenError: As of `capture`, or nobody walks.
+        MecazenError: As `capture`, or the person does not walk.
     """
-    scenario = load_scenario(job.scenario, job.settings)
-    return quality(capture(job), scenario.follower.standoff)
-
-
-def summarise(
-    config: MocapConfig, todo: Mapping[Place, Series], found: Mapping[Key, Quality]
-) -> list[Row]:
-    """Return a row for each place."""
-    rows = []
-    for place, one in todo.items():
-        runs = tuple(Run(job.key, found[job.key]) for job in one.jobs)
-        bearing = config.views[place.view]
-        rows.append(Row(place.view, bearing, *place[1:], means(runs), runs))
-    return rows
-
-
-def means(runs: Sequence[Run]) -> dict[str, Interval]:
-    """Return the mean of each score over those runs that have it, with its interval."""
-    columns: dict[str, list[float]] = {}
-    for run in runs:
-        for name, value in numbers(run.quality).items():
-            columns.setdefault(name, []).append(value)
-    return {name: mean_interval(values) for name, values in columns.items()}
-
-
-def tables(rows: Sequence[Row]) -> list[Table]:
-    """Return the angles and the gait: by view and standoff over all speeds, and by speed.
-
-    If there are several gaits, the last table has what tells them from each other.
-    """
-    groups: dict[tuple[str, str], list[Run]] = {}
-    for row in rows:
-        groups.setdefault((row.view, f"{row.standoff_m:g} m"), []).extend(row.runs)
-    for row in sorted(rows, key=lambda row: row.speed_m_s):
-        groups.setdefault(("all", f"{row.speed_m_s:g} m/s"), []).extend(row.runs)
-    found = [
-        _table("Angles and jitter", ANGLE_COLUMNS, groups),
-        _table("Gait", GAIT_COLUMNS, groups),
-    ]
-    by_gait: dict[tuple[str, str], list[Run]] = {}
-    for row in sorted(rows, key=lambda row: row.gait):
-        by_gait.setdefault((row.view, row.gait), []).extend(row.runs)
-    if len({row.gait for row in rows}) > 1:
-        found.append(_table("Gaits", GAITS_COLUMNS, by_gait))
-    return found
-
-
-def _table(
-    title: str, columns: Sequence[Column], groups: Mapping[tuple[str, str], Sequence[Run]]
-) -> Table:
-    shown = Table("view", "", "runs", show_lines=True, title=title, caption=CAPTION)
-    for heading, *_ in columns:
-        shown.add_column(heading)
-    for group, runs in groups.items():
-        of = means(runs)
-        cells = [show(of.get(name), digits) for _, name, digits in columns]
-        shown.add_row(*group, str(len(runs)), *cells)
-    return shown
+    scenario = loaded(job)
+    return quality(capture(scenario), standoff_of(scenario))[1]

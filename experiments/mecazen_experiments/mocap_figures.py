@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -14,17 +13,14 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
-from mecazen.errors import MecazenError
 from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
 
-from mecazen_experiments.mocap import Place, Row
-from mecazen_experiments.quality import MEASURED, Curves
+from mecazen_experiments.quality import MEASURED, Curves, Quality
+from mecazen_experiments.report import Row
 from mecazen_experiments.table import Floats
 
-SHOWN = 2.0, 1.0
-"""Standoff [m] and speed [m/s] whose curves are shown, or the nearest that there are."""
 PERCENT = np.linspace(0.0, 100.0, 51)
-"""Of the gait cycle."""
+"""Points of the gait cycle."""
 WEDGE_RAD = math.radians(40.0)
 STAGES = "raw", "refined"
 LINES: dict[str, dict[str, Any]] = {
@@ -34,23 +30,8 @@ LINES: dict[str, dict[str, Any]] = {
 }
 
 
-def draw_into(
-    folder: Path,
-) -> Callable[[Sequence[Row], Mapping[Place, Curves]], list[Path]]:
-    """Return what writes both figures into a folder, which is made.
-
-    Raises:
-        MecazenError: It can't be.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MecazenError(f"--out {folder}: {error.strerror}") from None
-    return partial(draw, folder)
-
-
-def draw(folder: Path, rows: Sequence[Row], curves: Mapping[Place, Curves]) -> list[Path]:
-    """Write both figures as PNG, and return the files."""
+def draw(folder: Path, rows: Sequence[Row[Quality]], curves: Mapping[str, Curves]) -> list[Path]:
+    """Write both figures as PNG, and return the files; `curves` are by the name of the row."""
     figures = {"mocap_cycles": cycles(curves), "mocap_views": views(rows)}
     files = []
     for name, figure in figures.items():
@@ -59,38 +40,30 @@ def draw(folder: Path, rows: Sequence[Row], curves: Mapping[Place, Curves]) -> l
     return files
 
 
-def cycles(curves: Mapping[Place, Curves]) -> Figure:
-    """Return the angles over the gait cycle by view: means of both legs' strides, and their SD."""
-    nearest = {
-        view: min(
-            (place for place in curves if place.view == view),
-            key=lambda place: math.dist(place[1:3], SHOWN),
-        )
-        for view in dict.fromkeys(place.view for place in curves)
-    }
+def cycles(curves: Mapping[str, Curves]) -> Figure:
+    """Return the angles over the gait cycle by row: means of both legs' strides, and their SD."""
     with style.context(STYLE):
         size = 2.0 * COLUMN_IN, COLUMN_IN
         figure = Figure(figsize=size, layout="constrained")
-        grid = figure.subplots(3, len(nearest), sharex=True, sharey="row", squeeze=False)
-        for column, (view, place) in enumerate(nearest.items()):
+        grid = figure.subplots(3, len(curves), sharex=True, sharey="row", squeeze=False)
+        for column, (name, of) in enumerate(curves.items()):
             for row, joint in enumerate(MEASURED):
                 axes = grid[row][column]
-                _draw_cycle(axes, curves[place], row)
+                _draw_cycle(axes, of, row)
                 if column == 0:
                     axes.set_ylabel(f"{joint} [°]")
-            title = f"{view}, {place.standoff_m:g} m, {place.speed_m_s:g} m/s"
-            grid[0][column].set_title(title)
+            grid[0][column].set_title(name)
             grid[-1][column].set_xlabel("gait cycle [%]")
         handles, labels = grid[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure
 
 
-def views(rows: Sequence[Row]) -> Figure:
+def views(rows: Sequence[Row[Quality]]) -> Figure:
     """Return the knee's error by bearing and standoff about the person, raw and refined."""
     found = {stage: _mean_by_place(rows, f"{stage}_knee_deg") for stage in STAGES}
     most = max(value for of in found.values() for value in of.values())
-    standoffs = sorted({row.standoff_m for row in rows})
+    standoffs = sorted({_place(row)[1] for row in rows})
     # the rings of all standoffs are as wide
     edges = {standoff: (n + 1.0, n + 2.0) for n, standoff in enumerate(standoffs)}
     with style.context(STYLE):
@@ -99,7 +72,7 @@ def views(rows: Sequence[Row]) -> Figure:
         for axes, stage in zip(both, STAGES, strict=True):
             assert isinstance(axes, PolarAxes)
             axes.set(title=f"knee, {stage}: RMSE [°]", theta_zero_location="N")
-            names = {math.radians(row.bearing_deg): row.view.replace("_", " ") for row in rows}
+            names = {_place(row)[0]: str(row.labels["view"]).replace("_", " ") for row in rows}
             axes.set_xticks([])
             axes.set_yticks([])
             axes.grid(visible=False)
@@ -148,14 +121,18 @@ def by_stride(phases: Floats, angles: Floats) -> Floats:
     return np.array(strides)
 
 
-def _mean_by_place(rows: Sequence[Row], name: str) -> dict[tuple[float, float], float]:
+def _mean_by_place(rows: Sequence[Row[Quality]], name: str) -> dict[tuple[float, float], float]:
     """Return the mean of a score over all speeds, by bearing [rad] and standoff [m]."""
     values: dict[tuple[float, float], list[float]] = {}
     for row in rows:
         if name in row.means:
-            place = math.radians(row.bearing_deg), row.standoff_m
-            values.setdefault(place, []).append(row.means[name].mean)
+            values.setdefault(_place(row), []).append(row.means[name].mean)
     return {place: fmean(of) for place, of in values.items()}
+
+
+def _place(row: Row[Quality]) -> tuple[float, float]:
+    """Return the bearing [rad] and the standoff [m] of a row."""
+    return math.radians(float(row.labels["bearing_deg"])), float(row.labels["standoff_m"])
 
 
 def _colour(share: float) -> tuple[float, float, float]:

@@ -56,9 +56,9 @@ class Curves(NamedTuple):
     phases: Floats
     """Share of the gait cycle since heel strike (n, 2), left and right."""
     angles: dict[str, Floats]
-    """Of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`.
+    """Angles of `truth` and of each stage (n, 6) [deg], in the order of `mecazen.skeleton.ANGLES`.
 
-    NaN where nobody was reported.
+    NaN where no body was reported.
     """
 
 
@@ -105,7 +105,7 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
     return scores, Curves(true.phases, {"truth": truth, **known})
 
 
-def numbers(of: Quality) -> dict[str, float]:
+def numbers(of: Quality) -> dict[str, float | None]:
     """Return the scores by name; those of the gait are magnitudes of errors, but for stance's."""
     following = ("d_err_m", "theta_err_deg", "odometry_drift_percent")
     values: dict[str, float | None] = {name: getattr(of, name) for name in following}
@@ -135,7 +135,7 @@ def numbers(of: Quality) -> dict[str, float]:
         values |= {f"{name}_{side}_knee_deg": knees[side] for side in SIDES}
     for joint in (*MEASURED, "heel", "foot"):
         values[f"{joint}_seen_percent"] = 1e2 * fmean(of.seen[f"{s}_{joint}"] for s in SIDES)
-    return {name: value for name, value in values.items() if value is not None}
+    return values
 
 
 def _rms(errors: Floats) -> dict[str, float]:

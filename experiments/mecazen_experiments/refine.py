@@ -1,4 +1,4 @@
-"""An estimator that refines the observed skeleton of somebody who walks steadily.
+"""An estimator that refines the observed skeleton of a person who walks steadily.
 
 In four steps, each of which uses what bodies and gaits are like, and nothing of this simulator:
 
@@ -36,9 +36,9 @@ from mecazen_experiments.gait import (
 from mecazen_experiments.table import Floats
 
 CUTOFF_HZ = 6.0
-"""Of joints in a gait; D. A. Winter, Biomechanics and Motor Control of Human Movement."""
+"""Cut-off of joints in a gait; D. A. Winter, Biomechanics and Motor Control of Human Movement."""
 HARMONICS = 12
-"""Of the gait cycle: with 8, joints that are right get angles that are wrong by 1 deg."""
+"""Harmonics of the gait cycle: with 8, joints that are right get angles that are wrong by 1 deg."""
 TURNING_HZ = 0.3
 """Cut-off of the direction from right to left; slower than any confusion of the two."""
 SWAP_RATE = 0.01
@@ -46,14 +46,14 @@ SWAP_RATE = 0.01
 CORRELATED = 12.0
 """So many successive frames have about the same error."""
 MIN_FRAMES = 20
-"""Of fewer nothing is made."""
+"""Least number of frames that are refined."""
 PHASES = 25
 """Places in the gait cycle at which bones have the same length."""
 
 LOWER = ("knee", "ankle", "heel", "foot")
 UPPER = ("shoulder", "elbow", "wrist", "hip")
 BONES = ("hip", "knee"), ("knee", "ankle"), ("ankle", "heel"), ("ankle", "foot"), ("heel", "foot")
-"""Of each leg, as their ends; both legs' are equally long."""
+"""Bones of each leg, as their ends; those of both legs are equally long."""
 ENDS = np.array([[[INDEX[f"{s}_{end}"] for end in bone] for bone in BONES] for s in SIDES])
 TRUNK = [INDEX[name] for name in ("pelvis", "spine", "neck")]
 HIPS, SHOULDERS, ANKLES = ([INDEX[f"{s}_{n}"] for s in SIDES] for n in ("hip", "shoulder", "ankle"))
@@ -120,7 +120,7 @@ def refine(seen: Motion) -> Floats | None:
 def smooth(seen: Motion) -> Floats | None:
     """Return the joints (n, 20, 3) [m] with left and right put right, gaps closed, low-passed.
 
-    None where too few frames report somebody.
+    None where too few frames report a body.
     """
     rows = np.flatnonzero(seen.reported)
     if len(rows) < max(MIN_FRAMES, len(seen.t) // 2):

@@ -1,74 +1,94 @@
-"""The report of an experiment: the mean of each score with its interval, and every run."""
+"""Rows of an experiment: the mean of each score with its interval, and every run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
+from typing import Generic, TypeVar
 
 import msgspec
-from rich.table import Column, Table
-from rich.text import Text
 
 from mecazen_experiments.config import BaseCase, Case
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.run import Record
-from mecazen_experiments.scores import Score
+from mecazen_experiments.run import Kind, Record
 from mecazen_experiments.statistics import Interval, mean_interval
 
-CAPTION = "means over the runs, below each its 95 % interval"
-
-Means = dict[str, Interval | None]
-"""By the names of `Score`; None where no run has the score."""
+T = TypeVar("T")
 
 
-class Run(msgspec.Struct, frozen=True):
+class Run(msgspec.Struct, Generic[T], frozen=True):
     """A run of a row."""
 
     walk: str | None
     """The recorded walk that was given for it, if one was."""
-    record: Record
+    record: Record[T]
 
 
-class Row(msgspec.Struct, frozen=True):
-    """A case, or one combination of its sweep."""
+class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
+    """A case, a place or a situation, and its runs."""
 
     name: str
-    published: dict[str, float]
-    limits: dict[str, float]
-    within_limits: bool | None
+    means: dict[str, Interval]
+    """By score, over those runs that have it; of all walks, each counted the same."""
+    runs: tuple[Run[T], ...] = ()
+    labels: Mapping[str, str | float] = {}
+    sums: dict[str, float] = {}
+    least: dict[str, float | None] = {}
+    published: dict[str, float] = {}
+    limits: dict[str, float] = {}
+    within_limits: bool | None = None
     """Whether no mean is above its limit; None without limits."""
-    whole: Means
-    """Over the runs of all walks, each counted the same."""
-    settled: Means
-    runs: tuple[Run, ...]
     d_err_ratio: float | None = None
     """Mean D_err relative to that of the case's reference."""
 
 
-def summarise(series: Series, records: Mapping[Key, Record]) -> Row:
+def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -> Row[T]:
     """Return the row of a series."""
-    return _row(series.row, series.case, series.jobs, records)
+    case = series.case
+    found = _row(kind, series.row, _runs(series.jobs, records), series.labels)
+    return msgspec.structs.replace(
+        found,
+        published=case.published,
+        limits=case.limits,
+        within_limits=within(found.means, case.limits),
+    )
 
 
-def summarise_walks(series: Series, records: Mapping[Key, Record]) -> list[Row]:
+def summarise_walks(
+    kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]
+) -> list[Row[T]]:
     """Return a row for each recorded walk of a series; none if it was given none."""
     return [
-        _row(f"{series.row} / {walk}", series.case, tuple(jobs), records)
+        _row(kind, f"{series.row} / {walk}", _runs(jobs, records), {})
         for walk, jobs in groupby(series.jobs, lambda job: job.walk)
         if walk
     ]
 
 
-def relate(rows: Sequence[Row], cases: Sequence[BaseCase]) -> list[Row]:
+def regroup(
+    kind: Kind[T], rows: Iterable[Row[T]], names: Callable[[Row[T]], Mapping[str, str | float]]
+) -> list[Row[T]]:
+    """Return a row for each value of `names`, with the runs of all rows that have it."""
+    groups: dict[tuple[tuple[str, str | float], ...], list[Run[T]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(names(row).items()), []).extend(row.runs)
+    return [
+        _row(kind, ", ".join(str(value) for _, value in labels), tuple(runs), dict(labels))
+        for labels, runs in groups.items()
+    ]
+
+
+def relate(rows: Sequence[Row[T]], cases: Sequence[BaseCase]) -> list[Row[T]]:
     """Return rows with their D_err relative to that of the reference of each one's case."""
-    d_err = {row.name: row.whole["d_err_m"] for row in rows}
+    d_err = {row.name: row.means.get("d_err_m") for row in rows}
     return [_related(row, case, d_err) for row, case in zip(rows, cases, strict=True)]
 
 
-def _related(row: Row, case: BaseCase, d_err: Means) -> Row:
-    reference = case.reference if isinstance(case, Case) else None
-    own, other = row.whole["d_err_m"], d_err.get(reference or "")
-    if not isinstance(case, Case) or own is None or other is None:
+def _related(row: Row[T], case: BaseCase, d_err: Mapping[str, Interval | None]) -> Row[T]:
+    if not isinstance(case, Case) or case.reference is None:
+        return row
+    own, other = d_err[row.name], d_err.get(case.reference)
+    if own is None or other is None:
         return row
     ratio, meets = own.mean / other.mean, row.within_limits
     if case.max_ratio is not None:
@@ -76,66 +96,36 @@ def _related(row: Row, case: BaseCase, d_err: Means) -> Row:
     return msgspec.structs.replace(row, d_err_ratio=ratio, within_limits=meets)
 
 
-def _row(name: str, case: BaseCase, jobs: Sequence[Job], records: Mapping[Key, Record]) -> Row:
-    runs = tuple(Run(job.walk, records[job.key]) for job in jobs)
-    whole = means([run.record.scores.whole for run in runs])
-    settled = means([run.record.scores.settled for run in runs])
-    meets = within(whole, case.limits)
-    return Row(name, case.published, case.limits, meets, whole, settled, runs)
+def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[Run[T], ...]:
+    return tuple(Run(job.walk, records[job.key]) for job in jobs)
 
 
-def means(scores: Sequence[Score]) -> Means:
-    """Return the mean of every score over those runs that have it."""
-    columns = {
-        name: [value for score in scores if (value := getattr(score, name)) is not None]
-        for name in Score.__struct_fields__
+def _row(
+    kind: Kind[T], name: str, runs: tuple[Run[T], ...], labels: Mapping[str, str | float]
+) -> Row[T]:
+    values = columns(kind.numbers(run.record.scores) for run in runs)
+    means = {
+        score: mean_interval(of)
+        for score, of in values.items()
+        if score not in (*kind.sums, *kind.least)
     }
-    return {name: mean_interval(values) if values else None for name, values in columns.items()}
+    sums = {score: sum(values.get(score, ())) for score in kind.sums}
+    least = {score: min(values.get(score, ()), default=None) for score in kind.least}
+    return Row(name, means, runs, labels, sums, least)
 
 
-def within(found: Means, limits: Mapping[str, float]) -> bool | None:
+def columns(scores: Iterable[Mapping[str, float | None]]) -> dict[str, list[float]]:
+    """Return the values of each score, of those runs that have it."""
+    found: dict[str, list[float]] = {}
+    for numbers in scores:
+        for name, value in numbers.items():
+            if value is not None:
+                found.setdefault(name, []).append(value)
+    return found
+
+
+def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool | None:
     """Return whether no mean is above its limit; one that is missing is not within it."""
     if not limits:
         return None
-    return all((mean := found[name]) and mean.mean <= limit for name, limit in limits.items())
-
-
-def table(rows: Sequence[Row]) -> Table:
-    """Return the rows as a table, each mean above its 95 % interval."""
-    parts, errors = ("whole", "settled"), {"D_err \\[m]": "d_err_m", "Θ_err \\[°]": "theta_err_deg"}
-    titles = (f"{part}\n{error}" for part in parts for error in errors)
-    shown = Table(Column("case", overflow="fold"), "runs", show_lines=True, caption=CAPTION)
-    for title in (
-        *titles,
-        "estimate\nyaw \\[°]",
-        "NEES",
-        "lost \\[s]",
-        "of the\nreference",
-        "limits",
-    ):
-        shown.add_column(title)
-    for row in rows:
-        shown.add_row(
-            Text(row.name),  # not markup, whatever it is
-            str(len(row.runs)),
-            *(
-                show(means[score], 4 if score.endswith("_m") else 2)
-                for means in (row.whole, row.settled)
-                for score in errors.values()
-            ),
-            show(row.whole["estimate_yaw_err_deg"], 2),
-            show(row.whole["nees"], 2),
-            show(row.whole["lost_s"], 2),
-            "" if row.d_err_ratio is None else f"{row.d_err_ratio:.2f}",
-            {None: "", True: "[green]✓[/]", False: "[red]✗[/]"}[row.within_limits],
-        )
-    return shown
-
-
-def show(interval: Interval | None, digits: int) -> str:
-    """Return a mean and, in a line of its own, its interval."""
-    if interval is None:
-        return "-"
-    return "{0:.{3}f}\n[dim]{1:.{3}f} … {2:.{3}f}[/]".format(
-        interval.mean, interval.low, interval.high, digits
-    )
+    return all(name in means and means[name].mean <= limit for name, limit in limits.items())

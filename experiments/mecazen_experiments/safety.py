@@ -5,62 +5,32 @@ Each situation is run with each driver from each view, with many seeds.
 
 from __future__ import annotations
 
-import gc
 import json
 import math
 import random
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from string import Template
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import msgspec
 from mecazen.config.follower import VIEWS
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, load_table
 from mecazen.schema import Finite, Section
 from mecazen.standoff import Standoff
-from rich.table import Column, Table
 
-from mecazen_experiments.config import BaseCase, Name, Runs, Settings
-from mecazen_experiments.jobs import Job, Key, check_version, series
-from mecazen_experiments.report import show
+from mecazen_experiments.config import BaseCase, Name, Runs, Settings, experiment_path
+from mecazen_experiments.jobs import Job, Series, series
+from mecazen_experiments.report import Row, regroup
+from mecazen_experiments.run import Kind, Record, loaded
 from mecazen_experiments.safety_scores import Safety, safety
-from mecazen_experiments.statistics import Interval, mean_interval
 from mecazen_experiments.watch import watch
 
 Range = tuple[Finite, Finite]
 View = Literal["back", "front", "side_left", "side_right"]
-
-CAPTION = (
-    "contacts: sums over the runs, those that the robot caused and all; gaps: the smallest; "
-    "others: means, below each its 95 % interval"
-)
-SUMS = (
-    ("contacts\nperson", "contacts_person"),
-    ("person\nall", "contacts_person_all"),
-    ("others", "contacts_others"),
-    ("others\nall", "contacts_others_all"),
-    ("walls", "contacts_world"),
-)
-LEAST = (
-    ("gap \\[m]\nperson", "gap_person_m"),
-    ("others", "gap_others_m"),
-    ("walls", "gap_world_m"),
-)
-MEANS = (
-    ("conflict\n\\[s]", "conflict_s", 2),
-    ("in view\n\\[%]", "view_percent", 1),
-    ("regain\n\\[s]", "regain_s", 2),
-    ("D_err\n\\[m]", "d_err_m", 3),
-    ("Θ_err\n\\[°]", "theta_err_deg", 1),
-    ("frozen\n\\[s]", "frozen_s", 2),
-    ("jerk\n\\[m/s³]", "jerk_rms_m_s3", 1),
-)
-"""Headings, names in `Safety`, and digits to show."""
 
 
 class Situation(Section):
@@ -94,36 +64,8 @@ class SafetyConfig(Section):
     seeds: Runs = 30
 
 
-class Place(NamedTuple):
-    """What is run: a row of the table is all views of a situation and a driver."""
-
-    situation: str
-    driver: str
-    view: str
-
-
-class SafetyRecord(msgspec.Struct, frozen=True):
-    """The results of a run, and its cost."""
-
-    key: Key
-    safety: Safety
-    wall_s: float
-
-
-class SafetyRow(msgspec.Struct, frozen=True):
-    """All runs of a situation with a driver."""
-
-    situation: str
-    driver: str
-    sums: dict[str, int]
-    least: dict[str, float | None]
-    means: dict[str, Interval | None]
-    runs: dict[str, tuple[SafetyRecord, ...]]
-    """By view."""
-
-
-def selected(
-    config: SafetyConfig,
+def configured(
+    file: str,
     situations: Sequence[str],
     drivers: Sequence[str],
     views: Sequence[str],
@@ -131,8 +73,9 @@ def selected(
     """Return an experiment with some of its situations, drivers and views.
 
     Raises:
-        ConfigError: It has no such one.
+        ConfigError: There is no such file, or no such one in it.
     """
+    config = load_table(experiment_path(file), SafetyConfig)
     names = [one.name for one in config.situations]
     for option, wanted, known in (
         ("--situation", situations, names),
@@ -151,21 +94,22 @@ def selected(
     )
 
 
-def expand(config: SafetyConfig, runs: int | None, settings: Settings) -> dict[Place, list[Job]]:
-    """Return the runs of an experiment by place; `settings` override its own.
+def expand(config: SafetyConfig, runs: int | None, settings: Settings) -> list[Series]:
+    """Return the runs of an experiment by situation, driver and view; `settings` override its own.
 
     Raises:
         ConfigError: The scenario can't be loaded, or a setting names what is not there.
     """
-    todo: dict[Place, list[Job]] = {}
+    todo = []
     seeds = range(1, (runs or config.seeds) + 1)
     for situation, driver, view in product(config.situations, config.drivers, config.views):
-        place = Place(situation.name, driver, view)
-        case = BaseCase(", ".join(place), config.scenario, config.drivers[driver])
-        todo[place] = []
+        labels = {"situation": situation.name, "driver": driver, "view": view}
+        case = BaseCase(", ".join(labels.values()), config.scenario, config.drivers[driver])
+        jobs: list[Job] = []
         for seed in seeds:
             own = (*_at(view, config.standoff_m), *_filled(situation, view, seed))
-            todo[place] += series(case, case.name, (*own, *settings), (seed,)).jobs
+            jobs += series(case, case.name, (*own, *settings), (seed,)).jobs
+        todo.append(Series(case.name, case, tuple(jobs), labels))
     return todo
 
 
@@ -200,27 +144,30 @@ def _filled(situation: Situation, view: View, seed: int) -> Settings:
         ) from None
 
 
-def measure(job: Job) -> SafetyRecord:
-    """Simulate a job and score it.
+def _measure(job: Job) -> tuple[Safety, str]:
+    scenario = loaded(job)
+    seen = watch(scenario)
+    return safety(seen, scenario), seen.trajectory_sha256
 
-    Raises:
-        MecazenError: The run failed, or this process has another version of the code.
-    """
-    check_version(job)
-    gc.collect()  # reference cycles hold the last run's DART world
-    begin = time.perf_counter()
-    scenario = load_scenario(job.scenario, job.settings)
-    found = safety(watch(scenario), scenario)
-    return SafetyRecord(job.key, found, time.perf_counter() - begin)
+
+SAFETY = Kind(
+    "safety",
+    Record[Safety],
+    _measure,
+    msgspec.structs.asdict,
+    sums=[name for name in Safety.__struct_fields__ if name.startswith("contacts_")],
+    least=[name for name in Safety.__struct_fields__ if name.startswith("gap_")],
+)
+"""How safely the robot follows."""
 
 
 def film(job: Job, folder: Path) -> Path:
     """Simulate a job once more, and record all of it; return the file.
 
     Raises:
-        MecazenError: As of `measure`.
+        MecazenError: The run failed.
     """
-    scenario = load_scenario(job.scenario, job.settings)
+    scenario = loaded(job)
     file = folder / f"{job.row.replace(', ', '-').replace(' ', '_')}.mcap"
     recorded = (
         f"services={json.dumps([*scenario.services, 'recorder'])}",
@@ -230,56 +177,11 @@ def film(job: Job, folder: Path) -> Path:
     return file
 
 
-def summarise(
-    todo: Mapping[Place, Sequence[Job]], found: Mapping[Key, SafetyRecord]
-) -> list[SafetyRow]:
+def rows_of(rows: Sequence[Row[Safety]]) -> list[Row[Safety]]:
     """Return a row for each situation and driver, and for each driver over all situations."""
-    groups: dict[tuple[str, str], dict[str, list[SafetyRecord]]] = {}
-    for place, jobs in todo.items():
-        records = [found[job.key] for job in jobs]
-        for situation in (place.situation, "all"):
-            of_view = groups.setdefault((situation, place.driver), {})
-            of_view.setdefault(place.view, []).extend(records)
-    rows = [
-        _row(*names, {view: tuple(records) for view, records in of_view.items()})
-        for names, of_view in groups.items()
-    ]
-    return sorted(rows, key=lambda row: row.situation == "all")
-
-
-def _row(situation: str, driver: str, runs: dict[str, tuple[SafetyRecord, ...]]) -> SafetyRow:
-    of = [record.safety for records in runs.values() for record in records]
-
-    values = {
-        name: [value for one in of if (value := getattr(one, name)) is not None]
-        for name in Safety.__struct_fields__
-    }
-    return SafetyRow(
-        situation,
-        driver,
-        {name: sum(values[name]) for _, name in SUMS},
-        {name: min(values[name], default=None) for _, name in LEAST},
-        {name: mean_interval(values[name]) if values[name] else None for _, name, _ in MEANS},
-        runs,
+    each = regroup(SAFETY, rows, lambda row: {n: row.labels[n] for n in ("situation", "driver")})
+    views = list(dict.fromkeys(row.labels["view"] for row in rows))
+    by_view = sorted(rows, key=lambda row: views.index(row.labels["view"]))
+    return each + regroup(
+        SAFETY, by_view, lambda row: {"situation": "all", "driver": row.labels["driver"]}
     )
-
-
-def table(rows: Sequence[SafetyRow]) -> Table:
-    """Return the table of the experiment."""
-    names = (Column(name, no_wrap=True) for name in ("situation", "driver", "runs"))
-    shown = Table(*names, show_lines=True, caption=CAPTION)
-    for heading in (*(one[0] for one in SUMS), *(one[0] for one in LEAST)):
-        shown.add_column(heading)
-    for heading, *_ in MEANS:
-        shown.add_column(heading)
-    for row in rows:
-        least = [row.least[name] for _, name in LEAST]
-        shown.add_row(
-            row.situation,
-            row.driver,
-            str(sum(map(len, row.runs.values()))),
-            *(str(row.sums[name]) for _, name in SUMS),
-            *("" if value is None else f"{value:.2f}" for value in least),
-            *(show(row.means[name], digits) for _, name, digits in MEANS),
-        )
-    return shown

@@ -27,7 +27,7 @@ STILL_M_S = 0.03
 AWAY_M = 0.5
 """A robot that stands so far from its place, while its person walks, is frozen."""
 CAUSED_M_S = 0.05
-"""A robot that drives at somebody faster than that when they touch has caused it."""
+"""Least speed of the robot towards a person with which it has caused a contact."""
 
 Bools = npt.NDArray[np.bool_]
 
@@ -108,7 +108,7 @@ def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
 
 
 def _caused(robot: Robot, seen: Watched, body: Body, gap: Floats) -> int:
-    """Return how many contacts with somebody begin while the robot drives at them.
+    """Return the number of contacts with a person that begin while the robot drives at them.
 
     Its own part in closing the gap is that of the gap to them as they are, with the robot as it is
     a sample later.
@@ -153,8 +153,7 @@ def _errors(
     if not shown.any():
         return None, None
     distance, _, heading = deviations(seen.table, standoff)
-    first, tick_s = seen.table["t_s"][0], seen.table.tick_s
-    at = np.rint((looked[shown] - first) / tick_s).astype(int)
+    at = seen.table.ticks(looked[shown])
     return float(np.mean(np.abs(distance[at]))), math.degrees(float(np.mean(np.abs(heading[at]))))
 
 

@@ -60,7 +60,7 @@ class Score(msgspec.Struct, frozen=True):
     yaw_command_variation_rad_s2: float | None = None
     """Total variation of the commanded yaw rate, per second."""
     estimate_position_err_m: float | None = None
-    """Mean distance from the estimated to the true person, as of the other two errors.
+    """Mean distance from the estimated to the true person, as for the other two errors.
 
     The estimate is in odom, which drifts. The truth is the person as seen from the true
     robot, placed in odom with the robot's odometry.
@@ -226,4 +226,4 @@ MEASURES: dict[str, Callable[[Floats], SupportsFloat]] = {
     "p95": _p95,
     "max": np.max,
 }
-"""Of the magnitude of an error."""
+"""Measures of the magnitude of an error."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import bootstrap
 
 SEED = 1
-"""Of the resampling: the same values give the same interval."""
+"""Seed of the resampling: the same values give the same interval."""
 
 
 class Interval(msgspec.Struct, frozen=True):

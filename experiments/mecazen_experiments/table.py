@@ -93,6 +93,12 @@ class Table:
         """Return the poses of `robot` or `target` in world, of `odom` or `estimate` in odom."""
         return Poses(self[f"{who}_x_m"], self[f"{who}_y_m"], self[f"{who}_yaw_rad"])
 
+    def ticks(self, t: Floats) -> npt.NDArray[np.int64]:
+        """Return the rows at times [s]."""
+        rows: npt.NDArray[np.int64]
+        rows = np.rint((t - self["t_s"][0]) / self.tick_s).astype(np.int64)
+        return rows
+
     def where(self, rows: slice | npt.NDArray[np.bool_]) -> Table:
         """Return some of the ticks."""
         columns = {name: column[rows] for name, column in self._columns.items()}

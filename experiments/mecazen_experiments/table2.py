@@ -10,13 +10,13 @@ from collections.abc import Iterable
 
 import msgspec
 from mecazen.errors import ConfigError
-from rich.table import Table
 
-from mecazen_experiments.report import Row, show
+from mecazen_experiments.report import Row
+from mecazen_experiments.scores import Scores
 from mecazen_experiments.statistics import Interval, paired_difference
 
 NAME = "table2"
-"""Of the experiment."""
+"""The name of the experiment."""
 VIEWS = ("back", "side")
 PAPER = ("without", "with")
 """The variants that the paper has; the third, best, is ours."""
@@ -38,15 +38,8 @@ class Gain(msgspec.Struct, frozen=True):
     difference: Interval
 
 
-class Table2(msgspec.Struct, frozen=True):
-    """What `mecazen experiment table2 --json` writes."""
-
-    rows: tuple[Row, ...]
-    gains: tuple[Gain, ...]
-
-
-def table2(rows: Iterable[Row]) -> Table2:
-    """Return the rows of all six cases with what each variant gains.
+def gains(rows: Iterable[Row[Scores]]) -> list[Gain]:
+    """Return the gains of each variant, from the rows of all six cases.
 
     Raises:
         ConfigError: A case is missing, or has no errors to compare.
@@ -55,14 +48,14 @@ def table2(rows: Iterable[Row]) -> Table2:
     for name in (*CASES, *(f"{view} best" for view in VIEWS)):
         if name not in by_name:
             raise ConfigError(f"{NAME}: needs a case named {name!r}")
-        if any(by_name[name].whole[score] is None for score in MEASURES):
-            raise ConfigError(f"{NAME}: nobody walks in the case {name!r}")
+        if any(score not in by_name[name].means for score in MEASURES):
+            raise ConfigError(f"{NAME}: no person walks in the case {name!r}")
 
     def errors(view: str, variant: str, score: str) -> dict[int, float]:
         records = [run.record for run in by_name[f"{view} {variant}"].runs]
         return {record.key.seed: getattr(record.scores.whole, score) for record in records}
 
-    gains = tuple(
+    return [
         Gain(
             *(view, score, variant, over),
             paired_difference(errors(view, variant, score), errors(view, over, score)),
@@ -70,41 +63,4 @@ def table2(rows: Iterable[Row]) -> Table2:
         for view in VIEWS
         for score in MEASURES
         for variant, over in PAIRS
-    )
-    return Table2(tuple(by_name.values()), gains)
-
-
-def tables(result: Table2) -> tuple[Table, Table]:
-    """Return the paper's table, and that of the gains."""
-    rows = {row.name: row for row in result.rows}
-    gains = {(gain.view, gain.score, gain.variant): gain.difference for gain in result.gains}
-    compared = Table(
-        "",
-        *(f"{who}\n{variant}" for variant in PAPER for who in ("paper", "ours")),
-        "ours\nbest",
-        title="Table II",
-        caption="ours: means over the seeds, below each its 95 % interval",
-        show_lines=True,
-    )
-    gained = Table(
-        "",
-        *(f"{variant}\nover {over}" for variant, over in PAIRS),
-        title="Gains",
-        caption="reduction of the error, paired by seed, with its 95 % interval",
-        show_lines=True,
-    )
-    for view in VIEWS:
-        for score, (symbol, unit, digits) in MEASURES.items():
-            name = f"{symbol} {view} \\[{unit}]"
-            cells = []
-            for variant in PAPER:
-                row = rows[f"{view} {variant}"]
-                published = row.published.get(score)
-                cells += ["-" if published is None else f"{published:g}"]
-                cells += [show(row.whole[score], digits)]
-            cells += [show(rows[f"{view} best"].whole[score], digits)]
-            compared.add_row(name, *cells)
-            gained.add_row(
-                name, *(show(gains[view, score, variant], digits) for variant, _ in PAIRS)
-            )
-    return compared, gained
+    ]

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import msgspec
 import optuna
 from mecazen.errors import MecazenError
-from rich.table import Table
 
 from mecazen_experiments.config import Range, TunedCase, Tuning
+from mecazen_experiments.executor import Progress, RunsFailedError
 from mecazen_experiments.jobs import Job, Key, series
 from mecazen_experiments.report import Row, summarise
-from mecazen_experiments.run import Record
-from mecazen_experiments.schedule import Progress, RunsFailedError
+from mecazen_experiments.run import FOLLOWING, Record
+from mecazen_experiments.scores import Scores
 
 SEED = 1
-"""Of the search, which is deterministic."""
+"""Seed of the search, which is deterministic."""
 PREFERENCE = 0.001
 """Weight of preferred values: less than any difference between runs that matters."""
 EXCESS = 100.0
@@ -25,11 +25,11 @@ EXCESS = 100.0
 DIGITS = 4
 """Significant digits of a parameter, in the runs as in the table."""
 
-Do = Callable[[Iterable[Job]], Mapping[Key, Record]]
+Do = Callable[[Iterable[Job]], Mapping[Key, Record[Scores]]]
 
 
 class Best(msgspec.Struct, frozen=True):
-    """What `mecazen experiment tune --json` writes."""
+    """The result of `mecazen experiment tune`."""
 
     objective: str
     trials: int
@@ -39,14 +39,14 @@ class Best(msgspec.Struct, frozen=True):
     """The best found, by case; parameters of all cases are in each."""
     training_cost: float
     held_out_cost: float
-    rows: tuple[Row, ...]
+    rows: tuple[Row[Scores], ...]
     """The held-out runs."""
 
 
 def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
     """Search with the training seeds; return the best on the held-out ones.
 
-    `do` does runs and returns their records, see `mecazen_experiments.schedule.run_all`.
+    `do` does runs and returns their records, see `mecazen_experiments.executor.run_all`.
 
     Raises:
         MecazenError: Every trial failed, or a run of the best does on a held-out seed.
@@ -93,7 +93,9 @@ def suggest(tuning: Tuning, choose: Callable[..., float]) -> dict[str, dict[str,
     return {case.name: shared | chosen(case.parameters, f"{case.name}: ") for case in tuning.cases}
 
 
-def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str, float]]) -> float:
+def cost(
+    tuning: Tuning, rows: Sequence[Row[Scores]], settings: Mapping[str, Mapping[str, float]]
+) -> float:
     """Return the cost to minimise: see `match_cost`, `limits_cost` and `preference`.
 
     Raises:
@@ -109,7 +111,7 @@ def cost(tuning: Tuning, rows: Sequence[Row], settings: Mapping[str, Mapping[str
     return math.fsum([*costs, *preferences])
 
 
-def match_cost(row: Row) -> float:
+def match_cost(row: Row[Scores]) -> float:
     """Return the sum of the squared relative errors of the means from the published."""
     return math.fsum(
         ((_mean(row, score) - published) / published) ** 2
@@ -117,7 +119,7 @@ def match_cost(row: Row) -> float:
     )
 
 
-def limits_cost(row: Row) -> float:
+def limits_cost(row: Row[Scores]) -> float:
     """Return the sum of the means relative to their limits, and far more for any excess."""
     parts = [_mean(row, score) / limit for score, limit in row.limits.items()]
     return math.fsum(part + EXCESS * max(0.0, part - 1.0) for part in parts)
@@ -128,8 +130,8 @@ def preference(value: float, preferred: float) -> float:
     return PREFERENCE * math.log(value / preferred) ** 2
 
 
-def _mean(row: Row, score: str) -> float:
-    interval = row.whole[score]
+def _mean(row: Row[Scores], score: str) -> float:
+    interval = row.means.get(score)
     if interval is None:
         raise MecazenError(f"{row.name}: there is no {score} in its runs")
     return interval.mean
@@ -140,21 +142,10 @@ def _run(
     settings: Mapping[str, Mapping[str, float]],
     seeds: Sequence[int],
     do: Do,
-) -> list[Row]:
+) -> list[Row[Scores]]:
     todo = []
     for case in cases:
         overrides = tuple(f"{key}={value!r}" for key, value in settings[case.name].items())
         todo.append(series(case, case.name, overrides, seeds))
     records = do([job for one in todo for job in one.jobs])
-    return [summarise(one, records) for one in todo]
-
-
-def table(best: Best) -> Table:
-    """Return the settings found."""
-    costs = f"cost {best.training_cost:.4g} in training, {best.held_out_cost:.4g} held out"
-    failed = f"{best.failed_trials} of {best.trials} trials failed"
-    shown = Table("case", "setting", "value", caption=f"{best.objective}: {costs}; {failed}")
-    for case, settings in best.settings.items():
-        for key, value in settings.items():
-            shown.add_row(case, key, f"{value:g}")
-    return shown
+    return [summarise(FOLLOWING, one, records) for one in todo]

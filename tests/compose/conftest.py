@@ -9,13 +9,13 @@ from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
+from containers import Compose, command, docker
 from harness import Newest
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError, MecazenError
 from mecazen.geometry import Pose2D
-from mecazen_bench.compose import Compose, command, docker
 
 GUARD_S = 120.0
 """Far beyond what anything here takes: only a hang gets there."""

@@ -7,11 +7,11 @@ import sys
 
 import msgspec
 import pytest
+from containers import docker
 from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
 from mecazen.loading import load_scenario
 from mecazen_bench import latency
-from mecazen_bench.compose import docker
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 

@@ -8,7 +8,6 @@ import msgspec
 import pytest
 from harness import error_of
 from mecazen.errors import MecazenError
-from mecazen_experiments import commands
 from mecazen_tools.cli.app import app
 
 SIX = """
@@ -113,7 +112,7 @@ def test_table2_is_the_experiment_of_that_name(folder, capsys):
         assert words in out
 
 
-def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys):
+def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys, monkeypatch):
     write_table2(folder)
     drawn = {}
 
@@ -121,7 +120,8 @@ def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys):
         drawn.update(tables)
         return [out / "figure.svg"]
 
-    commands.figures(draw, Path("new/folder"), seed=2)
+    monkeypatch.setattr("mecazen_experiments.figures.draw", draw)
+    experiment("figures", "--out", "new/folder", "--seed", 2)
     assert drawn.keys() == {"back without", "back with", "side without", "side with"}
     assert {len(table) for table in drawn.values()} == {200}  # of 2 s, a tick each 10 ms
     assert Path("new/folder").is_dir()
@@ -161,7 +161,6 @@ def test_a_run_that_fails_is_one_line_with_case_and_seed(folder, capsys):
 
 
 def test_without_dask_the_cluster_says_what_to_install(monkeypatch):
-    monkeypatch.delitem(sys.modules, "mecazen_experiments.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MecazenError, match=r"--scheduler needs Dask: .*\[cluster\]"):
         experiment("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1")

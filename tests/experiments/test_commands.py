@@ -77,7 +77,7 @@ def undisturbed(make_folder, tmp_path_factory):
 
 def stored(file: Path) -> dict[int, str]:
     with closing(sqlite3.connect(file)) as database:
-        return dict(database.execute("select seed, record from runs"))
+        return dict(database.execute("select seed, record from records"))
 
 
 def test_one_process_and_two_give_the_same_rows(folder):
@@ -93,7 +93,7 @@ def test_one_process_and_two_give_the_same_rows(folder):
     assert len({sha256 for _, _, _, sha256, _ in folder.runs("1.json")}) == 4
     assert len(outputs) == 1
     report = msgspec.json.decode((folder.path / "1.json").read_bytes())
-    d_err_m = report["rows"][0]["whole"]["d_err_m"]
+    d_err_m = report["rows"][0]["means"]["d_err_m"]
     assert d_err_m["low"] <= d_err_m["mean"] <= d_err_m["high"]
     assert d_err_m["n"] == 4
     for run in report["rows"][0]["runs"]:

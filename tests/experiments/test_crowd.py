@@ -1,12 +1,10 @@
 """Whom the robot follows among others: nobody else is taken for the person."""
 
-from contextlib import closing
-
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen_tools.simulate import InProcess
+from mecazen_experiments.run import observe
 
 PERSON = "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }"
 BESIDE_A_WALL = (
@@ -49,24 +47,18 @@ def test_nobody_else_is_taken_for_the_person(case):
     )
     walled = settings[:3] == BESIDE_A_WALL
     scenario = load_scenario(SCENARIOS / "senses.toml", settings)
-    errors, states, hidden = [], [], 0
-    newest = {}
-    with closing(InProcess(scenario)) as run:
-        for topic in (keys.ODOM, keys.GROUND_TRUTH, keys.TARGET_ODOM):
-            run.bus.subscribe(topic, lambda m, _, topic=topic: newest.__setitem__(topic, m))
-        run.bus.subscribe(keys.FOLLOWER_STATE, lambda state, _: states.append(state))
-        for _ in run.ticks():
-            if not states[-1].estimate:
-                continue
-            truth, odom, person = (
-                newest[topic].pose.pose.to_planar()
-                for topic in (keys.GROUND_TRUTH, keys.ODOM, keys.TARGET_ODOM)
-            )
-            estimate = truth.compose(odom.between(states[-1].estimate[0].pose.pose.to_planar()))
-            errors.append(estimate.distance(person))
-            if walled:  # the wall is along y = 0.5
-                part = (0.5 - person.y) / (truth.y - person.y)
-                hidden += abs(person.x + part * (truth.x - person.x) - 3.4) < 0.9
+    topics = keys.FOLLOWER_STATE, keys.GROUND_TRUTH, keys.ODOM, keys.TARGET_ODOM
+    states, *poses = observe(scenario, *topics).samples.values()
+    errors, hidden = [], 0
+    for state, *placed in zip(states, *poses, strict=True):
+        if not state.estimate:
+            continue
+        truth, odom, person = (of.pose.pose.to_planar() for of in placed)
+        estimate = truth.compose(odom.between(state.estimate[0].pose.pose.to_planar()))
+        errors.append(estimate.distance(person))
+        if walled:  # the wall is along y = 0.5
+            part = (0.5 - person.y) / (truth.y - person.y)
+            hidden += abs(person.x + part * (truth.x - person.x) - 3.4) < 0.9
     assert bool(hidden) == walled
     hidden_s = hidden * scenario.sim.tick_s
     # never lost for longer than hidden, but for half a second

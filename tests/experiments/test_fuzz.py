@@ -3,11 +3,12 @@
 import pytest
 from harness import ROBOTS
 from mecazen_experiments import fuzz
+from mecazen_experiments.run import Record
 
 
 def ridden(seed, *settings):
     (job,) = fuzz.jobs([seed], ROBOTS / "nexus.toml", settings)
-    return fuzz.episode(job)
+    return fuzz.EPISODE.measure(job)[0]
 
 
 @pytest.mark.parametrize("physics", [(), fuzz.ROLLERS], ids=["plane", "rollers"])
@@ -24,10 +25,10 @@ def test_a_robot_without_a_guard_does():
 
 
 def test_what_came_of_it_names_the_seeds_that_touched():
-    key = fuzz.Key("", 7, "")
-    touched = fuzz.Episode(key, 2, -0.1, 30.0, 0.25)
-    free = fuzz.Episode(fuzz.Key("", 8, ""), 0, 0.2, 10.0, 0.75)
-    told = fuzz.tell([touched, free])
+    touched = fuzz.Episode(2, -0.1, 30.0, 0.25)
+    free = fuzz.Episode(0, 0.2, 10.0, 0.75)
+    minutes = enumerate((touched, free), start=7)
+    told = fuzz.tell([Record(fuzz.Key("", seed, ""), "", of, 1.0, 1.0) for seed, of in minutes])
     assert told == (
         "2 min, 40 m driven, held 50% of the time, least gap -0.100 m, contacts 2 with seeds 7"
     )

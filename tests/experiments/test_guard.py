@@ -1,16 +1,18 @@
 """The guard in whole runs, driven by hand."""
 
-from contextlib import closing
-
 import pytest
 from harness import SCENARIOS
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, GUARD_CMD_VEL, GUARD_STATE
 from mecazen.loading import load_scenario
 from mecazen.programs import graph_of
-from mecazen_tools.simulate import InProcess
+from mecazen_experiments.run import observe
 
 TELEOP = SCENARIOS / "teleop.toml"
 PERSON_RADIUS_M = 0.2
+
+
+def ahead(tick, _):
+    return {CMD_VEL.key: b'{"linear":{"x":0.8}}'} if tick % 5 == 1 else {}
 
 
 def teleop(*settings):
@@ -19,18 +21,13 @@ def teleop(*settings):
 
 def run_of(seconds, drive, *settings):
     """Drive by hand; return the robot's true odometry, and what the guard says, by tick."""
-    with closing(InProcess(teleop(f"sim.duration_s={seconds}", *settings))) as run:
-        truth, states = [], []
-        run.bus.subscribe(GROUND_TRUTH, lambda odom, _: truth.append(odom))
-        run.bus.subscribe(GUARD_STATE, lambda state, _: states.append(state))
-        for tick, _ in enumerate(run.ticks()):
-            if (command := drive(tick)) is not None:
-                run.bus.put_bytes(CMD_VEL.key, command)
-    return truth, states
+    scenario = teleop(f"sim.duration_s={seconds}", *settings)
+    found = observe(scenario, GROUND_TRUTH, GUARD_STATE, drive=drive)
+    return tuple(found.samples.values())
 
 
 def test_driving_at_the_person_stops_short_of_them_and_says_why():
-    truth, states = run_of(3, lambda tick: b'{"linear":{"x":0.8}}' if tick % 5 == 0 else None)
+    truth, states = run_of(3, ahead)
     half, _ = teleop().robot.footprint
     gap = -truth[-1].pose.pose.position.x - half - PERSON_RADIUS_M  # they stand at the origin
     assert 0.1 < gap < 0.25
@@ -43,15 +40,15 @@ def test_driving_at_the_person_stops_short_of_them_and_says_why():
 
 
 def test_without_a_guard_the_same_command_runs_into_them():
-    drive = lambda tick: b'{"linear":{"x":0.8}}' if tick % 5 == 0 else None  # noqa: E731
-    truth, states = run_of(2, drive, "guard.enabled=false")
+    truth, states = run_of(2, ahead, "guard.enabled=false")
     half, _ = teleop().robot.footprint
     assert not states
     assert -truth[-1].pose.pose.position.x - half - PERSON_RADIUS_M < 0.01
 
 
 def test_half_a_second_of_silence_brings_the_robot_to_rest():
-    truth, _ = run_of(1.5, lambda tick: b'{"linear":{"y":0.5}}' if tick == 10 else None)
+    once = {11: {CMD_VEL.key: b'{"linear":{"y":0.5}}'}}
+    truth, _ = run_of(1.5, lambda tick, _: once.get(tick, {}))
     speeds = [odom.twist.twist.linear.y for odom in truth]
     assert max(speeds) == pytest.approx(0.5, abs=0.03)
     assert speeds[58] > 0.4

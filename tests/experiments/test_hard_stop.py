@@ -1,13 +1,11 @@
 """Somebody who is followed at speed stops hard: the gap that is left."""
 
-from contextlib import closing
-
 import pytest
 from harness import ROBOTS
 from mecazen import keys
 from mecazen.loading import from_tables
 from mecazen_experiments.fuzz import BRAKING_M_S2, from_outline
-from mecazen_tools.simulate import InProcess
+from mecazen_experiments.run import observe
 
 STOPS_AT = 400
 """The tick; the robot has caught up by then."""
@@ -30,16 +28,16 @@ def test_the_robot_stops_behind_somebody_who_stops_hard(speed, standoff, least_m
         },
         ROBOTS / "x.toml",
     )
-    with closing(InProcess(scenario)) as run:
-        robot, person = [], []
-        run.bus.subscribe(keys.GROUND_TRUTH, lambda odom, _: robot.append(odom))
-        run.bus.subscribe(keys.TARGET_ODOM, lambda odom, _: person.append(odom))
-        walks = 0.0
-        for tick, _ in enumerate(run.ticks()):
-            step = 0.015 if tick < STOPS_AT else BRAKING_M_S2 * 0.01
-            walks += min(max((speed if tick < STOPS_AT else 0.0) - walks, -step), step)
-            run.bus.put_bytes("target/cmd_vel", b'{"linear":{"x":%f}}' % walks)
-    places = [[o.pose.pose.to_planar() for o in those] for those in (robot, person)]
+    walks = 0.0
+
+    def walk(tick, _):
+        nonlocal walks
+        step = 0.015 if tick <= STOPS_AT else BRAKING_M_S2 * 0.01
+        walks += min(max((speed if tick <= STOPS_AT else 0.0) - walks, -step), step)
+        return {"target/cmd_vel": b'{"linear":{"x":%f}}' % walks}
+
+    found = observe(scenario, keys.GROUND_TRUTH, keys.TARGET_ODOM, drive=walk)
+    places = [[o.pose.pose.to_planar() for o in those] for those in found.samples.values()]
     gaps = [
         from_outline(at, scenario.robot.footprint, who.x, who.y) - scenario.world.person.radius_m
         for at, who in zip(*places, strict=False)

@@ -1,15 +1,14 @@
 """`mecazen experiment mocap`: its options, its report and its figures, of one short run."""
 
 import math
+from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 from harness import ROOT, error_of
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_table
-from mecazen_experiments.mocap import MocapConfig, expand, selected
-from mecazen_experiments.mocap_figures import by_stride
+from mecazen_experiments.mocap import MocapConfig, configured, expand
 from mecazen_tools.cli.app import app
 
 SHORT = f"""
@@ -39,17 +38,19 @@ def experiment(*arguments):
 def test_one_run_is_scored_printed_and_drawn(tmp_path, capsys):
     experiment(*ONE, "--json", "out.json", "--out", "figures")
     (row,) = msgspec.json.decode((tmp_path / "out.json").read_bytes())["rows"]
-    assert (row["view"], row["standoff_m"], row["speed_m_s"]) == ("back", 2.0, 1.0)
+    labels = row["labels"]
+    assert (labels["view"], labels["standoff_m"], labels["speed_m_s"]) == ("back", 2.0, 1.0)
     (run,) = row["runs"]
-    raw, refined = (run["quality"]["rmse_deg"][stage] for stage in ("raw", "refined"))
+    quality = run["record"]["scores"]
+    raw, refined = (quality["rmse_deg"][stage] for stage in ("raw", "refined"))
     for joint in ("hip", "knee", "ankle"):
         assert refined[joint] < 0.75 * raw[joint]
         assert row["means"][f"refined_{joint}_deg"]["mean"] == refined[joint]
-    found, true = run["quality"]["observed"], run["quality"]["truth"]
+    found, true = quality["observed"], quality["truth"]
     assert found["stride_time_s"] == pytest.approx(true["stride_time_s"], abs=0.015)
     assert found["stride_length_m"] == pytest.approx(true["stride_length_m"], abs=0.03)
-    assert run["quality"]["seen"]["left_knee"] > 0.9
-    assert run["quality"]["d_err_m"] < 0.1
+    assert quality["seen"]["left_knee"] > 0.9
+    assert quality["d_err_m"] < 0.1
     out = capsys.readouterr().out
     for words in ("Angles and jitter", "Gait", "back", "2 m", "1 m/s", "mocap_views.png"):
         assert words in out
@@ -81,28 +82,19 @@ def test_every_place_of_the_experiments_faces_the_person(name):
     todo = expand(config, None, ())
     values = config.views, config.standoffs_m, config.speeds_m_s, config.gaits
     assert len(todo) == math.prod(map(len, values))
-    for place, series in todo.items():
+    for series in todo:
         settings = dict(setting.split("=", 1) for setting in series.jobs[0].settings)
         bearing, heading = (float(settings[f"follower.{n}_deg"]) for n in ("bearing", "heading"))
-        assert bearing == config.views[place.view]
+        assert bearing == series.labels["bearing_deg"]
         assert (heading - bearing) % 360.0 == pytest.approx(180.0)
         assert f"yaw_deg = {heading}" in settings["start"]
 
 
+@pytest.mark.usefixtures("_in_folder")
 def test_options_replace_what_the_experiment_has():
-    config = MocapConfig(ROOT / "none.toml", {"back": 180.0, "front": 0.0})
-    assert selected(config, (), (), ()) == config
-    some = selected(config, ["front"], [1.2], [0.8])
-    assert (some.views, some.standoffs_m, some.speeds_m_s) == ({"front": 0.0}, (1.2,), (0.8,))
+    config = load_table(Path("short.toml"), MocapConfig)
+    assert configured("short.toml", (), (), ()) == config
+    some = configured("short.toml", ["back"], [1.2], [0.8])
+    assert (some.views, some.standoffs_m, some.speeds_m_s) == ({"back": 180.0}, (1.2,), (0.8,))
     with pytest.raises(ConfigError, match="above"):
-        selected(config, ["above"], (), ())
-
-
-def test_strides_are_laid_over_each_other():
-    progress = np.linspace(0.3, 3.7, 200)
-    phases = np.stack((progress % 1.0, (progress + 0.5) % 1.0), axis=-1)
-    values = np.stack((100.0 * phases[:, 0], 100.0 * phases[:, 1]), axis=-1)
-    values[5:8] = np.nan
-    strides = by_stride(phases, values)
-    assert strides.shape == (5, 51)
-    assert strides[:, 25] == pytest.approx(50.0, abs=1.0)
+        configured("short.toml", ["above"], (), ())

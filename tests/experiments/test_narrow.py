@@ -1,18 +1,15 @@
 """A guarded follower at a door and at a pillar, in a plane without slip."""
 
-from contextlib import closing
-
 import numpy as np
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen_experiments.capture import collect
 from mecazen_experiments.gaps import gap_to_obstacle
+from mecazen_experiments.run import observe
 from mecazen_experiments.safety_scores import safety
 from mecazen_experiments.table import Poses
 from mecazen_experiments.watch import watch
-from mecazen_tools.simulate import InProcess
 
 BESIDE = ("follower.view=side_left", "start={ y_m = 1.2, yaw_deg = -90.0 }")
 DOOR_M = 2.5
@@ -41,10 +38,8 @@ def scenario_of(seconds, obstacles, *settings):
 
 def run_of(scenario):
     """Return the robot's way, its least gap to what stands around [m], and what the guard says."""
-    with closing(InProcess(scenario)) as run:
-        odometry, states = collect(run.bus, keys.GROUND_TRUTH), collect(run.bus, keys.GUARD_STATE)
-        for _ in run.ticks():
-            pass
+    samples = observe(scenario, keys.GROUND_TRUTH, keys.GUARD_STATE).samples
+    odometry, states = samples[keys.GROUND_TRUTH.key], samples[keys.GUARD_STATE.key]
     way = Poses(*map(np.array, zip(*(o.pose.pose.to_planar() for o in odometry), strict=True)))
     things = scenario.world.obstacles
     return way, min(gap_to_obstacle(scenario.robot, way, one).min() for one in things), states

@@ -1,7 +1,6 @@
 """The planner in the whole system: physics, a lidar and a camera."""
 
 import math
-from contextlib import closing
 
 import numpy as np
 import pytest
@@ -14,8 +13,9 @@ from mecazen.drive_batch import MotionLimits
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
 from mecazen_controller.kinematics import MecanumKinematics
+from mecazen_experiments.run import observe
 from mecazen_follower.planner.rollout import follow, roll
-from mecazen_tools.simulate import InProcess, simulate
+from mecazen_tools.simulate import simulate
 
 SIDE = (
     "start={ y_m = 1.2, yaw_deg = -90.0 }",
@@ -44,13 +44,9 @@ def test_in_a_corridor_the_robot_goes_behind_and_then_back_to_the_side():
         f"world.obstacles=[{', '.join(WALLS)}]",
         "follower.planner={ samples = 300 }",
     )
-    robots, states = [], []
     scenario = load_scenario(SCENARIOS / "senses.toml", settings)
-    with closing(InProcess(scenario)) as loop:
-        loop.bus.subscribe(keys.GROUND_TRUTH, lambda m, _: robots.append(m.pose.pose.to_planar()))
-        loop.bus.subscribe(keys.FOLLOWER_STATE, lambda state, _: states.append(state))
-        for _ in loop.ticks():
-            pass
+    truth, states = observe(scenario, keys.GROUND_TRUTH, keys.FOLLOWER_STATE).samples.values()
+    robots = [odom.pose.pose.to_planar() for odom in truth]
     length, width = scenario.robot.footprint
     inside = [robot for robot in robots if 2.5 < robot.x < 5.0]
     assert inside

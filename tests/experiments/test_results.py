@@ -6,9 +6,9 @@ from contextlib import closing
 import pytest
 from mecazen.loading import load_table
 from mecazen_experiments.config import Experiment, experiment_path
+from mecazen_experiments.executor import LocalWorkers, run_all
 from mecazen_experiments.jobs import expand
-from mecazen_experiments.local import LocalWorkers
-from mecazen_experiments.schedule import run_all
+from mecazen_experiments.run import FOLLOWING
 from mecazen_experiments.store import Store
 
 RUNS = 30
@@ -32,7 +32,7 @@ def found(tmp_path_factory):
     series = {one.row: one for one in expand(cases, SEEDS)}
     jobs = [job for one in series.values() for job in one.jobs]
     with closing(Store(tmp_path_factory.mktemp("results") / "runs.sqlite")) as store:
-        records = run_all(jobs, store, LocalWorkers())
+        records = run_all(FOLLOWING, jobs, store, LocalWorkers())
     return {row: [records[job.key].scores.whole for job in one.jobs] for row, one in series.items()}
 
 

@@ -1,12 +1,10 @@
 """A person whom the robot sees for itself: lost behind a wall, and found again."""
 
-from contextlib import closing
-
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen_tools.simulate import InProcess
+from mecazen_experiments.run import observe
 
 WALL = "{ kind = 'box', size_m = [1.8, 0.1, 2.0], position_m = [3.4, 0.5] }"
 """Between the robot's way and the person's, who walks past it in 3 s."""
@@ -22,14 +20,9 @@ def test_a_person_behind_a_wall_for_three_seconds_is_followed_on_when_they_come_
         "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }",
         "follower.view='side_left'",
     )
-    states, hidden = [], []
     scenario = load_scenario(SCENARIOS / "senses.toml", settings)
-    with closing(InProcess(scenario)) as loop:
-        loop.bus.subscribe(keys.FOLLOWER_STATE, lambda state, _: states.append(state))
-        loop.bus.subscribe(keys.LEGS, lambda legs, _: hidden.append(not legs.poses))
-        for _ in loop.ticks():
-            pass
-    hidden_s = sum(hidden) / scenario.sensors.lidar.rate_hz
+    states, legs = observe(scenario, keys.FOLLOWER_STATE, keys.LEGS).samples.values()
+    hidden_s = sum(not seen.poses for seen in legs) / scenario.sensors.lidar.rate_hz
     assert hidden_s == pytest.approx(3.0, abs=0.6)
     # never unseen for longer than hidden, but for half a second
     assert 2.0 < max(state.last_seen_s for state in states) < hidden_s + 0.5

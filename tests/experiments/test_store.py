@@ -10,12 +10,12 @@ import pytest
 from harness import error_of
 from mecazen.errors import MecazenError
 from mecazen_experiments.jobs import Key
-from mecazen_experiments.run import Record
+from mecazen_experiments.run import FOLLOWING, Record
 from mecazen_experiments.scores import Score, Scores
 from mecazen_experiments.store import Store
 
 
-def record(seed: int, d_err_m: float | None = 0.1, wall_s: float = 1.0) -> Record:
+def record(seed: int, d_err_m: float | None = 0.1, wall_s: float = 1.0) -> Record[Scores]:
     # a number without a short decimal form, and one that is not there
     scores = Scores(Score(d_err_m=d_err_m, nees=1.0 / 3.0), Score())
     return Record(Key("scenario", seed, "version"), "sha", scores, wall_s, 123.4)
@@ -24,27 +24,28 @@ def record(seed: int, d_err_m: float | None = 0.1, wall_s: float = 1.0) -> Recor
 def test_a_record_comes_back_equal_in_the_next_command(tmp_path):
     file = tmp_path / "store.sqlite"
     with closing(Store(file)) as store:
-        store.add(record(1))
-        store.add(record(2, None))
+        store.add(FOLLOWING, record(1))
+        store.add(FOLLOWING, record(2, None))
     with closing(Store(file)) as store:
-        found = store.find([record(seed).key for seed in (1, 2, 3)])
+        found = store.find(FOLLOWING, [record(seed).key for seed in (1, 2, 3)])
     assert found == {record(1).key: record(1), record(2).key: record(2, None)}
 
 
 def test_every_part_of_the_key_counts(tmp_path):
     with closing(Store(tmp_path / "store.sqlite")) as store:
-        store.add(record(1))
+        store.add(FOLLOWING, record(1))
         others = [Key("other", 1, "version"), Key("scenario", 1, "other")]
-        assert store.find(others) == {}
+        assert store.find(FOLLOWING._replace(name="other"), [record(1).key]) == {}
+        assert store.find(FOLLOWING, others) == {}
 
 
 def test_two_commands_share_a_file_and_the_first_record_stays(tmp_path):
     file = tmp_path / "store.sqlite"
     with closing(Store(file)) as one, closing(Store(file)) as other:
-        one.add(record(1, wall_s=1.0))
-        other.add(record(1, wall_s=2.0))
-        other.add(record(2))
-        assert one.find([record(1).key, record(2).key]) == {
+        one.add(FOLLOWING, record(1, wall_s=1.0))
+        other.add(FOLLOWING, record(1, wall_s=2.0))
+        other.add(FOLLOWING, record(2))
+        assert one.find(FOLLOWING, [record(1).key, record(2).key]) == {
             record(1).key: record(1),
             record(2).key: record(2),
         }
@@ -55,9 +56,9 @@ import os, signal, sys
 from pathlib import Path
 from mecazen_experiments.store import Store
 store = Store(Path(sys.argv[1]))
-store._database.execute("insert into runs values ('scenario', 1, 'version', '{}')")
+store._database.execute("insert into records values ('following', 'scenario', 1, 'version', '{}')")
 store._database.execute("begin immediate")
-store._database.execute("insert into runs values ('scenario', 2, 'version', '{}')")
+store._database.execute("insert into records values ('following', 'scenario', 2, 'version', '{}')")
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -67,9 +68,9 @@ def test_a_command_that_is_killed_while_it_writes_leaves_what_it_had_written(tmp
     killed = subprocess.run([sys.executable, "-c", KILLED, file], check=False)
     assert killed.returncode == -signal.SIGKILL
     with closing(Store(file)) as store, closing(sqlite3.connect(file)) as database:
-        assert database.execute("select seed from runs").fetchall() == [(1,)]
-        store.add(record(2))
-        assert store.find([record(2).key]) == {record(2).key: record(2)}
+        assert database.execute("select seed from records").fetchall() == [(1,)]
+        store.add(FOLLOWING, record(2))
+        assert store.find(FOLLOWING, [record(2).key]) == {record(2).key: record(2)}
 
 
 @pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite"])
@@ -81,6 +82,6 @@ def test_what_can_t_be_a_store_is_one_line(tmp_path, name):
 def test_a_store_of_something_else_is_one_line(tmp_path):
     file = tmp_path / "other.sqlite"
     with closing(sqlite3.connect(file)) as database:
-        database.execute("create table runs (name)")
+        database.execute("create table records (name)")
     with closing(Store(file)) as store, pytest.raises(MecazenError, match=r"other\.sqlite"):
-        store.find([record(1).key])
+        store.find(FOLLOWING, [record(1).key])

@@ -1,13 +1,17 @@
-"""A run as columns, from the rows that it gave."""
+"""A run as columns, from the rows that it gave, and poses of many ticks against those of one."""
+
+import math
 
 import numpy as np
 import pytest
-from mecazen import keys
+from hypothesis import given
+from hypothesis import strategies as st
+from mecazen import geometry, keys
 from mecazen.bus import LocalBus
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
 from mecazen.wire import Stamp
-from mecazen_experiments.table import Table
+from mecazen_experiments.table import Poses, Table, wrap
 from mecazen_tools.trajectory import COLUMNS, Trajectory
 
 TICK_NS = 20_000_000
@@ -77,3 +81,43 @@ def test_where_takes_some_ticks_of_every_column():
     assert late.tick_s == table.tick_s
     known = table.where(~np.isnan(table["estimate_x_m"]))
     assert known["t_s"].tolist() == [0.02]
+
+
+numbers = st.floats(-100.0, 100.0)
+angles = st.floats(-math.pi, math.pi)
+poses = st.builds(Pose2D, numbers, numbers, angles)
+pairs = st.lists(st.tuples(poses, poses), min_size=1, max_size=5)
+ROUNDING = 1e-12
+"""A coordinate of up to 400 has a rounding of 6e-14; some of them add up."""
+
+
+def many(of_one):
+    return Poses(*np.array(of_one).T)
+
+
+def assert_same(found, expected):
+    for tick, pose in enumerate(expected):
+        assert found.at(tick)[:2] == pytest.approx(pose[:2], abs=ROUNDING)
+        assert geometry.wrap(found.at(tick).yaw - pose.yaw) == pytest.approx(0.0, abs=ROUNDING)
+
+
+@given(pairs)
+def test_compose_is_that_of_each_pose(pairs):
+    left, right = zip(*pairs, strict=True)
+    assert_same(many(left).compose(many(right)), [a.compose(b) for a, b in pairs])
+
+
+@given(pairs)
+def test_between_is_that_of_each_pose(pairs):
+    left, right = zip(*pairs, strict=True)
+    assert_same(many(left).between(many(right)), [a.between(b) for a, b in pairs])
+
+
+@given(st.lists(poses, min_size=1, max_size=5), poses)
+def test_compose_with_one_pose_takes_it_for_all(left, right):
+    assert_same(many(left).compose(right), [pose.compose(right) for pose in left])
+
+
+def test_wrap_brings_angles_to_between_minus_and_plus_half_a_turn():
+    angles = wrap(np.radians([0.0, 179.0, 181.0, -181.0, 360.0, 730.0]))
+    assert np.degrees(angles) == pytest.approx([0.0, 179.0, -179.0, 179.0, 0.0, 10.0], abs=1e-12)

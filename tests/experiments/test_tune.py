@@ -8,9 +8,9 @@ import pytest
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario
 from mecazen_experiments.config import Range, TunedCase, Tuning
+from mecazen_experiments.executor import RunsFailedError
 from mecazen_experiments.jobs import Job, Key
 from mecazen_experiments.run import Record
-from mecazen_experiments.schedule import Failure, RunsFailedError
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
 
 from experiments import made_up
@@ -35,7 +35,7 @@ class Robot:
         scenario = load_scenario(job.scenario, job.settings)
         standoff_m = scenario.follower.standoff_m
         if standoff_m > self._fails_above:
-            raise RunsFailedError([Failure(job, "out of the world")])
+            raise RunsFailedError([(job, MecazenError("out of the world"))])
         d_err_m = 0.1 + 0.01 * (standoff_m - BEST_M) ** 2 + 0.001 * job.key.seed
         return made_up.record(job.key, d_err_m)
 

@@ -65,7 +65,7 @@ def test_effective_configuration_has_every_parameter_and_loads_to_the_same():
         ({"bearing_deg": 90.0}, "bearing_deg and heading_deg must be given together"),
         ({"heading_deg": 90.0}, "bearing_deg and heading_deg must be given together"),
         ({"view": "top"}, "view"),
-        ({"estimator": "ukf"}, "allowed: ekf_ctrv, imm, kf_cv, kf_displacement, none, ukf_ctrv"),
+        ({"estimator": "ukf"}, "allowed: ekf_ctrv, imm, kf_cv, kf_displacement, none"),
         (
             {"estimator": "kf_cv", "estimator_params": {"gain": 1.0}},
             "kf_cv has no parameter gain, allowed: position_std_m, ",

@@ -122,7 +122,7 @@ def test_after_a_reset_all_is_as_at_first_to_the_last_bit(estimator):
     assert estimator.estimate == first
 
 
-@pytest.mark.parametrize("name", ["imm", "ekf_ctrv", "ukf_ctrv"])
+@pytest.mark.parametrize("name", ["imm", "ekf_ctrv"])
 def test_a_reset_forgets_the_learnt_noise(name):
     fresh, used = make(name, noise_memory_s=1.0), make(name, noise_memory_s=1.0)
     for tick in range(50):

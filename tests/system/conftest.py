@@ -1,6 +1,8 @@
 """Whole systems as processes, each test's at a port and a namespace of its own."""
 
 import pytest
+from harness import ROOT
+from mecazen_tools import certificates
 from stack import Stack
 
 
@@ -16,3 +18,11 @@ def stack():
     yield make
     for made in stacks:
         made.close()
+
+
+@pytest.fixture
+def access_control(tmp_path):
+    """Settings of a stack with TLS and access control."""
+    certificates.create(tmp_path / "keys")
+    secure = ROOT / "configs" / "zenoh" / "secure.json5"
+    return f"bus.zenoh_config={secure}", f"bus.keys={tmp_path / 'keys'}"

@@ -1,92 +1,68 @@
-"""One client against a running scenario: payloads that are no messages, and floods."""
+"""One client against a running scenario, open or secured: nothing that it sends changes it.
 
+`--scale N` makes it last N times as long.
+"""
+
+from contextlib import closing
 from pathlib import Path
 
 import psutil
 import pytest
 import zenoh
 from harness import SCENARIOS
+from intruders import Intruder, sample_messages
 from mecazen import keys
 from mecazen.bus.session import open_session
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario
 from mecazen.messages import Empty
-from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES
-from mecazen_bench.malformed import CALLS, Malformed, sample_messages
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
 BACK = SCENARIOS / "back.toml"
 
-PAYLOADS = 30_000
-BATCH = 100
+PAYLOADS = 20_000
+BATCH = 200
 GROWTH_BYTES = 64_000_000
 """A service may keep 16 samples of 64 KiB on each of its keys; a leak has no bound."""
+TOOLS = 20
 
 HUGE_BYTES = 280 << 20
 """What once killed a router's container."""
 
 
-def intruder(running) -> zenoh.Session:
-    return open_session(running.scenario.bus, "client")
-
-
-def test_malformed_payloads_crash_nothing_and_change_no_trajectory(stack):
+@pytest.mark.parametrize("secured", [False, True], ids=["open", "secured"])
+def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
+    stack, access_control, tmp_path, scale, secured
+):
     settings = ("sim.duration_s=10.0", "seed=11")
-    malformed = Malformed(sample_messages(load_scenario(BACK, ("sim.duration_s=1.0",))))
-    running = stack(BACK, *settings, "sim.mode=lockstep")
-    sim = running.scenario.sim
+    running = stack(BACK, *settings, "sim.mode=lockstep", *(access_control if secured else ()))
+    sim, config = running.scenario.sim, running.scenario.bus
     trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
     running.start()
-    source = iter(malformed)
-    with intruder(running) as session:
-        sent = 0
-        while sent < PAYLOADS or not trajectory.complete:
+    payloads, early = PAYLOADS * scale, None
+    with open_session(config, "client", "viewer") as session:
+        intruder = Intruder(session, sample_messages(tmp_path), forge=secured)
+        while intruder.sent < payloads or not trajectory.complete:
             # half of them at least while it runs
-            if sent < PAYLOADS and trajectory.done * PAYLOADS >= sent * sim.ticks // 2:
-                for _ in range(BATCH):
-                    made = next(source)
-                    if made.key in CALLS:
-                        channel = zenoh.handlers.FifoChannel(1)
-                        session.get(made.key, payload=made.payload, handler=channel)
-                    else:
-                        session.put(
-                            made.key,
-                            made.payload,
-                            encoding=made.encoding or None,
-                            attachment=made.attachment,
-                        )
-                sent += BATCH
+            if intruder.sent < payloads and trajectory.done * payloads >= (
+                intruder.sent * sim.ticks // 2
+            ):
+                intruder.send(BATCH)
+            if early is None and intruder.sent >= payloads / 4:
+                early = memory(running)
             running.supervisor.poll(0.0)  # a process that ends is an error
             running.bus.spin_once(0.01)
+        intruder.take_answers()
+    assert intruder.accepted == 0
     assert trajectory.rows() == simulate(load_scenario(BACK, settings), "back")[1].rows()
-    assert running.bus.call(keys.SIM_STATE, Empty()).tick == sim.ticks - 1
-
-
-def test_under_a_flood_time_goes_on_and_memory_does_not_grow(stack):
-    running = stack(BACK)
-    ticks = []
-    running.bus.subscribe(keys.FOLLOWER_STATE, lambda _, stamp: ticks.append(stamp.time_ns))
-    running.start()
-    running.wait(lambda: bool(ticks))
-    floods = {"cmd_vel": b'{"linear":{"x":0.1}}', "of/ones/own": bytes(MAX_PAYLOAD_BYTES)}
-    floods |= {topic.key: bytes(MAX_PAYLOAD_BYTES) for topic in keys.TOPICS[:10:3]}
-    with intruder(running) as session:
-
-        def flood_until(time_ns):
-            def going():
-                for key, payload in floods.items():
-                    for _ in range(1 if len(payload) > 1000 else 100):
-                        session.put(key, payload, encoding=JSON_ENCODING)
-                return ticks[-1] > time_ns
-
-            running.wait(going)
-
-        flood_until(ticks[-1] + 10**9)
-        before = memory(running)
-        flood_until(ticks[-1] + 4 * 10**9)
-        after = memory(running)
-    growth = {name: after[name] - before[name] for name in before}
+    late = memory(running)
+    growth = {name: late[name] - early[name] for name in early}
+    print(f"{intruder.sent} payloads, {sum(early.values())} then {sum(late.values())} bytes")
     assert max(growth.values()) < GROWTH_BYTES, growth
+    for _ in range(TOOLS):
+        with closing(ZenohBus(config, "client", lossless=True)) as tool:
+            assert tool.call(keys.SIM_STATE, Empty()).tick == sim.ticks - 1
 
 
 @pytest.mark.parametrize("part", ["payload", "attachment"])
@@ -97,7 +73,7 @@ def test_what_is_far_too_long_is_not_even_put_together(stack, part):
     running.start()
     running.wait(lambda: bool(ticks))
     before = peaks(running)
-    with intruder(running) as session:
+    with open_session(running.scenario.bus, "client") as session:
         sent = {"payload": b"", part: bytes(HUGE_BYTES)}
         for key in ("cmd_vel", "of/ones/own"):
             session.put(key, congestion_control=zenoh.CongestionControl.BLOCK, **sent)
@@ -115,6 +91,6 @@ def peaks(running) -> dict[str, int]:
 
 
 def memory(running) -> dict[str, int]:
-    return {
-        name: psutil.Process(pid).memory_info().rss for name, pid in running.supervisor.pids.items()
-    }
+    """Memory of each process [bytes]; what several share is divided among them."""
+    pids = running.supervisor.pids.items()
+    return {name: psutil.Process(pid).memory_full_info().pss for name, pid in pids}

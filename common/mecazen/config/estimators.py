@@ -57,7 +57,7 @@ class TurnRateParams(Params):
 
 
 class CtrvParams(TurnRateParams):
-    """Parameters of `ekf_ctrv` and `ukf_ctrv`."""
+    """Parameters of `ekf_ctrv`."""
 
     acceleration_std_m_s2: Positive = 0.3
     """Random walk of the speed."""
@@ -102,7 +102,6 @@ PARAMS: dict[str, type[Params]] = {
     "kf_cv": ConstantVelocityParams,
     "kf_displacement": DisplacementParams,
     "ekf_ctrv": CtrvParams,
-    "ukf_ctrv": CtrvParams,
     "imm": ImmParams,
 }
 """The parameters of each estimator by its name; an estimator of a user program adds its own."""

@@ -1,33 +1,22 @@
-"""Kalman filters of constant turn rate and velocity: extended and unscented, also adaptive."""
+"""Kalman filters of constant turn rate and velocity, also adaptive."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 from mecazen.config.estimators import CtrvParams, TurnRateParams
 from mecazen.geometry import Pose2D
-from mecazen.portable import product
 
 from mecazen_follower.estimators.base import Array, Estimate, Estimator
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
-    IDENTITY,
-    OBSERVATION,
     SEEN,
     SIZE,
-    YAW,
-    State,
-    Triangle,
     Walks,
     estimate_of,
-    move,
-    process_noise,
-    propagate,
-    triangle,
     unwrap_yaw,
 )
 
@@ -37,66 +26,6 @@ MIN_POSITION_WALK = 0.001
 """Random walk of the position [m] after 1 s besides sway and side steps."""
 MIN_FACTOR, MAX_FACTOR = 0.1, 1000.0
 """Bounds of `NoiseScale`: beyond them the filter ignores its prediction or its sensor."""
-
-
-class Unscented:
-    """An unscented Kalman filter of the state of `turn_rate`.
-
-    Sigma points by R. van der Merwe: Sigma-Point Kalman Filters for Probabilistic Inference
-    in Dynamic State-Space Models (2004).
-    """
-
-    def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
-        from filterpy import kalman  # noqa: PLC0415  # late, as it takes a second
-
-        self._walks = walks
-        points = kalman.MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
-        self._filter: Any = kalman.UnscentedKalmanFilter(
-            SIZE, SEEN, dt=0.0, hx=lambda x: x[:SEEN], fx=move, points=points
-        )
-        self._filter.x, self._filter.P = state, covariance
-        self.nis = 0.0
-
-    @property
-    def heading(self) -> float:
-        """The heading [rad], not wrapped."""
-        return float(self._filter.x[YAW])
-
-    @property
-    def state(self) -> Array:
-        """The state (5)."""
-        return np.asarray(self._filter.x)
-
-    @property
-    def covariance(self) -> Array:
-        """Its covariance (5, 5)."""
-        return np.asarray(self._filter.P)
-
-    def predict(self, dt: float) -> None:
-        """Propagate by `dt` [s]."""
-        self._filter.Q = process_noise(self._walks, self.state, dt)
-        self._filter.predict(dt=dt)
-
-    def update(self, observation: Array, noise: Array) -> None:
-        """Correct with an observation (3) and its covariance (3, 3)."""
-        kf = self._filter
-        kf.compute_process_sigmas(0.0)  # around the current state, even without a prediction before
-        prediction = kf.P
-        kf.update(observation, R=noise)
-        remaining = IDENTITY - product(kf.K, OBSERVATION)
-        # Joseph form, possible since the observation is linear in the state
-        P = product(product(remaining, prediction), remaining.T)
-        P += product(product(kf.K, noise), kf.K.T)
-        kf.P = (P + P.T) / 2.0
-        self.nis = float(np.sum(kf.y * product(kf.SI, kf.y)))
-
-    def ahead(self, dt: float) -> tuple[State, Triangle]:
-        """Return state and covariance `dt` [s] later, to first order."""
-        return propagate(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
-
-
-StateFilter = ModeBank | Unscented
-"""A filter of the state of `turn_rate`."""
 
 
 class NoiseScale:
@@ -137,12 +66,12 @@ class NoiseScale:
 
 
 class TurnRateEstimator(Estimator):
-    """A `StateFilter` that is propagated only when an observation comes.
+    """A bank of modes that is propagated only when an observation comes.
 
     Between observations `ahead` predicts in closed form, which keeps most ticks cheap.
     """
 
-    _begin: Callable[[Array, Array], StateFilter]
+    _begin: Callable[[Array, Array], ModeBank]
     """Returns a filter with an initial state (5) and its covariance (5, 5)."""
 
     def __init__(self, params: TurnRateParams) -> None:
@@ -154,7 +83,7 @@ class TurnRateEstimator(Estimator):
     def reset(self) -> None:
         """Discard the estimate."""
         self.nis = None
-        self._filter: StateFilter | None = None
+        self._filter: ModeBank | None = None
         self._elapsed = 0.0
         self._since_observed = 0.0
         self._scale = NoiseScale(self._noise_memory)
@@ -214,11 +143,3 @@ class ExtendedFilter(TurnRateEstimator, name="ekf_ctrv"):
     def __init__(self, params: CtrvParams) -> None:
         super().__init__(params)
         self._begin = partial(ModeBank, (Mode(walks_of(params)),))
-
-
-class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv"):
-    """An unscented Kalman filter of constant turn rate and velocity."""
-
-    def __init__(self, params: CtrvParams) -> None:
-        super().__init__(params)
-        self._begin = partial(Unscented, walks_of(params))

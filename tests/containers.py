@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 from mecazen.errors import MecazenError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 PORTS = ("MECAZEN_ROUTER_PORT", "MECAZEN_WEB_PORT", "MECAZEN_DATA_PORT")
 VARIABLES = (*PORTS, "MECAZEN_SCENARIO", "MECAZEN_SET", "COMPOSE_PROFILES", "COMPOSE_FILE")
 """What docker-compose.yml and .env are to say, unless it is said here."""

@@ -1,0 +1,247 @@
+"""Runs on the cores of this machine or of a Dask cluster; finished ones are kept in a store."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import signal
+import warnings
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
+from functools import partial
+from typing import Any, Protocol, TypeVar
+
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+from mecazen.errors import ConfigError, MecazenError
+
+from mecazen_experiments.jobs import Job, Key
+from mecazen_experiments.run import Kind, Record, record
+from mecazen_experiments.store import Store
+
+T = TypeVar("T")
+
+MAX_TRIES = 3
+"""How often a job is started whose worker dies."""
+CONNECT_S = 10.0
+
+
+Outcomes = Generator[tuple[Job, T | MecazenError], None, None]
+"""Jobs with their results or errors, in the order of completion; closing it ends the work."""
+Progress = Callable[[int, int], None]
+"""Called with the number of runs that are done, and of all."""
+
+
+class RunsFailedError(MecazenError):
+    """Runs that failed, a line each; the others are done and kept."""
+
+    def __init__(self, failures: Iterable[tuple[Job, MecazenError]]) -> None:
+        lines = sorted(f"{job}: {error}" for job, error in failures)
+        super().__init__("\nerror: ".join(lines))
+
+
+class Workers(Protocol):
+    """Processes that do jobs."""
+
+    count: int
+    """The number of jobs that may be running when a worker dies."""
+
+    def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        """Yield outcomes; none of jobs that were not finished when a worker died."""
+
+    def close(self) -> None:
+        """Let the processes go."""
+
+
+class LocalWorkers:
+    """Processes of this machine, one BLAS thread each; a single one is this process itself.
+
+    -1 is one for each core.
+    """
+
+    def __init__(self, count: int = -1) -> None:
+        self.count: int = effective_n_jobs(count)
+
+    def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        """See `Workers`."""
+        outcomes: Outcomes[T] | None = None
+        try:
+            with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():
+                # jobs beyond the workers' queue would make loky's thread fail after Ctrl-C
+                parallel = Parallel(
+                    self.count,
+                    return_as="generator_unordered",
+                    batch_size=1,
+                    pre_dispatch="2 * n_jobs",
+                )
+                outcomes = parallel(delayed(_attempt)(work, job) for job in tuple(jobs))
+            # joblib may also just end, without the error
+            with suppress(BrokenProcessPool):
+                yield from outcomes
+        finally:
+            if outcomes is not None:
+                with warnings.catch_warnings(action="ignore"):  # of unfinished jobs
+                    outcomes.close()
+
+    def close(self) -> None:
+        """See `Workers`: joblib keeps them for the next jobs."""
+
+
+class ClusterWorkers:
+    """The workers at a Dask scheduler; they need the same code and see the same files.
+
+    The scheduler gives the job of a worker that dies to another, and gives it up after its
+    `allowed-failures`. joblib's backend for Dask would wait forever for such a job.
+
+    Raises:
+        ConfigError: The address is not as `tcp://192.0.2.1:8786`, or Dask is not installed.
+        MecazenError: Nothing answers there, or there are no workers.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client  # noqa: PLC0415  # an extra
+        except ModuleNotFoundError:
+            raise ConfigError(
+                "--scheduler needs Dask: pip install 'mecazen-experiments[cluster]'"
+            ) from None
+        # checked here: with a wrong one Dask's client hangs at the end of the process
+        if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
+            raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
+        # errors of the scheduler are reported in one line instead of the client's
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+        self._address = address
+        try:
+            connect: Any = Client  # which is not typed
+            self._client = connect(address, timeout=CONNECT_S, set_as_default=False)
+        except OSError:
+            raise MecazenError(f"--scheduler {address}: no Dask scheduler answers there") from None
+        self.count = len(self._client.ncores())
+        if not self.count:
+            self.close()
+            raise MecazenError(
+                f"--scheduler {address}: it has no workers; start some: dask worker {address}"
+            )
+
+    def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        """See `Workers`."""
+        from distributed import KilledWorker, as_completed  # noqa: PLC0415  # an extra
+
+        futures = [self._client.submit(_attempt, work, job, pure=False) for job in jobs]
+        try:
+            for future in as_completed(  # type: ignore[no-untyped-call]
+                futures, loop=self._client.loop
+            ):
+                try:
+                    yield future.result()
+                except KilledWorker:
+                    continue
+                except CancelledError:
+                    raise MecazenError(f"{self._address}: the Dask scheduler has gone") from None
+        finally:
+            self._client.cancel(futures)
+
+    def close(self) -> None:
+        """Leave the cluster."""
+        self._client.close()
+
+
+def do(work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers) -> Outcomes[T]:
+    """Yield the outcome of each job; the work of a worker that dies is done again.
+
+    When a worker dies, others may end with it. Jobs that may have been running are tried again
+    after the rest, one at a time, so that it is clear whose worker dies.
+
+    Raises:
+        MecazenError: There are no workers any more.
+    """
+    batches = deque([list(jobs)])
+    tries: Counter[Job] = Counter()
+    while batches:
+        waiting = batches.popleft()
+        with closing(workers.do_once(work, waiting)) as outcomes:
+            for job, outcome in outcomes:
+                waiting.remove(job)
+                yield job, outcome
+        begun, rest = waiting[: workers.count], waiting[workers.count :]
+        tries.update(begun)
+        if rest:
+            batches.appendleft(rest)
+        batches += ([job] for job in begun if tries[job] < MAX_TRIES)
+        dead = MecazenError("its worker died, each time it was tried")
+        yield from ((job, dead) for job in begun if tries[job] >= MAX_TRIES)
+
+
+def do_all(
+    work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers
+) -> Generator[tuple[Job, T], None, None]:
+    """Yield each job with its result, as it is done.
+
+    Raises:
+        RunsFailedError: Some could not be done; all others were.
+        MecazenError: There are no workers any more.
+    """
+    failures = []
+    with closing(do(work, jobs, workers)) as outcomes:
+        for job, outcome in outcomes:
+            if isinstance(outcome, MecazenError):
+                failures.append((job, outcome))
+            else:
+                yield job, outcome
+    if failures:
+        raise RunsFailedError(failures)
+
+
+def run_all(
+    kind: Kind[T],
+    jobs: Iterable[Job],
+    store: Store,
+    workers: Workers,
+    progress: Progress = lambda *_: None,
+) -> dict[Key, Record[T]]:
+    """Return the record of every job; each is stored as soon as it exists, and not made again.
+
+    Raises:
+        MecazenError: As `do_all`, or the store can't be used.
+    """
+    wanted = {job.key: job for job in jobs}
+    records = store.find(kind, wanted)
+    progress(len(records), len(wanted))
+    todo = [job for key, job in wanted.items() if key not in records]
+    with closing(do_all(partial(record, kind), todo, workers)) as results:
+        for job, found in results:
+            store.add(kind, found)
+            records[job.key] = found
+            progress(len(records), len(wanted))
+    return records
+
+
+def _attempt(work: Callable[[Job], T], job: Job) -> tuple[Job, T | MecazenError]:
+    """Do a job; a `MecazenError` is an outcome too."""
+    try:
+        return job, work(job)
+    except MecazenError as error:
+        # not the error itself: its class may need more to be made again in another process
+        return job, MecazenError(str(error))
+
+
+@contextmanager
+def _as_workers() -> Iterator[None]:
+    """Start processes that leave it to this one to end them, and to say why.
+
+    They ignore Ctrl-C, which a terminal sends to all. joblib's process that removes what others
+    leave behind would warn of it.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    warned = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker:UserWarning"
+    try:
+        yield
+    finally:
+        del os.environ["PYTHONWARNINGS"]
+        if warned is not None:
+            os.environ["PYTHONWARNINGS"] = warned
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

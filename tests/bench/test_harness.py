@@ -1,0 +1,196 @@
+"""Figures, the file that keeps them, two files beside each other, and the document's tables."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from mecazen_bench import harness
+from mecazen_bench.cli import BENCHMARKS, ON_REQUEST, benchmark
+from mecazen_bench.harness import Figure, Goal, Group, Results, ResultsError
+from mecazen_tools.cli.app import app
+from typer.testing import CliRunner
+
+
+def result(value: float, goal: Goal = "less", spread: float = 0.0, **more: Figure) -> Results:
+    """Results of one figure, and others."""
+    quartiles = (value - spread / 2, value + spread / 2)
+    rows = {"nexus": {"µs/step": Figure(value, goal, quartiles), **more}}
+    groups = (Group("Physics", "so", rows),)
+    return Results(harness.SCHEMA, "some machine", {"physics": groups})
+
+
+def verdict(before: Results, after: Results) -> str:
+    table, _ = harness.compare(before, after)
+    return table.splitlines()[2].split(" | ")[-1].removesuffix(" |").strip("| ")
+
+
+@pytest.mark.parametrize(
+    ("goal", "good", "bad", "text"),
+    [
+        ((12.0, None), 12.0, 11.9, "≥ 12"),
+        ((None, 0.1), 0.05, 0.11, "< 0.1"),
+        ((0.965, 1.035), 0.97, 1.036, "1 ± 0.035"),
+    ],
+)
+def test_a_figure_is_compared_with_its_target(goal, good, bad, text):
+    assert Figure(good, goal).met is True
+    assert Figure(bad, goal).met is False
+    assert str(Figure(good, goal)) == f"{good:g} ✓ {text}"
+    assert Figure(good, "less").met is None
+
+
+def test_rounds_become_medians_with_quartiles_and_are_interleaved():
+    order = []
+
+    def run(name):
+        def measure():
+            order.append(name)
+            return [Group(name, "so", {"a": {"place": Figure(float(len(order)), "less")}})]
+
+        return measure
+
+    reports = []
+    found = harness.measure({"a": run("a"), "b": run("b")}, 3, reports.append)
+    assert order == ["a", "b"] * 3
+    assert reports[1] == "b, round 1 of 3"
+    (group,) = found.benchmarks["a"]
+    assert group.rows["a"]["place"] == Figure(3.0, "less", (2.0, 4.0))
+    assert group.how == "so; medians (quartiles) of 3 rounds"
+    assert msgspec.json.decode(msgspec.json.encode(found), type=Results) == found
+    (once,) = harness.measure({"a": run("a")}, 1, reports.append).benchmarks["a"]
+    assert once.how == "so"
+
+
+def test_benchmarks_are_found_by_name_and_those_that_take_minutes_are_named_in_the_help():
+    assert all(map(callable, map(benchmark, BENCHMARKS)))
+    refused = CliRunner().invoke(app, ["bench", "run", "--only", "fast"])
+    assert refused.exit_code != 0
+    assert "fast: no such benchmark; there are physics, robots" in str(refused.exception)
+    shown = CliRunner().invoke(app, ["bench", "run", "--help"], env={"COLUMNS": "400"}).output
+    assert f"take minutes: {', '.join(ON_REQUEST)}." in shown
+
+
+def test_a_run_prints_its_tables_and_writes_its_figures(monkeypatch, tmp_path):
+    groups = list(result(80.0).benchmarks["physics"])
+    monkeypatch.setattr("mecazen_bench.cli.benchmark", lambda name: lambda: groups)
+    file = tmp_path / "new" / "out.json"
+    done = CliRunner().invoke(app, ["bench", "run", "--only", "loop", "--json", str(file)])
+    assert done.exit_code == 0
+    assert "| nexus | 80 |" in done.output
+    assert list(harness.read(file).benchmarks) == ["loop"]
+
+
+def test_a_machine_is_named_by_its_processor_and_cores(monkeypatch):
+    monkeypatch.setattr(harness, "_cpu", lambda: "Some(R) CPU(TM) i7 @ 2.60GHz")
+    monkeypatch.setattr(harness, "_cores", lambda: 2)
+    assert harness.machine_name() == "some-cpu-i7-2-cores"
+    assert harness.default_path("m", []).name == "m.json"
+    assert harness.default_path("m", ["a"]).name == "m-a.json"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "goal", "expected"),
+    [
+        (80.0, 90.0, "less", "worse"),
+        (90.0, 80.0, (None, 70.0), "better"),
+        (700.0, 600.0, "more", "worse"),
+        (600.0, 700.0, (1000.0, None), "better"),
+        (0.99, 1.04, 1.0, "worse"),
+        (1.04, 0.99, (0.9, 1.1), "better"),
+        (0.98, 1.02, 1.0, ""),
+        (0.0, 3.0, "less", "worse"),
+        (1.0, 1.0005, "less", ""),
+    ],
+)
+def test_a_change_is_judged_by_the_goal_of_the_figure(before, after, goal, expected):
+    assert verdict(result(before, goal), result(after, goal)) == expected
+
+
+def test_a_change_within_the_spread_of_both_is_ignored():
+    assert verdict(result(80.0, spread=5.0), result(89.0, spread=5.0)) == ""
+    assert verdict(result(80.0, spread=5.0), result(91.0, spread=5.0)) == "worse"
+
+
+def test_only_figures_that_both_have_are_compared():
+    one, more = result(80.0), result(80.0, lost=Figure(1.0, "less"))
+    assert len(harness.compare(one, more)[0].splitlines()) == 3
+    with pytest.raises(ResultsError, match="no figure is in both"):
+        harness.compare(one, msgspec.structs.replace(one, benchmarks={}))
+
+
+def test_the_command_shows_ratios_and_ends_with_1_where_something_became_worse(tmp_path):
+    paths = [str(tmp_path / name) for name in ("a.json", "b.json")]
+    for path, value in zip(paths, (80.0, 100.0), strict=True):
+        harness.write(result(value), Path(path))
+    worse = CliRunner().invoke(app, ["bench", "compare", *paths])
+    assert worse.exit_code == 1
+    assert "| 1.250 | worse |" in worse.output
+    assert "1 figures became worse" in worse.output
+    better = CliRunner().invoke(app, ["bench", "compare", *reversed(paths)])
+    assert better.exit_code == 0
+    assert "0.800" in better.output
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (None, "No such file or directory"),
+        (b"", "no results of mecazen bench"),
+        (b"\xff\xfe", "no results of mecazen bench"),
+        (b"[1, 2]", "no results of mecazen bench"),
+        (b'{"schema": 3}', "no results of mecazen bench: Object missing required field"),
+        (b'{"schema": 1, "context": "", "benchmarks": {}}', "schema 1 instead of 3"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line(content, reason, tmp_path):
+    path = tmp_path / "a.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ResultsError, match=reason) as refused:
+        harness.read(path)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ResultsError, match="File exists"):
+        harness.write(result(1.0), tmp_path / "file" / "a.json")
+
+
+def test_a_figure_that_a_row_lacks_is_an_empty_cell():
+    one, two = Figure(12_345.6, "more"), Figure(0.25, (0.9, 1.1), (0.2, 0.3))
+    group = Group("T", "so", {"a": {"x": one, "y": two}, "b": {"y": two}})
+    cell = "0.25 (0.2 to 0.3) ✗ 1 ± 0.1"
+    assert group.markdown() == (
+        "**T.** So.\n\n| | x | y |\n| --- | --- | --- |\n"
+        f"| a | 12,346 | {cell} |\n| b | | {cell} |\n"
+    )
+
+
+def test_the_tables_of_the_document_are_those_of_the_results_files():
+    text = harness.DOCUMENT.read_text()
+    blocks = {name for _, name, _ in harness.BLOCK.findall(text)}
+    assert blocks == {*BENCHMARKS, "machine"}
+    assert harness.updated(text) == text  # `mecazen bench tables` writes them
+
+
+def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path):
+    def block(name):
+        text = harness.updated(f"a\n<!-- bench: {name} -->\nold\n<!-- /bench -->\nb", tmp_path)
+        begin, end = f"a\n<!-- bench: {name} -->\n", "<!-- /bench -->\nb"
+        assert text.startswith(begin)
+        assert text.endswith(end)
+        return text.removeprefix(begin).removesuffix(end)
+
+    def write(value, *only):
+        harness.write(result(value), harness.default_path(harness.MACHINE, only, tmp_path))
+
+    write(80.0)
+    (group,) = result(80.0).benchmarks["physics"]
+    assert block("physics") == group.markdown()
+    assert block("machine") == "some machine\n"
+    assert block("peers") == "Not measured yet: `mecazen bench run --only peers`.\n"
+    write(90.0, "physics")
+    assert "| nexus | 90 |" in block("physics")
+    assert "some machine" in block("physics")

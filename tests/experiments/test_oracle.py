@@ -1,0 +1,28 @@
+"""A follower that knows the true person: its errors are those of control and robot."""
+
+import pytest
+from harness import SCENARIOS
+from mecazen.loading import load_scenario
+from mecazen_experiments.budget import ORACLE
+from mecazen_tools.simulate import simulate
+
+
+def run(*settings, scenario="back"):
+    settings = ("sim.duration_s=4", *settings)
+    return simulate(load_scenario(SCENARIOS / f"{scenario}.toml", settings), scenario)[0]
+
+
+@pytest.mark.parametrize("scenario", ["back", "side"])
+def test_the_error_of_an_oracle_is_that_of_the_robot(scenario):
+    oracle = run(ORACLE, scenario=scenario)
+    seen = run(scenario=scenario)
+    # 0.2 m/s take 0.08 s at 2.5 m/s²: 8 mm at the start, and no more later
+    assert oracle.d_err_m < 2e-3
+    assert oracle.theta_err_deg < 0.1
+    assert seen.theta_err_deg > 5 * oracle.theta_err_deg
+
+
+def test_an_oracle_needs_no_sensor_and_repeats_itself():
+    blind = "sensor.occlusions_s=[[0, 100]]"
+    first, again, blinded = (run(ORACLE, *more) for more in ((), (), (blind,)))
+    assert first.trajectory_sha256 == again.trajectory_sha256 == blinded.trajectory_sha256

@@ -1,0 +1,47 @@
+"""One run, simulated, observed and scored."""
+
+from harness import SCENARIOS, error_of
+from mecazen.errors import ConfigError
+from mecazen.keys import CLOCK, ODOM
+from mecazen.loading import load_scenario
+from mecazen_experiments.config import Case
+from mecazen_experiments.jobs import series
+from mecazen_experiments.run import FOLLOWING, observe, observe_bodies, record
+from mecazen_tools.simulate import simulate
+
+BACK = SCENARIOS / "back.toml"
+SHORT = ("sim.duration_s=1.5",)
+
+
+def test_a_run_is_that_of_the_command_line_with_all_samples_of_some_topics():
+    scenario = load_scenario(BACK, SHORT)
+    seen = observe(scenario, CLOCK, ODOM)
+    assert seen.trajectory_sha256 == simulate(scenario, "back")[0].trajectory_sha256
+    assert len(seen.table) == 150
+    assert [len(of) for of in seen.samples.values()] == [150, 150]
+
+
+def test_a_run_is_driven_in_every_tick_but_the_last():
+    ticks = []
+
+    def drive(tick, samples):
+        ticks.append((tick, len(samples[CLOCK.key])))
+        return {}
+
+    observe(load_scenario(BACK, ("sim.duration_s=0.05",)), CLOCK, drive=drive)
+    assert ticks == [(tick, tick) for tick in range(1, 5)]
+
+
+def test_bodies_are_observed_only_where_a_tracker_reports_them():
+    text = error_of(ConfigError, lambda: observe_bodies(load_scenario(BACK, SHORT)))
+    assert "sensor.kind" in text
+
+
+def test_a_record_has_the_scores_of_the_run_and_its_cost():
+    (job,) = series(Case("short", BACK), "short", SHORT, (3,)).jobs
+    found = record(FOLLOWING, job)
+    assert found.key == job.key
+    assert 0.0 < found.scores.whole.d_err_m < 0.2
+    assert found.wall_s > 0.0
+    assert 20.0 < found.peak_rss_mb < 1000.0
+    assert FOLLOWING.numbers(found.scores)["settled_d_err_m"] is None

@@ -1,0 +1,207 @@
+"""Clients that send what must be refused, or too much."""
+
+import multiprocessing
+import random
+import re
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from harness import SCENARIOS
+from mecazen import keys
+from mecazen.bus.base import decode_sample
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.loading import load_scenario
+from mecazen.messages import Message
+from mecazen.wire import ENCODINGS, JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
+from mecazen_recorder.reader import Recording
+from mecazen_tools.simulate import simulate
+
+SEED = 20
+TOKEN = re.compile(rb'"[^"]*"|[-+.\w]+')
+"""A name or a value in JSON."""
+ODD = (
+    b"null", b"true", b'"1"', b"{}", b"[[]]", b'{"x":1}', b"-1", b"2147483648", b"1.5", b"NaN",
+    b"-Infinity", b"1e999", b"9" * 400, b"0x10", b".5", b"[0,1]", b'"\\ud7ff"', b"\xff", b"\xc0",
+    b"[" * 5000, b'{"header":' * 5000, b'{"linear":[' * 2000, b"\x91" * 5000, b"\x81\xa1a" * 5000,
+    b"\xff" * 4, b"\xf0\x7f",
+    b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\x81\xd9\xff", b"\x81\xa6header" * 3000,
+    b" " * MAX_SAMPLE_BYTES,
+)  # fmt: skip
+"""Wrong values, NaN, no UTF-8, deep nesting in JSON, MessagePack and CDR, too much."""
+LABELS = (
+    "", *ENCODINGS.values(), "application/cdr", "text/json", "text/plain", "zenoh/bytes",
+    "application/json;é", "\x00", "/", "a" * 200,
+)  # fmt: skip
+CALLS = {call.key: call for call in keys.CALLS}
+EXPRESSIONS = ("**", "*", "*/odom", "sim/*", "diagnostics/*", "**/cmd_vel")
+SIZES = (1, 15, 17, 40, 2000, 70_000)
+"""Of attachments that are no stamps."""
+OPEN_QUERIES = 50
+"""Queries that wait for their answers at most: services refuse unread what comes while a hundred
+wait."""
+
+Good = Mapping[str, Sequence[Message]]
+"""Messages that each key carries."""
+
+
+class Payload(NamedTuple):
+    """What an intruder puts on a key, or sends as a query."""
+
+    key: str
+    payload: bytes
+    encoding: str
+    attachment: bytes | None
+
+
+def sample_messages(folder: Path) -> Good:
+    """Record a run; return messages of each key, a default one where nothing is published."""
+    file = folder / "good.mcap"
+    scenario = load_scenario(SCENARIOS / "back.toml", ("sim.duration_s=1.0",))
+    services = str([*scenario.services, "recorder"]).replace("'", '"')
+    settings = ("sim.duration_s=1.0", f"services={services}", f'recorder.file="{file}"')
+    simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")
+    topics = {topic.key: topic for topic in keys.TOPICS if "*" not in topic.key}
+    topics |= {(of := keys.diagnostics(part)).key: of for part in scenario.services}
+    good: dict[str, list[Message]] = {key: [] for key in topics}
+    for sample in Recording(file).samples():
+        if len(good.get(sample.key, range(20))) < 20:
+            good[sample.key].append(sample.message(topics[sample.key].type))
+    found = {key: messages or [topics[key].type()] for key, messages in good.items()}
+    return found | {key: [call.request()] for key, call in CALLS.items()}
+
+
+def malformed(good: Good) -> Iterator[Payload]:
+    """Damage good messages for ever; those that happen to stay valid are skipped."""
+    chance = random.Random(SEED)
+    payloads = {
+        key: [encode(message, form) for message in messages for form in ENCODINGS]
+        for key, messages in sorted(good.items())
+    }
+    while True:
+        key = chance.choice(list(payloads))
+        # a stamp is 16 or 20 bytes
+        sizes = (16, 20, chance.randrange(40)) if chance.randrange(10) == 0 else ()
+        attachment = chance.randbytes(chance.choice(sizes)) if sizes else None
+        damaged = _damaged(chance, chance.choice(payloads[key]))
+        made = Payload(key, damaged, chance.choice(LABELS), attachment)
+        if _is_refused(made, type(good[key][0])):
+            yield made
+
+
+def _damaged(chance: random.Random, good: bytes) -> bytes:
+    """Return a message with a token, any piece, its end or all of it replaced."""
+    begin = chance.randrange(len(good))
+    spans = [(begin, begin + chance.randrange(4)), (begin, len(good)), (0, len(good))]
+    if token := TOKEN.search(good, begin):
+        spans.append(token.span())
+    begin, end = chance.choice(spans)
+    some = chance.randbytes(1 + chance.randrange(9))
+    odd = chance.choice((b"", some, chance.choice(ODD), good[begin:end]))
+    return good[:begin] + odd + good[end:]
+
+
+def _is_refused(made: Payload, kind: type[Message]) -> bool:
+    topic = keys.topic_of(made.key)
+    with suppress(RefusedError):
+        if topic is not None:
+            decode_sample(topic, *made[1:])
+        elif made.payload.strip():  # a query may be empty
+            decode(made.payload, kind)
+        return False
+    return True
+
+
+class Intruder:
+    """Sends payloads that must be refused: malformed, or good ones in a wrong way.
+
+    Args:
+        session: A client's.
+        good: Real messages by key.
+        forge: Whether good messages with forged stamps are among them: only access control
+            refuses these.
+    """
+
+    def __init__(self, session: Any, good: Good, *, forge: bool) -> None:
+        self._session, self._forge = session, forge
+        self._random = random.Random(SEED)
+        self._malformed = malformed(good)
+        self._good = [
+            (key, encode(m, f)) for key, of in good.items() for m in of for f in ENCODINGS
+        ]
+        self._puts = [(key, payload) for key, payload in self._good if key not in CALLS]
+        self._tokens: list[Any] = []
+        self._asked: deque[tuple[Any, bool]] = deque()
+        self.sent = self.accepted = 0
+
+    def send(self, count: int) -> None:
+        """Send some more."""
+        for _ in range(count):
+            self._send_one(self._random.random())
+        self.sent += count
+
+    def _send_one(self, which: float) -> None:
+        choice = self._random.choice
+        if which < 0.85:
+            key, payload, label, attachment = next(self._malformed)
+            if key in CALLS:
+                self._ask(key, payload, attachment, malformed=True)
+            else:
+                self._session.put(key, payload, encoding=label or None, attachment=attachment)
+        elif which < 0.90:
+            self._session.put(choice(EXPRESSIONS), choice(self._puts)[1])
+        elif which < 0.93:
+            self._ask(choice(EXPRESSIONS), choice(self._good)[1], None, malformed=False)
+        elif which < 0.98:
+            key, payload = choice(self._puts)
+            sizes = (*SIZES, 16) if self._forge else SIZES
+            self._session.put(key, payload, attachment=self._random.randbytes(choice(sizes)))
+        else:
+            name = f"mecazen/[/{self._random.randrange(1000)}]\x1b"
+            self._tokens.append(self._session.liveliness().declare_token(name))
+            if len(self._tokens) > 100:
+                self._tokens.pop(0).undeclare()
+
+    def _ask(self, key: str, payload: bytes, attachment: bytes | None, *, malformed: bool) -> None:
+        replies = self._session.get(key, payload=payload, attachment=attachment, timeout=1.0)
+        self._asked.append((replies, malformed))
+        self.take_answers(OPEN_QUERIES)
+
+    def take_answers(self, wait: int = 0) -> None:
+        """Wait for the answers to all queries but the newest; count malformed ones taken."""
+        while len(self._asked) > wait:
+            replies, was_malformed = self._asked.popleft()
+            for reply in replies:
+                self.accepted += was_malformed and reply.ok is not None
+
+
+@contextmanager
+def flooding(names, payload, rate_hz, config):
+    """Flood from another process; yield the number of its puts."""
+    context = multiprocessing.get_context("spawn")
+    sent, stop = context.Value("q", 0), context.Event()
+    process = context.Process(
+        target=flood_until, args=(stop, names, payload, rate_hz, config, sent)
+    )
+    process.start()
+    try:
+        yield sent
+    finally:
+        stop.set()
+        process.join()
+
+
+def flood_until(stop, names, payload, rate_hz, config, sent) -> None:
+    with closing(ZenohBus(config, "client", name="viewer")) as bus:
+        begin = time.perf_counter()
+        while not stop.is_set():
+            for key in names:
+                bus.put_bytes(key, payload, JSON_ENCODING)
+            sent.value += len(names)
+            if rate_hz is not None:
+                time.sleep(max(0.0, begin + sent.value / rate_hz - time.perf_counter()))
+            elif not names:
+                stop.wait()
