@@ -21,16 +21,15 @@ from mecazen.errors import BusError
 from mecazen.keys import Call, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen.ros import cdr
-from mecazen.ros.fields import RosTypeError
 from mecazen.wire import (
-    CDR_ENCODING,
     ENCODINGS,
     MAX_SAMPLE_BYTES,
     RefusedError,
     decode,
     encode,
 )
+from mecazen_ros import cdr
+from mecazen_ros.types import RosTypeError
 from mecazen_tools.simulate import InProcess, simulate
 
 from mecazen_bench.figures import Figure, Group, Row, Target
@@ -54,7 +53,7 @@ ODD = (
 )  # fmt: skip
 """Wrong values, NaN, no UTF-8, bombs in JSON, MessagePack and CDR, too much."""
 LABELS = (
-    "", *ENCODINGS.values(), CDR_ENCODING, "text/json", "text/plain", "zenoh/bytes",
+    "", *ENCODINGS.values(), "application/cdr", "text/json", "text/plain", "zenoh/bytes",
     "application/json;é", "\x00", "/", "a" * 200,
 )  # fmt: skip
 CALLS: dict[str, Call[Any, Any]] = {call.key: call for call in keys.CALLS}

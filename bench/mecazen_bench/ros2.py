@@ -7,8 +7,8 @@ from collections.abc import Callable
 from functools import partial
 
 from mecazen import messages as m
-from mecazen.ros import cdr
 from mecazen.wire import decode, encode
+from mecazen_ros import cdr
 from rosbags.typesys import Stores, get_typestore
 
 from mecazen_bench.figures import Figure, Group, Row

@@ -18,10 +18,11 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.messages import Clock, Empty, JointState, Message, Odometry, Twist
 from mecazen.robots import join_key
-from mecazen.ros import cdr
-from mecazen.ros.interfaces import TFMessage
-from mecazen.ros.protocol import Attachment, data_key
-from mecazen.ros.types import dds_type, type_hash
+from mecazen_ros import cdr
+from mecazen_ros.interfaces import message
+from mecazen_ros.node import of_ros
+from mecazen_ros.protocol import Attachment, data_key, dds_type
+from mecazen_ros.types import type_hash
 
 from mecazen_bench.figures import Better, Figure, Group, Row, Target
 from mecazen_bench.latency import ANSWER_S, BLIND, PAUSE_S, PUTS, Probe, figures, set_priority
@@ -30,7 +31,7 @@ from mecazen_bench.stack import Stack, running, spent_s, spin, spin_until
 SERVICES = ("physics", "controller", "target", "follower")
 LOCKSTEP = 'sim.mode="lockstep"', "bus.ros2=true"
 SUBSCRIBED: dict[str, type[Message]] = {
-    "clock": Clock, "tf": TFMessage, "odom": Odometry, "ground_truth/odom": Odometry,
+    "clock": Clock, "tf": message("TFMessage"), "odom": Odometry, "ground_truth/odom": Odometry,
     "joint_states": JointState,
 }  # fmt: skip
 """What five subscribers in ROS hear: all of it comes every tick, but for most frames."""
@@ -98,7 +99,7 @@ def _is_ready(bus: ZenohBus) -> bool:
 
 def _listening(scenario: Scenario, *, subscribes: bool) -> Any:
     """Return a session that hears five topics, or none."""
-    session = open_session(scenario.bus.of_ros, "client")
+    session = open_session(of_ros(scenario.bus), "client")
     for name, kind in SUBSCRIBED.items() if subscribes else ():
         session.declare_subscriber(_key(scenario, name, kind), lambda _: None)
     return session
@@ -151,7 +152,7 @@ def drive(scenario: Scenario, puts: int) -> tuple[Sequence[float | None], Sequen
     found: tuple[list[float | None], list[float | None]] = [], []
     with (
         closing(ZenohBus(scenario.bus)) as bus,
-        closing(open_session(scenario.bus.of_ros, "client")) as session,
+        closing(open_session(of_ros(scenario.bus), "client")) as session,
     ):
         probes = Probe(bus, scenario.robot.wheels.radius_m), _RosProbe(bus, scenario, session)
         for probe in probes:

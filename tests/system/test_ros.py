@@ -9,12 +9,10 @@ from mecazen.bus.session import open_session
 from mecazen.bus_config import BusConfig
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock, Empty, Odometry, Twist, Vector3
-from mecazen.ros import cdr
-from mecazen.ros import rcl_interfaces as rcl
-from mecazen.ros.interfaces import TFMessage, TriggerRequest, TriggerResponse
-from mecazen.ros.parameters import PARAMETER_SERVICES
-from mecazen.ros.protocol import Attachment, data_key
-from mecazen.ros.types import dds_type, service_hash, type_hash
+from mecazen_ros import cdr
+from mecazen_ros.interfaces import message, service
+from mecazen_ros.protocol import Attachment, data_key, dds_type
+from mecazen_ros.types import service_hash, type_hash
 from mecazen_tools.cli.app import app
 from mecazen_tools.simulate import simulate, simulate_distributed
 from typer.testing import CliRunner
@@ -38,7 +36,9 @@ def ros(stack):
 def test_a_twist_from_ros_drives_the_robot_and_its_odometry_and_frames_come_back(ros):
     running, session, robot = ros
     heard = {name: [] for name in ("clock", f"{robot}/odom", "tf")}
-    for (name, samples), kind in zip(heard.items(), (Clock, Odometry, TFMessage), strict=True):
+    for (name, samples), kind in zip(
+        heard.items(), (Clock, Odometry, message("TFMessage")), strict=True
+    ):
         session.declare_subscriber(
             key_of(name, kind),
             lambda sample, samples=samples, kind=kind: samples.append(
@@ -60,11 +60,12 @@ def test_a_twist_from_ros_drives_the_robot_and_its_odometry_and_frames_come_back
     children = {t.child_frame_id for one in heard["tf"] for t in one.transforms}
     assert {f"{robot}/base_link", f"{robot}/front_left_wheel"} <= children
 
-    hashed = service_hash("std_srvs/srv/Trigger", TriggerRequest, TriggerResponse)
+    trigger = service("std_srvs/srv/Trigger")
+    hashed = service_hash("std_srvs/srv/Trigger", *trigger)
     key = data_key(0, f"{robot}/sim/pause", dds_type("std_srvs/srv/Trigger"), hashed)
-    request = cdr.encode(TriggerRequest())
+    request = cdr.encode(trigger.request())
     (reply,) = session.get(key, payload=request, attachment=ATTACHED, timeout=10.0)
-    assert cdr.decode(reply.ok.payload.to_bytes(), TriggerResponse).success
+    assert cdr.decode(reply.ok.payload.to_bytes(), trigger.response).success
     assert running.bus.call(keys.SIM_STATE, Empty()).paused
 
 
@@ -72,16 +73,17 @@ def test_a_parameter_set_from_ros_is_the_simulations_and_the_robot_keeps_it(stac
     running = stack(SCENARIOS / "back.toml", "bus.ros2=true")
     running.start()
     robot = running.scenario.bus.namespace
-    service = next(one for one in PARAMETER_SERVICES if one.name == "set_parameters")
-    hashed = service_hash(service.kind, service.request, service.response)
-    key = data_key(0, f"{robot}/follower/set_parameters", dds_type(service.kind), hashed)
-    farther = rcl.ParameterValue(3, double_value=1.5)
+    kind = "rcl_interfaces/srv/SetParameters"
+    setting = service(kind)
+    hashed = service_hash(kind, *setting)
+    key = data_key(0, f"{robot}/follower/set_parameters", dds_type(kind), hashed)
+    farther = message("ParameterValue")(3, double_value=1.5)
     names = ("standoff_m", "standof")
-    request = rcl.SetParametersRequest(tuple(rcl.Parameter(name, farther) for name in names))
+    request = setting.request(tuple(message("Parameter")(name, farther) for name in names))
     attached = Attachment(1, 1, bytes(16)).pack()
     with open_session(BusConfig(connect=(running.endpoint,)), "client") as session:
         (reply,) = session.get(key, payload=cdr.encode(request), attachment=attached, timeout=10.0)
-    results = cdr.decode(reply.ok.payload.to_bytes(), service.response).results
+    results = cdr.decode(reply.ok.payload.to_bytes(), setting.response).results
     assert [one.successful for one in results] == [True, False]
     assert results[1].reason.startswith("follower.standof: no such parameter; did you mean")
 

@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from mecazen import log
+from mecazen.bridges import bridge_of
 from mecazen.bus.base import StoppedError
-from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.bus_config import BusConfig
 from mecazen.config import Process, Scenario
@@ -56,17 +56,18 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     lossless = scenario.sim.mode == "lockstep"
     bus = ZenohBus(scenario.bus, lossless=lossless, name=process.services[0])
     stop_on_signals(bus.stop)
-    ros = None
+    side = None
     try:
         for service, robot in parts:
             member = make_service(service, bus, scenario, robot)
             member.announce = lambda url: reporter.tell(Report("serving", url))
             members.append(member)
-        if scenario.bus.ros2:
-            ros = RosSide(scenario.bus, process.services[0])
+        bridge = bridge_of(scenario.bus)
+        if bridge is not None:
+            side = bridge.open_side(scenario.bus, process.services[0])
             for member, (_, robot) in zip(members, parts, strict=True):
                 graph = graph_of(member.scenario, classes(member.name, member.scenario))
-                RosNode(ros, member.name, bus.namespaced(robot), member.scenario, graph)
+                side.show(member.name, bus.namespaced(robot), member.scenario, graph)
         for member in members:
             declare_alive(member.bus, member.name, member.scenario)
         for member in members:
@@ -80,8 +81,8 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     finally:
         for member in members:
             member.close()
-        if ros is not None:
-            ros.close()
+        if side is not None:
+            side.close()
         bus.close()
 
 

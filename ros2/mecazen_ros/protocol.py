@@ -10,7 +10,7 @@ import hashlib
 import struct
 from typing import NamedTuple
 
-from mecazen.wire import RefusedError
+from mecazen.errors import RefusedError
 
 ADMIN = "@ros2_lv"
 """The first chunk of every liveliness token."""
@@ -112,6 +112,12 @@ def _mangled(name: str) -> str:
     return "%" + name.replace("/", "%")
 
 
+def dds_type(name: str) -> str:
+    """Return the DDS name of a type: `geometry_msgs::msg::dds_::Twist_`."""
+    package, space, own = name.split("/")
+    return f"{package}::{space}::dds_::{own}_"
+
+
 def data_key(domain: int, topic: str, dds: str, hashed: str) -> str:
     """Return the key of a topic's samples, or of a service's requests."""
     return f"{domain}/{topic}/{dds}/{hashed}"
@@ -124,11 +130,6 @@ def any_key(name: str, dds: str, namespace: str | None = None) -> str:
     """
     before = "**" if namespace is None else "/".join(filter(None, ("*", namespace)))
     return f"{before}/{name.removeprefix('/')}/{dds}/*"
-
-
-def is_data_key(key: str) -> bool:
-    """Return whether a key is one of `data_key`: by its type, in DDS's spelling."""
-    return "::dds_::" in key
 
 
 def gid_of(token: str) -> bytes:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 from mecazen.messages import Header, JointState, Quaternion, Time, Vector3
-from mecazen.ros.interfaces import TFMessage, Transform, TransformStamped
 
+from mecazen_ros.interfaces import message
+
+TFMessage, Transform = message("TFMessage"), message("Transform")
+TransformStamped = message("TransformStamped")
 SLICES = 5
 """A mesh is shown as so many cylinders."""
 MOVING_HZ = 25.0
@@ -32,7 +35,7 @@ class Joint(NamedTuple):
     axis: tuple[float, float, float] | None
     """A unit vector that the child turns about; None of a fixed joint."""
 
-    def transform(self, position: float, time: Time, prefix: str) -> TransformStamped:
+    def transform(self, position: float, time: Time, prefix: str) -> Any:
         """Return where the child is with the joint at `position` [rad]."""
         rotation = self.rotation
         if self.axis is not None:
@@ -51,7 +54,7 @@ def joints(urdf: str) -> list[Joint]:
     return [_joint(one) for one in _root(urdf).iterfind("joint") if _turns(one) is not None]
 
 
-def fixed_frames(urdf: str, prefix: str) -> TFMessage:
+def fixed_frames(urdf: str, prefix: str) -> Any:
     """Return where links are that are fixed to others; `prefix` begins each frame's name."""
     fixed = (joint for joint in joints(urdf) if joint.axis is None)
     return TFMessage(transforms=tuple(joint.transform(0.0, Time(), prefix) for joint in fixed))
@@ -65,7 +68,7 @@ class MovingFrames:
         self._prefix = prefix
         self._last_ns = -1
 
-    def __call__(self, state: JointState) -> TFMessage | None:
+    def __call__(self, state: JointState) -> Any:
         """Return the frames at some positions; None where it is too soon for them."""
         time = state.header.stamp
         # simulated time that goes back begins another run
