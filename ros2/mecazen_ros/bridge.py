@@ -1,4 +1,4 @@
-"""What plugs ROS 2 into mecazen: see `mecazen.bridges.Bridge`."""
+"""The plug-in for ROS 2: see `mecazen.bridges.Bridge`."""
 
 from __future__ import annotations
 

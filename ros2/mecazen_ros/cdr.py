@@ -1,15 +1,15 @@
 """Messages in ROS 2's CDR (XCDR1): a header of four bytes, then fields aligned to their size.
 
-rosbags decodes. What is published every tick takes it too long to encode (docs/performance.md), so
-`encode` packs a whole message by one `struct.Struct`, which other messages with the same lengths
-share.
+rosbags decodes. It takes too long to encode the messages of every tick (docs/performance.md), so
+`encode` packs a whole message by `struct`, whose native alignment is CDR's.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
-from functools import cache, lru_cache
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, lru_cache, partial
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -21,45 +21,42 @@ from rosbags.serde import SerdeError
 
 from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, known
 
-HEADER = b"\x00\x01\x00\x00"
-"""Little-endian, no padding at the end."""
+HEADER = bytes((0, sys.byteorder == "little", 0, 0))
+"""The byte order of what is written, which is the machine's; no padding at the end."""
 CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d", "bool": "?", "byte": "B",
 }  # fmt: skip
-SIZES = {code: struct.calcsize(f"<{code}") for code in (*CODES.values(), "s", "x")}
-BYTES = ("uint8", "byte")
-LAYOUTS = 256
-"""Number of layouts, and of lists of texts, that are kept."""
+TEXTS = 256
+"""Number of lists of texts that are kept encoded."""
 
-Add = Callable[[Any, list[Any], list[int]], None]
-"""Adds a field to the values to pack, and its length to those that the layout depends on."""
+Add = Callable[[Any, list[Any]], str]
+"""Adds a field to the values to pack, and returns its format."""
 
 
-class _Plan(NamedTuple):
-    """How the values of a type's messages are gathered."""
+class _Step(NamedTuple):
+    """Fields of a message that are added together."""
 
-    get: Callable[[Message], tuple[Any, ...]]
-    """Returns the fields, also of messages within."""
-    runs: tuple[tuple[Add | None, int, int], ...]
-    """What adds the fields from one place to another; None for numbers, which need nothing."""
+    add: Add | None
+    """Adds one field; None for single numbers, whose format is known."""
+    begin: int
+    end: int
+    """Places of the first field, and behind the last."""
+    form: str = ""
 
 
 def encode(message: Message) -> bytes:
     """Return a message in CDR; its bounds are not checked.
 
     Raises:
-        RefusedError: A number does not fit into its type, or a text has no UTF-8.
+        RefusedError: A whole number does not fit into its type, or a text has no UTF-8.
         RosTypeError: ROS has no type for a field.
     """
-    kind = type(message)
-    values: list[Any] = [HEADER]
-    lengths: list[int] = []
+    values: list[Any] = []
     try:
-        _add_message(message, values, lengths)
-        return _layout(known(kind), tuple(lengths)).pack(*values)
-    except (struct.error, OverflowError, UnicodeEncodeError) as error:
-        raise RefusedError(f"no {kind.ROS_TYPE} in CDR: {error}") from None
+        return HEADER + struct.pack(_add_message(message, values), *values)
+    except (struct.error, UnicodeEncodeError) as error:
+        raise RefusedError(f"no {message.ROS_TYPE} in CDR: {error}") from None
 
 
 def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
@@ -76,143 +73,90 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
 
 
-def _add_message(message: Message, values: list[Any], lengths: list[int]) -> None:
-    get, runs = _plan(type(message))
-    got = get(message)
-    for add, begin, end in runs:
+def _add_message(message: Message, values: list[Any]) -> str:
+    get, steps = _plan(type(message))
+    got, forms = get(message), []
+    for add, begin, end, form in steps:
         if add is None:
             values += got[begin:end]
+            forms.append(form)
         else:
-            add(got[begin], values, lengths)
+            forms.append(add(got[begin], values))
+    return "".join(forms)
 
 
 @cache
-def _plan(kind: type[Message]) -> _Plan:
-    leaves = dict(_leaves(known(kind), ""))
-    runs: list[tuple[Add | None, int, int]] = []
-    for at, add in enumerate(leaves.values()):
-        if add is None and runs and runs[-1][0] is None:
-            runs[-1] = None, runs[-1][1], at + 1
+def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[_Step]]:
+    """Return what gets the fields of a message, also of those in it, and how they are added."""
+    fields = dict(_fields(known(kind), ""))
+    steps: list[_Step] = []
+    for at, one in enumerate(fields.values()):
+        if callable(one):
+            steps.append(_Step(one, at, at + 1))
+        elif steps and steps[-1].add is None:
+            last = steps.pop()
+            steps.append(_Step(None, last.begin, at + 1, last.form + one))
         else:
-            runs.append((add, at, at + 1))
-    # with one path more than needed, what is got is always a tuple
-    return _Plan(attrgetter(*leaves, "ROS_TYPE"), tuple(runs))
+            steps.append(_Step(None, at, at + 1, one))
+    # a message without fields is one byte; with one path more `get` always returns a tuple
+    return attrgetter(*fields, "ROS_TYPE"), steps or [_Step(None, 0, 0, "x")]
 
 
-def _leaves(name: str, path: str) -> Iterator[tuple[str, Add | None]]:
+def _fields(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
+    """Yield the path to each field of a type, and its format or what adds it."""
     for field, (node, detail) in STORE.fielddefs[name][1]:
         if node == Nodetype.NAME:
-            yield from _leaves(detail, f"{path}{field}.")
-        elif node == Nodetype.BASE and detail[0] != "string":
-            if field != NO_FIELD:
-                yield path + field, None
-        elif node == Nodetype.BASE:
-            yield path + field, _add_text
-        else:
-            add = _ADDS.get(_item(detail[0]), _add_numbers)
-            yield path + field, _without_count(add) if node == Nodetype.ARRAY else add
+            yield from _fields(detail, f"{path}{field}.")
+        elif node == Nodetype.BASE and field != NO_FIELD:
+            yield path + field, CODES.get(detail[0], _add_text)
+        elif node == Nodetype.ARRAY:
+            yield path + field, _list_adder(*detail)
+        elif node == Nodetype.SEQUENCE:
+            yield path + field, partial(_add_counted, _list_adder(detail[0]))
 
 
-def _item(shape: Shape) -> str:
-    """Return the primitive type of a list's items; empty where they are messages."""
-    return "" if shape[0] == Nodetype.NAME else shape[1][0]
+def _list_adder(shape: Shape, length: int | None = None) -> Add:
+    """Return what adds the items of a list; numbers in an array must have its length."""
+    node, detail = shape
+    if node == Nodetype.NAME:
+        return lambda items, values: "".join([_add_message(item, values) for item in items])
+    if detail[0] == "string":
+        return _add_texts
+    if detail[0] in ("uint8", "byte"):
+        return _add_bytes
+    return partial(_add_numbers, CODES[detail[0]], length)
 
 
-def _add_text(text: str, values: list[Any], lengths: list[int]) -> None:
+def _add_counted(add: Add, items: Sequence[Any], values: list[Any]) -> str:
+    values.append(len(items))
+    return "I" + add(items, values)
+
+
+def _add_text(text: str, values: list[Any]) -> str:
     data = text.encode()
-    lengths.append(len(data) + 1)  # and a zero
     values += (len(data) + 1, data)
+    return f"I{len(data) + 1}s"  # with a zero
 
 
-def _add_texts(texts: tuple[str, ...], values: list[Any], lengths: list[int]) -> None:
-    data = _packed(texts)
-    lengths.append(len(data))
-    values += (len(texts), data)
+def _add_texts(texts: Sequence[str], values: list[Any]) -> str:
+    data = _packed(tuple(texts))
+    values.append(data)
+    return f"0I{len(data)}s"
 
 
-def _add_bytes(data: bytes, values: list[Any], lengths: list[int]) -> None:
-    lengths.append(len(data))
-    values += (len(data), bytes(data))
+def _add_bytes(data: Sequence[int], values: list[Any]) -> str:
+    values.append(bytes(data))
+    return f"{len(data)}s"
 
 
-def _add_numbers(numbers: tuple[float, ...], values: list[Any], lengths: list[int]) -> None:
-    lengths.append(len(numbers))
-    values.append(len(numbers))
+def _add_numbers(code: str, length: int | None, numbers: Sequence[float], values: list[Any]) -> str:
     values += numbers
+    count = len(numbers) if length is None else length
+    return f"{count}{code}" if count else ""  # a list without items is not aligned
 
 
-def _add_messages(messages: tuple[Message, ...], values: list[Any], lengths: list[int]) -> None:
-    lengths.append(len(messages))
-    values.append(len(messages))
-    for message in messages:
-        _add_message(message, values, lengths)
-
-
-_ADDS: dict[str, Add] = {
-    "": _add_messages, "string": _add_texts, "uint8": _add_bytes, "byte": _add_bytes,
-}  # fmt: skip
-"""What adds a list, by the type of its items; all others are numbers."""
-
-
-def _without_count(add: Add) -> Add:
-    """Return what adds an array: its type has the number of items, not its bytes."""
-
-    def add_array(array: Any, values: list[Any], lengths: list[int]) -> None:
-        count = len(values)
-        add(array, values, lengths)
-        del values[count]
-
-    return add_array
-
-
-@lru_cache(maxsize=LAYOUTS)
+@lru_cache(maxsize=TEXTS)
 def _packed(texts: tuple[str, ...]) -> bytes:
     """Return texts, each at a multiple of 4."""
-    out = bytearray()
-    for text in texts:
-        data = text.encode()
-        out += bytes(-len(out) % 4) + struct.pack("<I", len(data) + 1) + data + b"\x00"
-    return bytes(out)
-
-
-@lru_cache(maxsize=LAYOUTS)
-def _layout(name: str, lengths: tuple[int, ...]) -> struct.Struct:
-    """Return the layout of a type's messages that have these lengths."""
-    rest, text, at = iter(lengths), ["<4s"], 0
-
-    def put(code: str, count: int = 1) -> None:
-        nonlocal at
-        pad = -at % SIZES[code]
-        text.append(f"{pad}x{count}{code}")
-        at += pad + count * SIZES[code]
-
-    def put_field(node: int, detail: Any) -> None:
-        if node == Nodetype.NAME:
-            for field, shape in STORE.fielddefs[detail][1]:
-                put("x") if field == NO_FIELD else put_field(*shape)
-        elif node == Nodetype.BASE and detail[0] == "string":
-            put("I")
-            put("s", next(rest))
-        elif node == Nodetype.BASE:
-            put(CODES[detail[0]])
-        else:
-            put_items(node, *detail)
-
-    def put_items(node: int, shape: Shape, expected: int) -> None:
-        item, count = _item(shape), next(rest)
-        if node == Nodetype.SEQUENCE:
-            put("I")
-        elif item != "string" and count != expected:
-            raise struct.error(f"{count} items in an array of {expected}")
-        if item == "string":
-            put("I", 0)  # to a multiple of 4
-        if item == "string" or item in BYTES:
-            put("s", count)
-        elif not item:
-            for _ in range(count):
-                put_field(*shape)
-        elif count:
-            put(CODES[item], count)
-
-    put_field(Nodetype.NAME, name)
-    return struct.Struct("".join(text))
+    values: list[Any] = []
+    return struct.pack("".join([_add_text(text, values) for text in texts]), *values)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
+import numpy as np
 from mecazen.messages import Header, JointState, Quaternion, Time, Vector3
 
 from mecazen_ros.interfaces import message
@@ -123,21 +124,14 @@ def _cylinder(part: ET.Element, middle: float, radius: float, length: float) -> 
 
 def _slices(stl: bytes) -> Iterator[tuple[float, float, float]]:
     """Yield middle, radius and length of the slices of a body about z [m]; each holds its part."""
-    facets = [
-        (corners[2::3], max(map(math.hypot, corners[0::3], corners[1::3])))
-        for *corners, _ in (facet[3:] for facet in struct.iter_unpack("<12fH", stl[84:]))
-    ]
-    lowest, highest = min(min(z) for z, _ in facets), max(max(z) for z, _ in facets)
-    length = (highest - lowest) / SLICES
-    widest = [0.0] * SLICES
-    for heights, radius in facets:
-        first, last = (
-            min(int((z - lowest) / length), SLICES - 1) for z in (min(heights), max(heights))
-        )
-        for index in range(first, last + 1):
-            widest[index] = max(widest[index], radius)
-    for index, radius in enumerate(widest):
-        yield lowest + (index + 0.5) * length, radius, length
+    facets = np.frombuffer(stl[84:], dtype=[("corners", "<f4", (4, 3)), ("attribute", "<u2")])
+    corners = facets["corners"][:, 1:].astype(float)  # after the normal
+    radii = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)
+    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    edges = np.linspace(lowest.min(), highest.max(), SLICES + 1)
+    for low, high in pairwise(edges.tolist()):
+        inside = radii[(lowest <= high) & (highest >= low)]
+        yield (low + high) / 2, float(inside.max(initial=0.0)), high - low
 
 
 def _root(urdf: str) -> ET.Element:

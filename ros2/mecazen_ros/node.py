@@ -1,8 +1,8 @@
 """The services of a process as ROS 2 nodes, in rmw_zenoh's protocol.
 
-They have a Zenoh session of their own, since a namespace would hide it from ROS. It is a client's,
-so that it can be one of `rmw_zenohd` as well as of mecazen's router. A ROS topic is published only
-while it has a subscriber. Messages from ROS are published on the plain key.
+They have a Zenoh session without a namespace, which would hide them from ROS. The session is a
+client, of mecazen's router or of `rmw_zenohd`. A ROS topic is published only while it has a
+subscriber. Messages from ROS are published on the plain key.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class RosSide:
         self.session = open_session(of_ros(config), "client", name, timestamps=True)
         self.id = str(self.session.info.zid())
         self.numbers = count()
-        """Of nodes and their endpoints."""
+        """Numbers for nodes and their endpoints."""
         self._kept: list[object] = []
 
     def show(self, name: str, bus: ZenohBus, scenario: Scenario, graph: Graph) -> None:
@@ -107,7 +107,7 @@ class RosSide:
         self.keep(self.session.liveliness().declare_token(token))
 
     def close(self) -> None:
-        """Leave ROS; what was declared goes with the session."""
+        """Close the session, and with it all that was declared."""
         self.session.close()  # type: ignore[no-untyped-call]
 
 
@@ -121,11 +121,11 @@ class RosNode:
     """A service as a ROS node, with all that it publishes, takes and answers.
 
     Args:
-        side: Of the service's process.
-        name: The service's.
-        process: The service's.
-        scenario: As its robot sees it.
-        graph: The nodes of the scenario.
+        side: Session of the process's ROS nodes.
+        name: Name of the service.
+        process: Process that the service is in.
+        scenario: Configuration for the service's robot.
+        graph: Nodes of the scenario.
     """
 
     def __init__(
@@ -196,7 +196,7 @@ class RosNode:
     def _publish(
         self, heard: Topic[Any], robot: str, name: str, topic: Topic[Any], where: Namespace
     ) -> None:
-        """Show ROS, while it subscribes, what this process publishes on the topic `heard`."""
+        """Publish messages of the topic `heard` in ROS while it has subscribers there."""
         for one in publications(topic, name, where):
             try:
                 kind = _type(one.kind)
@@ -215,7 +215,7 @@ class RosNode:
             self._side.keep(publisher, publisher.declare_matching_listener(direct(match)))
 
     def _take(self, topic: Topic[Any], robot: str, one: Subscription, where: Namespace) -> None:
-        """Publish on the plain key, without a stamp, what comes from ROS."""
+        """Publish samples from ROS on the plain key, without a stamp."""
         process = self._process
         key, _ = self._declare("MS", where.whole(one.name), _type(one.kind))
         refuse = partial(process.refuse, _source(one.name), robot)
@@ -226,7 +226,7 @@ class RosNode:
                 raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
-            attached(sample)  # without one it is of no ROS node, and none would take it
+            attached(sample)  # no ROS node sends or takes a sample without one
             message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
             refuse_implausible(topic.key, message)
             return message
@@ -305,7 +305,7 @@ def _service_type(service: Service | ParameterService) -> tuple[str, str]:
 
 
 def _source(name: str) -> str:
-    """Return the name under which refusals of what comes from ROS are counted."""
+    """Return the name under which refused samples and requests from ROS are counted."""
     return f"ros2/{name}"
 
 

@@ -1,4 +1,4 @@
-"""The ROS 2 package `mecazen_msgs`: the messages that topics carry and ROS has no equal for."""
+"""The ROS 2 package `mecazen_msgs`: messages of topics that ROS does not define."""
 
 from __future__ import annotations
 

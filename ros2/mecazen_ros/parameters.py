@@ -1,7 +1,7 @@
-"""The parameters of ROS nodes: what can be changed of each service, over mecazen's own queries.
+"""The parameters of ROS nodes: the live settings of each service, over mecazen's own queries.
 
 A node has the parameters of its service's section under names without the section's, and
-`use_sim_time`. Whoever owns time answers for all nodes, since it owns the changes.
+`use_sim_time`. The owner of time answers for all nodes, since it owns the changes.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ USE_SIM_TIME = "use_sim_time"
 SIM_TIME = m.ParameterDescriptor(USE_SIM_TIME, "true", "bool", allowed="true")
 NOT_SET = m.ParameterDescriptor()
 NUMBERS = {"bool": 1, "integer": 2, "float": 3, "string": 4, "list": 9}
-"""Of types, in ROS; of a list that is left out, that of texts."""
+"""Numbers of types in ROS. A list that is left out counts as one of texts."""
 ITEMS = {bool: 1, int: 2, float: 3, str: 4}
 ARRAYS = {1: 6, 2: 7, 3: 8, 4: 9}
 """Types of arrays by those of their items."""
 Value, Result = message("ParameterValue"), message("SetParametersResult")
 FIELDS = Value.__struct_fields__
-"""Of a value, by the type's number."""
+"""Fields of a value, by the number of its type."""
 
 
 class NodeParameters:
     """The parameters of one ROS node.
 
     Args:
-        service: The node's.
-        robot: Its robot, where there are several; what is not of one robot is of all.
+        service: Service of the node.
+        robot: Robot of the node, where there are several. Other settings are those of all robots.
         ask: Queries the owner of time; a refusal is a BusError.
     """
 
@@ -52,7 +52,7 @@ class NodeParameters:
         return {"result": message("ListParametersResult")(names, tuple(prefixes))}
 
     def get_parameters(self, request: Any) -> dict[str, Any]:
-        """Return values; of what is no parameter, or left out, it is not set."""
+        """Return values; unknown names and settings that are left out have type 0, not set."""
         return {"values": tuple(map(_value, self._of(request)))}
 
     def get_parameter_types(self, request: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a ROS node needs of the process that it is in."""
+"""The process that a ROS node is in."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class _QueryReply(Reply[Any]):
 
 
 def by_query(service: Service, process: Process) -> Respond:
-    """Return what answers a service by a query that the process serves."""
+    """Return a function that answers a service by a query that the process serves."""
 
     def respond(payload: bytes, give: Give) -> None:
         try:
@@ -56,7 +56,7 @@ def by_query(service: Service, process: Process) -> Respond:
 
 
 def by_parameters(service: ParameterService, parameters: NodeParameters) -> Respond:
-    """Return what answers a service for the parameters of a node."""
+    """Return a function that answers a service for the parameters of a node."""
 
     def respond(payload: bytes, give: Give) -> None:
         try:
@@ -100,14 +100,14 @@ def serve(
 
 
 def attached(came: zenoh.Sample | zenoh.Query) -> Attachment:
-    """Return what is attached to a sample or a request.
+    """Return the attachment of a sample or a request.
 
     Raises:
-        RefusedError: It is not what rmw_zenoh attaches.
+        RefusedError: It is not rmw_zenoh's.
     """
     return Attachment.unpack(b"" if came.attachment is None else came.attachment.to_bytes())
 
 
 def attachment_of(sequence: int, gid: bytes) -> bytes:
-    """Return what goes with what is sent now."""
+    """Return the attachment of a sample or reply that is sent now."""
     return Attachment(sequence, time.time_ns(), gid).pack()

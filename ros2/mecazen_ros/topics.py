@@ -22,16 +22,16 @@ TFMessage, TwistStamped = message("TFMessage"), message("TwistStamped")
 WORLD = "world"
 """The frame of the truth, which all robots share."""
 PERSON = "person"
-"""The frame of the person as the follower believes them to be."""
+"""The frame of the person as the follower estimates it."""
 EXACTLY = 1e-9
-"""The variance of what is exact: to ROS's filters 0 is a mistake."""
+"""Variance of exact values: ROS's filters refuse 0."""
 FRAMES = Qos(100)
 
 DESCRIBED: Mapping[str, type[Message]] = {
     keys.ROBOT_DESCRIPTION.key: m.String,
     "/tf_static": TFMessage,
 }
-"""What is published, latched, of a robot's description."""
+"""Latched topics that describe a robot."""
 
 
 class Namespace(NamedTuple):

@@ -35,7 +35,7 @@ class RosTypeError(MecazenError):
 
 
 class ServiceEventInfo(Message):
-    """What each service's type contains besides its request and response; never sent here."""
+    """The event in each service's type, besides request and response; never sent here."""
 
     ROS_TYPE: ClassVar[str] = "service_msgs/msg/ServiceEventInfo"
     event_type: UInt8 = 0

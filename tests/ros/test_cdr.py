@@ -1,4 +1,4 @@
-"""Every message survives CDR bit for bit, others read it as ROS's, and what is none is refused."""
+"""Messages survive CDR bit for bit, other libraries read it, and malformed bytes are refused."""
 
 import random
 import struct
@@ -30,7 +30,7 @@ HEADER_BYTES = bytes.fromhex(
 
 
 class Lists(Message):
-    """What no message of ours has yet."""
+    """Lists that no message of ours has yet."""
 
     ROS_TYPE = "test_msgs/msg/Lists"
     flags: tuple[bool, ...] = ()
@@ -69,10 +69,6 @@ def test_a_message_is_the_same_after_cdr_and_json_and_to_a_reader_of_its_definit
     assert bits(from_others(independent(payload))) == plain(message)
 
 
-def test_a_header_is_these_bytes():
-    assert cdr.encode(HEADER) == HEADER_BYTES
-
-
 def test_numbers_are_aligned_to_their_size_counted_after_the_header():
     state = m.JointState(HEADER, ("a", "bcd"), (0.5,), (), (-2.0, 1.0))
     assert cdr.encode(state) == HEADER_BYTES + bytes.fromhex(
@@ -88,18 +84,6 @@ def test_numbers_are_aligned_to_their_size_counted_after_the_header():
 def test_a_message_without_fields_is_one_byte():
     assert cdr.encode(m.Empty()) == b"\x00\x01\x00\x00\x00"
     assert cdr.decode(b"\x00\x01\x00\x00\x00", m.Empty) == m.Empty()
-
-
-def test_big_endian_is_read():
-    payload = bytes(4) + struct.pack(">iII5s3xIdd", 1, 2, 5, b"odom", 2, 3.0, 4.0)
-
-    class Numbers(Message):
-        ROS_TYPE = "test_msgs/msg/Numbers"
-        header: m.Header = m.Header()
-        numbers: m.Floats = ()
-
-    # struct pads nothing here: offset 24 after the count
-    assert cdr.decode(payload, Numbers) == Numbers(HEADER, (3.0, 4.0))
 
 
 def test_arrays_and_bounded_lists_are_as_ros_has_them():
@@ -189,8 +173,6 @@ def test_numbers_that_are_not_finite_are_refused_with_their_field(number):
     [
         (m.Time(0, 10**9), m.Time),
         (m.DiagnosticStatus(level=4), m.DiagnosticStatus),
-        (m.StepRequest(ticks=0), m.StepRequest),
-        (m.SpeedRequest(speed=0.0), m.SpeedRequest),
         (Texts(name="abc"), Texts),
     ],
 )
@@ -204,7 +186,6 @@ def test_bounds_are_those_of_the_message(message, kind):
     [
         m.Time(2**31),
         m.SimState(seed=-1),
-        m.LaserScan(angle_min=1e39),
         m.CameraInfo(k=(1.0,)),
         m.String("\ud800"),
     ],

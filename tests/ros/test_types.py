@@ -4,72 +4,57 @@ from typing import Annotated
 
 import msgspec
 import pytest
+from drawn import KINDS
+from harness import ROOT
 from mecazen import messages as m
 from mecazen.messages import Message
 from mecazen_ros import cdr
-from mecazen_ros.interfaces import service
+from mecazen_ros.interfaces import message, service
+from mecazen_ros.parameters import PARAMETER_SERVICES
 from mecazen_ros.types import RosTypeError, definition, service_hash, type_hash
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-HASHES = {
-    m.Twist: "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
-    m.Odometry: "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
-    m.JointState: "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
-    m.LaserScan: "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
-    m.Clock: "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
-    m.String: "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
-    m.DiagnosticArray: "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
-}
-"""As in the logs of ROS 2 Jazzy."""
+with pytest.MonkeyPatch.context() as patch:
+    patch.setenv("ROS_DISTRO", "jazzy")  # else it takes itself for Humble
+    from ros2_pyterfaces import core
+    from ros2_pyterfaces.core.rcl_interfaces import srv
 
-
-class Flag(Message):
-    ROS_TYPE = "std_srvs/srv/SetBool_Request"
-    data: bool = False
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+"""ROS's own types, and those of the package that a user builds."""
+for file in (ROOT / "ros2" / "mecazen_msgs" / "msg").glob("*.msg"):
+    JAZZY.register(get_types_from_msg(file.read_text(), f"mecazen_msgs/msg/{file.stem}"))
+ONLY_ROS = ("TwistStamped", "TFMessage", "Parameter", "ParameterDescriptor", "ListParametersResult")
 
 
-@pytest.mark.parametrize("kind", HASHES, ids=lambda kind: kind.__name__)
-def test_the_hash_of_a_message_is_ros_own(kind):
-    assert type_hash(kind) == f"RIHS01_{HASHES[kind]}"
+@pytest.mark.parametrize("kind", [*KINDS, *map(message, ONLY_ROS)], ids=lambda kind: kind.__name__)
+def test_a_message_has_ros_own_definition_and_hash(kind):
+    if kind.ROS_TYPE in JAZZY.fielddefs:
+        assert definition(kind) == JAZZY.generate_msgdef(kind.ROS_TYPE, ros_version=2)[0]
+        assert type_hash(kind) == JAZZY.hash_rihs01(kind.ROS_TYPE)
 
 
 @pytest.mark.parametrize(
-    ("name", "request_kind", "response", "known"),
+    ("kind", "known"),
     [
-        (
-            "std_srvs/srv/Trigger",
-            m.Empty,
-            service("std_srvs/srv/Trigger").response,
-            "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
-        ),
-        (
-            "std_srvs/srv/SetBool",
-            Flag,
-            service("std_srvs/srv/Trigger").response,
-            "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a",
-        ),
-        (
-            "std_srvs/srv/Empty",
-            m.Empty,
-            m.Empty,
-            "5888399dedec5ccc85ea6451949fd2c9f97bfdf963f9a588821639fcd31b5d19",
-        ),
+        # as in the logs of ROS 2 Jazzy
+        (m.Twist, "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"),
+        (m.DiagnosticArray, "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"),
     ],
 )
-def test_the_hash_of_a_service_is_ros_own(name, request_kind, response, known):
-    assert service_hash(name, request_kind, response) == f"RIHS01_{known}"
+def test_the_hash_of_a_message_is_that_of_ros_logs(kind, known):
+    assert type_hash(kind) == f"RIHS01_{known}"
 
 
-def test_a_definition_is_followed_by_those_it_depends_on_each_once_as_it_is_first_met():
-    line = "=" * 80
-    assert definition(m.DiagnosticArray) == (
-        "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n"
-        f"{line}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-        f"{line}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-        f"{line}\nMSG: diagnostic_msgs/DiagnosticStatus\n"
-        "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\n"
-        "string message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
-        f"{line}\nMSG: diagnostic_msgs/KeyValue\nstring key\nstring value\n"
-    )
+def test_the_hash_of_a_service_is_that_of_ros_logs():
+    known = "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+    name = "std_srvs/srv/Trigger"
+    assert service_hash(name, *service(name)) == f"RIHS01_{known}"
+
+
+@pytest.mark.parametrize("one", PARAMETER_SERVICES, ids=lambda one: one.name)
+def test_the_services_for_parameters_have_the_hashes_of_ros2_pyterfaces(one):
+    known = core.hash_rihs01(getattr(srv, one.kind.rpartition("/")[2]))
+    assert service_hash(one.kind, *one.interface) == known
 
 
 @pytest.mark.parametrize(
