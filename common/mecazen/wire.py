@@ -22,12 +22,12 @@ Format = Literal["json", "msgpack"]
 NS_PER_S = 10**9
 MAX_PAYLOAD_BYTES = 1 << 20
 MAX_SAMPLE_BYTES = 1 << 16
-"""Of what is published on a topic: ten times the longest, `joint_states` with every roller."""
+"""Limit of samples on topics: ten times the longest, `joint_states` with every roller."""
 MAX_ENVELOPE_BYTES = 1 << 10
-"""Of what comes beside a payload: its key and attachment, or a query's parameters."""
+"""Limit of key and attachment of a sample, and of a query's parameters as well."""
 MAX_MESSAGE_BYTES = 4 * MAX_PAYLOAD_BYTES
-"""Of anything on a link, whoever sends it, before its fragments are put together: a mesh that is
-served as a file, or a sample of one's own, may be longer than a payload of the table."""
+"""Limit of any message on a link, before its fragments are put together. A mesh that is served as a
+file, and samples on other keys, may be longer than a payload of the table."""
 MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can hold."""
 JSON_ENCODING = "application/json"

@@ -1,4 +1,4 @@
-"""What repeats the graph is written from it: `make graph`.
+"""Write the files that repeat the graph: `make graph`.
 
 The access rules, the picture of the data flow, files of installed bridges, and the tables in
 documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
