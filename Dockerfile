@@ -8,10 +8,12 @@ COPY constraints.txt /
 FROM base AS sdk-wheel
 COPY common /src/common
 COPY configs /src/configs
+COPY ros2 /src/ros2
 COPY tools /src/tools
-RUN pip wheel --no-deps -w /wheels /src/common /src/tools
+RUN pip wheel --no-deps -w /wheels /src/common /src/ros2 /src/tools
 
-# all images share these layers; the router needs no more
+# all images share these layers; the router needs no more. The ROS side is among them, since
+# bus.ros2=true is for all services, and the recorder needs it
 FROM base AS sdk
 COPY --from=sdk-wheel /wheels /wheels
 RUN pip install /wheels/*

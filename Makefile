@@ -11,7 +11,7 @@ SCENARIO ?= back
 SCALE ?= 120
 # what a user runs, and what comes with the targets that need it
 SDK := common people tools
-RUN := $(SDK) $(SERVICES:%=services/%)
+RUN := $(SDK) ros2 $(SERVICES:%=services/%)
 MORE := experiments bench gym
 WORKSPACE := $(RUN) $(MORE)
 
@@ -84,7 +84,7 @@ develop: .venv/developer
 
 # editable, so that a change of ours needs no other install
 EDITABLE = $(patsubst %,-e ./%,$(1))
-SHOWING := services/viewer services/recorder
+SHOWING := ros2 services/viewer services/recorder
 LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
 .venv/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
@@ -100,10 +100,11 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 	@touch $@
 
 # one service and nothing else: what it does not declare, it does not find
-.venv-target/ready .venv-crowd/ready: PEOPLE := -e ./people
-.venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
+.venv-target/ready .venv-crowd/ready: NEEDED := -e ./people
+.venv-recorder/ready: NEEDED := -e ./ros2
+.venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml ros2/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-$*,1/2)
-	@$(call install,.venv-$*,2/2,$* alone,-e ./common $(PEOPLE) -e ./tools -e ./services/$* --group test)
+	@$(call install,.venv-$*,2/2,$* alone,-e ./common $(NEEDED) -e ./tools -e ./services/$* --group test)
 	@touch $@
 
 .venv-common/ready: constraints.txt common/pyproject.toml | .venv-pip/ready
@@ -116,9 +117,10 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 	@$(call install,.venv-people,2/2,people alone,-e ./common -e ./people --group test)
 	@touch $@
 
-.venv-tools/ready: constraints.txt common/pyproject.toml tools/pyproject.toml | .venv-pip/ready
+# with the ROS side, whose access rules are made with those of the graph
+.venv-tools/ready: constraints.txt common/pyproject.toml ros2/pyproject.toml tools/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-tools,1/2)
-	@$(call install,.venv-tools,2/2,the command alone,-e ./common -e ./tools[keys] --group test)
+	@$(call install,.venv-tools,2/2,the command alone,-e ./common -e ./ros2 -e ./tools[keys] --group test)
 	@touch $@
 
 GYM := people tools services/physics services/controller services/target services/follower gym

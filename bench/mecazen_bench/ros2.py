@@ -13,6 +13,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.messages import Empty
 from mecazen.robots import join_key
+from mecazen_ros.node import of_ros
 
 from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.stack import Stack, running, spent_s, spin, spin_until
@@ -68,7 +69,7 @@ def _is_ready(bus: ZenohBus) -> bool:
 
 def _listening(scenario: Scenario, *, subscribes: bool) -> Any:
     """Return a session that receives five topics of ROS, or none."""
-    session = open_session(scenario.bus.of_ros, "client")
+    session = open_session(of_ros(scenario.bus), "client")
     names = [*OF_NO_ROBOT, *(join_key(name, scenario.bus.namespace or "") for name in OF_ROBOT)]
     for name in names if subscribes else ():
         # of a topic's key only the type and its hash come after the name

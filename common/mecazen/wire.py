@@ -1,34 +1,39 @@
-"""Bytes to messages and back: JSON, MessagePack or CDR, and the stamp that goes with samples."""
+"""Bytes to messages and back: JSON or MessagePack, and the stamp that goes with samples.
+
+Installed packages read further encodings: a function `decode(payload, kind)` that raises
+RefusedError, under the encoding's name in the entry points of the group `mecazen.encodings`.
+"""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from functools import cache
-from typing import Literal, NamedTuple, cast
+from importlib.metadata import entry_points
+from typing import Any, Literal, NamedTuple, cast
 
 import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
 from mecazen.messages import Message, MessageT, Time
-from mecazen.ros import cdr
 
 Format = Literal["json", "msgpack"]
 
 NS_PER_S = 10**9
 MAX_PAYLOAD_BYTES = 1 << 20
 MAX_SAMPLE_BYTES = 1 << 16
-"""Of what is published on a topic: ten times the longest, `joint_states` with every roller."""
+"""Limit of samples on topics: ten times the longest, `joint_states` with every roller."""
 MAX_ENVELOPE_BYTES = 1 << 10
-"""Of what comes beside a payload: its key and attachment, or a query's parameters."""
+"""Limit of key and attachment of a sample, and of a query's parameters as well."""
 MAX_MESSAGE_BYTES = 4 * MAX_PAYLOAD_BYTES
-"""Of anything on a link, whoever sends it, before its fragments are put together: a mesh that is
-served as a file, or a sample of one's own, may be longer than a payload of the table."""
+"""Limit of any message on a link, before its fragments are put together. A mesh that is served as a
+file, and samples on other keys, may be longer than a payload of the table."""
 MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can hold."""
 JSON_ENCODING = "application/json"
 MSGPACK_ENCODING = "application/msgpack"
-CDR_ENCODING = "application/cdr"
-"""ROS 2's; it is read as the others are, and written for ROS alone."""
+PLUGGED = {"application/cdr": "mecazen-ros"}
+"""Encodings that are read where a package is installed."""
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
 _STAMP = struct.Struct("<qII")
@@ -123,8 +128,8 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
         raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
     try:
         form = format_of(payload, encoding)
-        if form == "cdr":
-            return cdr.decode(payload, kind)
+        if form in PLUGGED:
+            return cast(MessageT, _plugged(form)(payload, kind))
         if form == "json":
             return cast(MessageT, _json_decoder(kind).decode(payload))
         return cast(MessageT, _msgpack_decoder(kind).decode(payload))
@@ -132,8 +137,18 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
 
 
-def format_of(payload: bytes, encoding: str) -> Format | Literal["cdr"]:
-    """Return what a payload is in, by its encoding or its first bytes.
+@cache
+def _plugged(encoding: str) -> Callable[[bytes, type[Message]], Any]:
+    for entry in entry_points(group="mecazen.encodings", name=encoding):
+        return cast(Callable[[bytes, type[Message]], Any], entry.load())
+    what = PLUGGED[encoding]
+    raise RefusedError(f"{encoding}: {what} is not installed; `pip install {what}`")
+
+
+def format_of(payload: bytes, encoding: str) -> str:
+    """Return a payload's format, or its encoding if it is of `PLUGGED`.
+
+    It follows from the encoding; if that names none, from the first bytes.
 
     Raises:
         RefusedError: It begins as none of them.
@@ -143,12 +158,12 @@ def format_of(payload: bytes, encoding: str) -> Format | Literal["cdr"]:
         return "json"
     if media == MSGPACK_ENCODING:
         return "msgpack"
-    if media == CDR_ENCODING or payload.startswith(cdr.HEADER):
-        return "cdr"
+    if media in PLUGGED:
+        return media
     first = payload[0]
     if first == 0x7B or first in b" \t\r\n":
         return "json"
     # the three ways in which MessagePack begins a map, which every message is
     if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
         return "msgpack"
-    raise RefusedError(f"neither JSON, MessagePack nor CDR: first byte 0x{first:02x}")
+    raise RefusedError(f"neither JSON nor MessagePack: first byte 0x{first:02x}")

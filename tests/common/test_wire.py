@@ -2,17 +2,17 @@
 
 import math
 import struct
+import subprocess
+import sys
 
 import msgspec
 import pytest
 from harness import error_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from mecazen import keys
+from mecazen import keys, wire
 from mecazen import messages as m
-from mecazen.ros import cdr
 from mecazen.wire import (
-    CDR_ENCODING,
     JSON_ENCODING,
     MAX_PAYLOAD_BYTES,
     MSGPACK_ENCODING,
@@ -43,7 +43,6 @@ def packed(value):
         b'{"linear":{"x":0.2}}\r\n',
         b' \t\r\n{"linear": {"x": 2e-1}}',
         packed({"linear": {"x": 0.2}}),
-        cdr.encode(FORWARD),
     ],
 )
 @pytest.mark.parametrize("encoding", ["", "zenoh/bytes", "text/plain"])
@@ -58,21 +57,31 @@ def test_a_part_of_a_message_without_a_telling_encoding_is_a_whole_message(paylo
         ("application/json;charset=utf-8", "json"),
         ("text/json", "json"),
         (MSGPACK_ENCODING, "msgpack"),
-        (CDR_ENCODING, "cdr"),
     ],
 )
 def test_the_encoding_is_believed_before_the_first_bytes(encoding, form):
     payloads = {name: encode(FORWARD, name) for name in ("json", "msgpack")}
-    payloads["cdr"] = cdr.encode(FORWARD)
     assert decode(payloads.pop(form), m.Twist, encoding) == FORWARD
     for other in payloads.values():
         with pytest.raises(RefusedError):
             decode(other, m.Twist, encoding)
 
 
-def test_big_endian_cdr_is_read_where_the_encoding_says_so():
-    payload = bytes(4) + struct.pack(">6d", 0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert decode(payload, m.Twist, CDR_ENCODING) == FORWARD
+def test_an_encoding_of_a_package_that_is_not_installed_is_refused_by_its_name(monkeypatch):
+    monkeypatch.setattr(wire, "entry_points", lambda **_: [])
+    wire._plugged.cache_clear()
+    problem = "application/cdr: mecazen-ros is not installed; `pip install mecazen-ros`"
+    with pytest.raises(RefusedError, match=problem):
+        decode(bytes(52), m.Twist, "application/cdr")
+
+
+def test_a_bus_imports_nothing_of_ros():
+    code = "import sys, mecazen.bus.zenoh_bus, mecazen.runtime.process; print(*sys.modules)"
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "mecazen.bus.session" in found
+    assert not [name for name in found if name.startswith(("mecazen_ros", "rosbags", "numpy"))]
 
 
 @pytest.mark.parametrize("size", [0, 15, 16, 0x10000])

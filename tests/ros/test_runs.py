@@ -12,6 +12,7 @@ from mecazen.loading import load_scenario
 from mecazen.messages import Empty
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
+from mecazen_tools.simulate import simulate, simulate_distributed
 
 TELEOP = SCENARIOS / "teleop.toml"
 TWIST = "geometry_msgs/msg/Twist"
@@ -83,3 +84,10 @@ def test_each_node_computes_the_same_from_what_is_recorded(recorded, node):
 def test_the_robot_has_moved(recorded):
     joints = [one for one in recorded.samples() if one.key == keys.JOINT_COMMAND.key]
     assert joints[-1].message(keys.JOINT_COMMAND.type).velocity[0] < -1.0
+
+
+def test_ros_changes_no_trajectory():
+    path, settings = SCENARIOS / "back.toml", ("sim.duration_s=2.0", "seed=7")
+    alone = simulate(load_scenario(path, settings), "back")[0].trajectory_sha256
+    seen = simulate_distributed(path, (*settings, "bus.ros2=true"), "back")[0]
+    assert seen.trajectory_sha256 == alone

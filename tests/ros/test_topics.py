@@ -1,224 +1,93 @@
-"""What ROS sees of a robot with all its senses: every token, every key, every payload."""
+"""How topics look in ROS."""
 
-import json
 import math
-import time
-from collections import defaultdict
-from typing import Any
 
-import msgspec
-import pytest
-from harness import SCENARIOS
 from mecazen import keys
-from mecazen.graph import OBSERVERS
-from mecazen.keys import TOPICS
-from mecazen.loading import load_scenario
-from ros import grammar
-from ros.node import Heard
+from mecazen import messages as m
+from mecazen.graph import TABLE
+from mecazen_ros.interfaces import message
+from mecazen_ros.topics import Namespace, name_of, publications, rep_117, subscriptions
 
-MORE = {
-    "senses": ('sensor.also=["depth"]', "sensors.depth={rate_hz=5.0, width=32, height=24}"),
-    "convoy": (),
-}
-MOST = 30
-"""So many samples of a topic are read: cyclonedds takes a while."""
+ODOMETRY = m.Odometry(m.Header(m.Time(3), "odom"), "base_link")
 
 
-class Seen:
-    """A scenario, and what it says to ROS within some time, with what it says on plain keys."""
-
-    def __init__(self, running: Any, node: Any, side: Any) -> None:
-        self.side = side
-        self.robots = running.scenario.names
-        self.prefix = f"/{running.scenario.bus.namespace}/"
-        self.plain: dict[tuple[str, int], list[Any]] = defaultdict(list)
-        """By key and the stamp in the header; a tick's command may be computed again."""
-        self._read: dict[str, list[dict[str, Any]]] = {}
-        for robot in dict.fromkeys(("", *running.scenario.names)):
-            bus = running.bus.namespaced(robot)
-            for topic in TOPICS:
-                if "*" not in topic.key and not (topic.shared and robot):
-                    key = f"{robot}/{topic.key}".lstrip("/")
-                    bus.subscribe(topic, self._keep(key), every=True)
-        self.heard: list[Heard] = node.hear("0/**")
-        self.tokens = node.tokens()
-        self.entities = [grammar.token(token) for token in self.tokens]
-        # what is latched comes only to those who ask for it, and parameters when they change
-        given = {one.data.name for one in self.of("MP") if one.qos and not one.qos.latched}
-        given = {name for name in given if not name.endswith("/sim/parameters")}
-        self.missing = set(given)
-        seen = 0
-
-        def has_come() -> bool:
-            nonlocal seen
-            for one in self.heard[seen:]:
-                self.missing.discard(grammar.key(one.key).name)
-                seen += 1
-            return not self.missing
-
-        running.wait(has_come)
-        clocks = [one for one in self.heard if "Clock" in one.key]
-        running.wait(lambda: sum("Clock" in one.key for one in self.heard) > len(clocks) + MOST)
-
-    def _keep(self, key: str) -> Any:
-        def keep(message: Any, stamp: Any) -> None:
-            if stamp is not None:
-                time_ns = message.header.stamp.ns if hasattr(message, "header") else stamp.time_ns
-                self.plain[key, time_ns].append(message)
-
-        return keep
-
-    def of(self, kind: str) -> list[grammar.Entity]:
-        return [one for one in self.entities if one.kind == kind]
-
-    def read(self, name: str) -> list[dict[str, Any]]:
-        """The first messages of a ROS topic, as cyclonedds reads them."""
-        if name not in self._read:
-            found = [one for one in self.heard if grammar.key(one.key).name == name][:MOST]
-            (kind,) = {grammar.key(one.key).type for one in found}
-            self._read[name] = self.side("read", kind, [one.payload.hex() for one in found])
-        return self._read[name]
+def seen(topic, namespace="", urdf=""):
+    where = Namespace(namespace, urdf)
+    return {where.whole(one.name): one for one in publications(topic, topic.key, where)}
 
 
-@pytest.fixture(scope="module", params=MORE)
-def seen(request, up, raw_node, ros_side):
-    path = SCENARIOS / f"{request.param}.toml"
-    services = [
-        one for one in load_scenario(path, MORE[request.param]).services if one not in OBSERVERS
-    ]
-    running = up(path, *MORE[request.param], f"processes=[{json.dumps(services)}]")
-    return Seen(running, raw_node(running.endpoint), ros_side(running.endpoint, "client"))
+def test_odometry_is_a_topic_and_a_frame_as_well():
+    found = seen(keys.ODOM)
+    assert set(found) == {"odom", "tf"}
+    (frame,) = found["tf"].convert(ODOMETRY).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("odom", "base_link")
+    assert frame.header.stamp == m.Time(3)
 
 
-def test_every_token_is_of_the_grammar_and_no_two_say_the_same(seen):
-    assert len(seen.tokens) == len(set(seen.tokens))
-    ids = [(one.zid, one.id) for one in seen.entities]
-    assert len(ids) == len(set(ids))
-    nodes = {(one.zid, one.node_id): (one.namespace, one.node) for one in seen.of("NN")}
-    # two nodes of one name are two in `ros2 node list`, with a warning
-    assert len(set(nodes.values())) == len(nodes)
-    for one in seen.entities:
-        assert nodes[one.zid, one.node_id] == (one.namespace, one.node)
+def test_what_is_exact_has_a_small_variance_and_what_is_not_keeps_its_own():
+    covariance = tuple(0.5 if index == 7 else 0.0 for index in range(36))
+    given = m.Odometry(pose=m.PoseWithCovariance(covariance=covariance))
+    shown = seen(keys.GROUND_TRUTH)["ground_truth/odom"].convert(given).pose.covariance
+    assert shown[:8] == (1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
 
 
-def test_every_hash_is_what_those_say_who_know_ros(seen):
-    kinds = {(one.data.type, one.data.hash) for one in seen.entities if one.data}
-    assert len(kinds) > 5
-    for kind, said in kinds:
-        known = seen.side("hashes", kind)
-        assert known == dict.fromkeys(known, said)
+def test_of_several_robots_each_has_its_names_and_frames_in_one_tree():
+    found = seen(keys.ODOM, "robot1")
+    assert set(found) == {"robot1/odom", "tf"}
+    (frame,) = found["tf"].convert(ODOMETRY).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("robot1/odom", "robot1/base_link")
+    shown = found["robot1/odom"].convert(ODOMETRY)
+    assert (shown.header.frame_id, shown.child_frame_id) == ("robot1/odom", "robot1/base_link")
 
 
-def test_what_is_published_has_a_token_with_its_key(seen):
-    tokens = {one.data for one in seen.of("MP")}
-    assert {grammar.key(one.key) for one in seen.heard} <= tokens
+def test_frames_within_a_message_have_the_prefix_and_the_world_has_none():
+    truth = m.Odometry(m.Header(frame_id="world"), "base_link")
+    state = m.FollowerState(header=m.Header(frame_id="odom"), estimate=(truth, ODOMETRY))
+    shown = seen(keys.FOLLOWER_STATE, "r")["r/follower/state"].convert(state)
+    assert shown.header.frame_id == "r/odom"
+    assert [one.header.frame_id for one in shown.estimate] == ["world", "r/odom"]
+    assert [one.child_frame_id for one in shown.estimate] == ["r/base_link", "r/base_link"]
 
 
-def test_every_topic_comes(seen):
-    assert not seen.missing
+def test_the_person_is_a_frame_once_seen():
+    show = seen(keys.FOLLOWER_STATE)["tf"].convert
+    assert show(m.FollowerState()) is None
+    pose = m.PoseWithCovariance(m.Pose(m.Point(1.0, 2.0)))
+    state = m.FollowerState(m.Header(frame_id="odom"), estimate=(m.Odometry(pose=pose),))
+    (frame,) = show(state).transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("odom", "person")
+    assert frame.transform.translation == m.Vector3(1.0, 2.0, 0.0)
 
 
-def test_attachments_count_up_and_tell_publishers_apart(seen):
-    numbers = defaultdict(list)
-    for one in seen.heard:
-        said = grammar.attachment(one.attachment)
-        assert abs(said.time_ns - time.time_ns()) < 60e9
-        assert len(one.attachment) >= 33
-        numbers[one.key, said.gid].append(said.sequence)
-    for sequence in numbers.values():  # a full link drops samples
-        assert sequence == sorted(set(sequence))
-        assert sequence[0] >= 1
-    assert len({gid for _, gid in numbers}) == len(numbers)
+def test_a_scan_has_rep_117s_infinity_and_nan():
+    scan = m.LaserScan(range_min=0.1, range_max=12.0, ranges=(0.0, 0.5, 12.0, 13.0))
+    nothing, *others = rep_117(scan).ranges
+    assert math.isnan(nothing)
+    assert others == [0.5, 12.0, math.inf]
 
 
-def test_every_payload_is_what_cyclonedds_writes_of_it(seen):
-    payloads = defaultdict(set)
-    for one in seen.heard:
-        payloads[grammar.key(one.key).type].add(one.payload.hex())
-    for kind, found in payloads.items():
-        assert len(seen.side("read", kind, sorted(found)[:MOST])) > 0
+def test_health_and_time_are_in_no_namespace():
+    health = keys.diagnostics("physics")
+    found = seen(health, "robot1")
+    assert set(found) == {"diagnostics"}
+    array = m.DiagnosticArray(status=(m.DiagnosticStatus(name="physics"),))
+    assert found["diagnostics"].convert(array).status[0].name == "robot1/physics"
+    assert set(seen(keys.CLOCK, "robot1")) == {"clock"}
 
 
-def stamp_of(message: dict[str, Any]) -> int:
-    header = message["header"]["stamp"]
-    return int(header["sec"] * 10**9 + header["nanosec"])
+def test_only_open_topics_are_taken_from_ros_and_a_twist_with_or_without_a_stamp():
+    taken = {topic.key: [e.kind for e in subscriptions(topic, topic.key)] for topic in keys.TOPICS}
+    twists = [m.Twist, message("TwistStamped")]
+    assert {key: kinds for key, kinds in taken.items() if kinds} == {
+        "cmd_vel": twists,
+        "target/cmd_vel": twists,
+    }
+    stamped = subscriptions(keys.CMD_VEL, "cmd_vel")[1]
+    assert stamped.convert(message("TwistStamped")(twist=m.Twist(m.Vector3(1.0)))).linear.x == 1.0
 
 
-def bare(value: Any, prefix: str) -> Any:
-    """A message of ROS without the prefix of its frames."""
-    if isinstance(value, dict):
-        return {
-            name: (part.removeprefix(prefix) if name.endswith("frame_id") else bare(part, prefix))
-            for name, part in value.items()
-        }
-    return [bare(one, prefix) for one in value] if isinstance(value, list) else value
-
-
-def of_plain(message: Any) -> Any:
-    """A message of a plain key as the fields that ROS should have."""
-    fields = msgspec.to_builtins(message, builtin_types=(bytes,))
-    if "ranges" in fields:  # REP-117
-        most = fields["range_max"]
-        fields["ranges"] = [
-            math.nan if r == 0.0 else math.inf if r > most else r for r in fields["ranges"]
-        ]
-    for part in ("pose", "twist"):
-        if "covariance" in fields.get(part, {}):  # what is exact is nearly so in ROS
-            fields[part]["covariance"] = [
-                1e-9 if value == 0.0 and index % 7 == 0 else value
-                for index, value in enumerate(fields[part]["covariance"])
-            ]
-    return json.loads(json.dumps(fields, default=list))
-
-
-@pytest.mark.parametrize(
-    "key", ["joint_states", "joint_command", "odom", "ground_truth/odom", "target/odom",
-            "target/skeleton", "target/observation", "skeleton/observation", "legs/observation",
-            "scan", "camera/depth", "camera/camera_info", "follower/state"],
-)  # fmt: skip
-def test_fields_are_those_of_the_plain_key_at_the_same_stamp(seen, key):
-    compared = 0
-    for name in sorted({data.name for one in seen.of("MP") if (data := one.data)}):
-        plain_key = name.removeprefix(seen.prefix)
-        if plain_key not in {f"{robot}/{key}".lstrip("/") for robot in seen.robots}:
-            continue
-        prefix = f"{name.removesuffix(key)}".lstrip("/")
-        for message in seen.read(name):
-            if plain := seen.plain.get((plain_key, stamp_of(message))):
-                assert repr(bare(message, prefix)) in [repr(of_plain(one)) for one in plain]
-                compared += 1
-    given = {key for key, _ in seen.plain}
-    assert compared > 0 or not any(one.endswith(key) for one in given), key
-
-
-def test_the_clock_is_that_of_the_plain_key(seen):
-    clocks = seen.read("/clock")
-    times = [one["clock"]["sec"] * 10**9 + one["clock"]["nanosec"] for one in clocks]
-    assert times == sorted(set(times))
-    assert len({time_ns for time_ns in times if ("clock", time_ns) in seen.plain}) > 10
-
-
-def test_the_tree_of_frames_says_where_odometry_has_the_robot(seen):
-    frames = [one for message in seen.read("/tf") for one in message["transforms"]]
-    compared = 0
-    for one in frames:
-        frame = one["header"]["frame_id"]
-        if not one["child_frame_id"].endswith("base_link") or not frame.endswith("odom"):
-            continue
-        robot = frame.removesuffix("odom").removeprefix(seen.prefix[1:])
-        if odom := seen.plain.get((f"{robot}{keys.ODOM.key}", stamp_of(one))):
-            pose = {
-                "position": one["transform"]["translation"],
-                "orientation": one["transform"]["rotation"],
-            }
-            assert pose in [of_plain(same.pose.pose) for same in odom]
-            compared += 1
-    assert compared > 10
-
-
-def test_each_frame_has_one_parent_and_all_hang_together(seen):
-    parents = defaultdict(set)
-    for message in seen.read("/tf"):
-        for one in message["transforms"]:
-            parents[one["child_frame_id"]].add(one["header"]["frame_id"])
-    assert all(len(above) == 1 for above in parents.values()), parents
+def test_what_a_node_gives_never_comes_back_through_ros():
+    given = {name_of(row, t) for row in TABLE.values() for t in row.outputs}
+    taken = {entry.name for topic in keys.TOPICS for entry in subscriptions(topic, topic.key)}
+    assert not given & taken
+    assert "follower/cmd_vel" in given

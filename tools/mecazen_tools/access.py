@@ -7,15 +7,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from mecazen import keys
+from mecazen.bridges import installed
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, services
-from mecazen.messages import Message
-from mecazen.ros.parameters import PARAMETER_SERVICES, ParameterService
-from mecazen.ros.protocol import ADMIN, any_key
-from mecazen.ros.services import SERVICES, Service
-from mecazen.ros.types import dds_type
-from mecazen.ros.view import DESCRIBED, Place, entries, name_of, views
 from mecazen.row import Row
 
 HEADER = """\
@@ -37,9 +32,8 @@ HEADER = """\
   transport: { link: { tx: { lease: 2000 } }, unicast: { open_timeout: 1000 } },
 """
 
-ROS_TOKENS, LATCHED = f"{ADMIN}/**", "**/@adv/**"
-"""Of ROS nodes; and what tells late subscribers of latched samples. `**` does not hold them."""
-EVERYTHING = ["**", ROS_TOKENS, LATCHED]
+LATCHED = "**/@adv/**"
+"""Keys that tell late subscribers of latched samples; `**` does not hold them."""
 ANYONE, ROUTER = "anyone", "router"
 """Any certificate; the router's."""
 RECORD, TELEOP = "record", "teleop"
@@ -107,14 +101,16 @@ def _queries() -> tuple[list[keys.Call[Any, Any]], list[keys.Call[Any, Any]]]:
 def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     """Yield each rule with the subject that it is for."""
     reads, rules = _queries()
+    tokens = [bridge.tokens() for bridge in installed()]
+    everything = ["**", *tokens, LATCHED]
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
-    yield ANYONE, _rule("anyone subscribes to everything", hears, EVERYTHING)
-    yield ANYONE, _rule("anyone is sent everything", sent, EVERYTHING, flow="egress")
+    yield ANYONE, _rule("anyone subscribes to everything", hears, everything)
+    yield ANYONE, _rule("anyone is sent everything", sent, everything, flow="egress")
     asked = [*_call_keys(reads), LATCHED]
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], asked)
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
-    yield ROUTER, _rule("the router relays what it has let in", relays, EVERYTHING)
+    yield ROUTER, _rule("the router relays what it has let in", relays, everything)
     for service, rows in services().items():
         yield from _service_rules(service, rows)
     puts = [
@@ -126,7 +122,7 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
     for command in (RECORD, TELEOP):
         yield OPERATOR, _rule(f"{command} is alive", ["liveliness_token"], [_token(command)])
-    yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], [ROS_TOKENS])
+    yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], tokens)
 
 
 def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -137,9 +133,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         *(f"**/{topic.key}" for row in rows for topic in _handed_on(row)),
     ]
     calls = [call for row in rows for call in row.calls]
-    latched = []
-    if keys.ROBOT_DESCRIPTION in calls:
-        latched = [_ros(name, kind) for name, kind in DESCRIBED.items()]
+    latched = [key for bridge in installed() for call in calls for key in bridge.latched(call)]
     puts = list(dict.fromkeys([*puts, *latched]))
     yield service, _rule(f"{service} publishes", ["put"], puts)
     if others := _others(puts):
@@ -151,29 +145,25 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         kept = ["put", "declare_queryable", "reply", "liveliness_token"]
         exprs = [*latched, *(f"{key}/@adv/**" for key in latched)]
         yield service, _rule(f"{service} publishes for those who come later", kept, exprs)
-    tokens = [_token(service), f"{ADMIN}/*/*/*/*/*/*/*/{service}/**"]
+    tokens = [_token(service), *(bridge.tokens(service) for bridge in installed())]
     yield service, _rule(f"{service} is alive", ["liveliness_token"], tokens)
 
 
 def _given(row: Row, topic: keys.Topic[Any]) -> list[str]:
-    """Return the keys of what a node gives: the plain one, and those of what ROS sees of it."""
-    seen = views(topic, name_of(row, topic), Place(urdf="<robot/>"))
-    return [f"**/{topic.key}", *(_ros(view.name, view.kind) for view in seen)]
+    """Return the keys of an output of a node: the plain one, and those of bridges."""
+    bridged = [key for bridge in installed() for key in bridge.given(row, topic)]
+    return [f"**/{topic.key}", *bridged]
 
 
 def _taken(topic: keys.Topic[Any]) -> list[str]:
-    """Return the keys on which a topic is taken from ROS."""
-    return [_ros(entry.name, entry.kind) for entry in entries(topic, topic.key)]
+    """Return the keys on which bridges take a topic."""
+    return [key for bridge in installed() for key in bridge.taken(topic)]
 
 
 def _handed_on(row: Row) -> list[keys.Topic[Any]]:
-    """Return the open topics that a node may take from ROS."""
+    """Return the open topics that a node may take from a bridge."""
     takes = not (row.observes or row.shared)
     return [given.topic for given in row.inputs if given.topic.open and takes]
-
-
-def _ros(name: str, kind: type[Message]) -> str:
-    return any_key(name, dds_type(kind.ROS_TYPE))
 
 
 def _others(given: Sequence[str]) -> list[str]:
@@ -200,9 +190,7 @@ def _plain(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
 
 def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
     plain = [f"**/{key}" for key in _plain(calls)]
-    services: tuple[Service | ParameterService, ...] = (*SERVICES, *PARAMETER_SERVICES)
-    asked = [one for one in services if one.call in calls]
-    return [*plain, *(any_key(one.name, dds_type(one.kind)) for one in asked)]
+    return [*plain, *(key for bridge in installed() for key in bridge.asked(calls))]
 
 
 def _rule(

@@ -1,7 +1,7 @@
-"""What repeats the graph is written from it: `make graph`.
+"""Write the files that repeat the graph: `make graph`.
 
-The access rules, the picture of the data flow, the package of our messages for ROS 2, and the
-tables in documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
+The access rules, the picture of the data flow, files of installed bridges, and the tables in
+documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from mecazen.bridges import installed
 from mecazen.config import Process
 from mecazen.graph import COLLECTOR, GRAPH, Graph, services
 
-from mecazen_tools import ros_package
 from mecazen_tools.access import access_table, secure_json5
 from mecazen_tools.graph_views import keys_table, nodes_table, svg
 
@@ -27,7 +27,8 @@ def files(root: Path) -> Iterator[tuple[Path, str]]:
     tables = {"keys": keys_table(graph), "nodes": nodes_table(graph), "access": access_table()}
     yield root / "configs" / "zenoh" / "secure.json5", secure_json5()
     yield root / "docs" / "dataflow.svg", svg(graph, one_process_each())
-    yield from ros_package.files(root / "ros2" / ros_package.NAME)
+    for bridge in installed():
+        yield from bridge.files(root)
     for name in DOCUMENTS:
         text = (root / name).read_text()
         yield root / name, _REGION.sub(lambda m: f"{m[1]}{tables[m[2]]}\n{m[3]}", text)

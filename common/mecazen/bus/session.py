@@ -12,14 +12,12 @@ from typing import Any, Literal
 
 import zenoh
 
+from mecazen.bridges import bridge_of
 from mecazen.bus.endpoints import is_open
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Topic
 from mecazen.robots import join_key
-from mecazen.ros.protocol import any_key
-from mecazen.ros.types import dds_type
-from mecazen.ros.view import entries
 from mecazen.wire import MAX_MESSAGE_BYTES
 
 logger = logging.getLogger(__name__)
@@ -71,7 +69,7 @@ def session_config(
         name: Whose certificate the session shows, where `config.keys` holds certificates.
         most_hz: A router takes no more samples a second of each topic from each link [1/s].
         robots: The names of several robots, each of which has its own topics.
-        timestamps: Whether samples have Zenoh's own timestamps, as latched ones of ROS must.
+        timestamps: Whether samples have Zenoh's own timestamps.
 
     Raises:
         BusError: A file can't be read, or strangers would get in.
@@ -131,7 +129,7 @@ def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) ->
                 expression
                 for topic in TOPICS
                 if topic.max_bytes == limit
-                for expression in _expressions(topic)
+                for expression in _expressions(config, topic)
             ],
             "size_limit": limit,
         }
@@ -145,18 +143,18 @@ def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) ->
             {"key_expr": expression, "freq": most_hz}
             for robot in robots
             for topic in TOPICS
-            for expression in _expressions(topic, robot, config.namespace or "")
+            for expression in _expressions(config, topic, robot, config.namespace or "")
         ]
         settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rules}]
     return settings
 
 
-def _expressions(topic: Topic[Any], robot: str = "", namespace: str | None = None) -> list[str]:
-    """Return what holds a topic's keys, and those on which it is taken from ROS."""
-    taken = (
-        any_key(join_key(entry.name, robot), dds_type(entry.kind.ROS_TYPE), namespace)
-        for entry in entries(topic, topic.key)
-    )
+def _expressions(
+    config: BusConfig, topic: Topic[Any], robot: str = "", namespace: str | None = None
+) -> list[str]:
+    """Return key expressions for a topic's samples, also for those that a bridge takes."""
+    bridge = bridge_of(config)
+    taken = () if bridge is None else bridge.taken(topic, robot, namespace)
     return [f"**/{join_key(topic.key, robot)}", *taken]
 
 

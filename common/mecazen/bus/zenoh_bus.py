@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 import zenoh
 
+from mecazen.bridges import is_bridged
 from mecazen.bus.base import (
     Bus,
     Handler,
@@ -28,7 +29,6 @@ from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
-from mecazen.ros.protocol import is_data_key
 from mecazen.wire import ENCODINGS, MAX_ENVELOPE_BYTES, Format, RefusedError, Stamp, encode
 
 Sent = tuple[str, bytes, str, bytes | None]
@@ -185,9 +185,8 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver every sample of a key expression as key, payload, encoding and attachment.
 
-        Not what ROS has beside each of them, in keys that an expression may hold as well. What
-        comes while more than `backlog_bytes` wait is refused: it slows down nobody and
-        fills nothing.
+        Samples on keys of a bridge are left out: they show others a second time. Samples that come
+        while more than `backlog_bytes` wait are refused.
         """
         refuse = partial(self._refusals.add, key)
         full = partial(refuse, f"more than {backlog_bytes:.0f} bytes wait")
@@ -197,7 +196,7 @@ class ZenohBus(Bus):
 
         def receive(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr)
-            if is_data_key(name):
+            if is_bridged(name):
                 return
             if envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
                 refuse(TOO_LONG)

@@ -59,12 +59,6 @@ class BusConfig(Section):
             )
 
     @property
-    def of_ros(self) -> BusConfig:
-        """The same for a session that speaks with ROS: a client, in no namespace."""
-        endpoints = self.ros_connect or self.connect
-        return msgspec.structs.replace(self, mode="client", namespace=None, connect=endpoints)
-
-    @property
     def router_endpoints(self) -> tuple[str, ...] | None:
         """Endpoints of the router; None where only the Zenoh configuration file knows."""
         if self.connect or self.zenoh_config:

@@ -2,7 +2,7 @@
 
 Vectors are in metres and radians (or their rates) in the frame that the message or its
 header names. Numbers must be finite; unknown fields are ignored when decoding.
-The bounds of a field also tell its type in ROS: see `mecazen.ros.fields`.
+The bounds of a field also determine its type in ROS.
 """
 
 from __future__ import annotations

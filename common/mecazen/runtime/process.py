@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from mecazen import log
+from mecazen.bridges import Put, bridge_of
 from mecazen.bus.base import StoppedError
-from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.errors import BusError
@@ -54,20 +54,22 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     lossless = scenario.sim.mode == "lockstep"
     bus = ZenohBus(scenario.bus, lossless=lossless, name=process.services[0])
     stop_on_signals(bus.stop)
-    ros = None
+    side = None
     try:
         driver = drive(parts, bus, scenario)
+        put: Put = _put_nowhere
         if isinstance(driver, Observer):
             driver.announce = lambda url: reporter.tell(Report("serving", url))
             members.append(driver)
         else:
             members.append(driver.host)
-        if scenario.bus.ros2:
-            ros = RosSide(scenario.bus, process.services[0])
-            put = (lambda *_: None) if isinstance(driver, Observer) else driver.host.put
+            put = driver.host.put
+        bridge = bridge_of(scenario.bus)
+        if bridge is not None:
+            side = bridge.open_side(scenario.bus, process.services[0])
             for service, robot in parts:
                 seen = part_of(service, scenario, robot)
-                RosNode(ros, service, robot, bus, seen, graph_of(seen), put)
+                side.show(service, robot, bus, put, seen, graph_of(seen))
         for service, robot in parts:
             bus.declare_alive(service, robot)
         for service, robot in parts:
@@ -81,9 +83,13 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     finally:
         for member in members:
             member.close()
-        if ros is not None:
-            ros.close()
+        if side is not None:
+            side.close()
         bus.close()
+
+
+def _put_nowhere(*_: object) -> None:
+    """Publish nothing: an observer takes no commands."""
 
 
 def _robots(

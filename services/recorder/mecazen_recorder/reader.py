@@ -24,9 +24,9 @@ from mecazen.keys import TOPICS
 from mecazen.loading import from_tables, robots_in
 from mecazen.messages import Message, MessageT
 from mecazen.robots import split_key
-from mecazen.ros import cdr
 from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
+from mecazen_ros import cdr
 from zstandard import ZstdError
 
 from mecazen_recorder.writer import LIBRARY, URDF, RecordingError

@@ -16,9 +16,9 @@ from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import DiagnosticArray, Message
 from mecazen.robots import join_key
-from mecazen.ros import cdr
-from mecazen.ros.types import definition
 from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
+from mecazen_ros import cdr
+from mecazen_ros.types import definition
 
 LIBRARY = "mecazen"
 URDF = "robot.urdf"

@@ -15,6 +15,7 @@ from typing import Annotated, Literal
 
 import typer
 from mecazen import keys
+from mecazen.bridges import bridge_of
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
@@ -93,6 +94,7 @@ def up(
         loaded = load_scenario(path, overrides)
     for part in loaded.services:
         refuse_missing(part, loaded)
+    bridge_of(loaded.bus)  # the one that is asked for is installed
     console = Console()
     supervisor = Supervisor(path, overrides, loaded, restart=restart)
     interrupts = Interrupts()

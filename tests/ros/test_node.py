@@ -9,7 +9,6 @@ import zenoh
 from harness import wait
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus.ros import RosNode, RosSide
 from mecazen.bus.session import open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
@@ -18,17 +17,21 @@ from mecazen.loading import load_scenario
 from mecazen.messages import Odometry, SimState, String, Twist, Vector3
 from mecazen.parameters import settings_of
 from mecazen.programs import graph_of
-from mecazen.ros import cdr
-from mecazen.ros import interfaces as i
-from mecazen.ros import rcl_interfaces as rcl
-from mecazen.ros.parameters import PARAMETER_SERVICES
-from mecazen.ros.protocol import Attachment, data_key
-from mecazen.ros.types import dds_type, service_hash, type_hash
 from mecazen.wire import Stamp
+from mecazen_ros import cdr
+from mecazen_ros.bridge import open_side
+from mecazen_ros.interfaces import message, service
+from mecazen_ros.parameters import PARAMETER_SERVICES
+from mecazen_ros.protocol import Attachment, data_key, dds_type
+from mecazen_ros.types import service_hash, type_hash
 
 STAMP = Stamp(0, 1, 0)
 GID = bytes(range(16))
 ATTACHED = Attachment(1, 1, GID).pack()
+TwistStamped = message("TwistStamped")
+TRIGGER = service("std_srvs/srv/Trigger")
+NAMES = service("rcl_interfaces/srv/GetParameters").request
+SET = service("rcl_interfaces/srv/SetParameters").request
 URDF = '<robot name="r"><link name="base_link"/></robot>'
 DESCRIBED = {keys.ROBOT_DESCRIPTION: lambda _, reply: reply.answer(String(data=URDF))}
 
@@ -43,6 +46,11 @@ def ros(router, write_scenario):
     name = f"test{secrets.token_hex(6)}"
     with ExitStack() as stack:
 
+        def open_bus():
+            bus = ZenohBus(BusConfig(connect=(router,), namespace=name))
+            stack.callback(bus.close)
+            return bus
+
         def host(service, text="", served=None, *, meet=router, **more):
             settings = (f"bus.connect=['{router}']", f"bus.namespace='{name}'", "bus.ros2=true")
             settings += tuple(f"bus.{key}={value}" for key, value in more.items())
@@ -52,12 +60,12 @@ def ros(router, write_scenario):
             for robot in scenario.names:
                 for call, handler in (served or {}).items():
                     bus.serve(keys.call_of_robot(call, robot), handler)
-            side = RosSide(scenario.bus, service)
+            side = open_side(scenario.bus, service)
             stack.callback(side.close)
             put = lambda topic, message: bus.publisher(topic).put(message, None)  # noqa: E731
-            RosNode(side, service, "", bus, scenario, graph_of(scenario), put)
+            side.show(service, "", bus, put, scenario, graph_of(scenario))
             other = stack.enter_context(open_session(BusConfig(connect=(meet,)), "client"))
-            return SimpleNamespace(name=name, bus=bus, session=other)
+            return SimpleNamespace(name=name, bus=bus, session=other, open_bus=open_bus)
 
         yield host
 
@@ -78,7 +86,7 @@ def tokens(session, name, some):
 def test_a_topic_is_heard_in_ros_while_somebody_subscribes(ros):
     there = ros("controller")
     odometry = there.bus.publisher(keys.ODOM)
-    hearing = there.bus.overheard(keys.ODOM)
+    hearing = there.bus.listeners(keys.ODOM)
     assert not hearing
     samples = []
     name = f"{there.name}/odom"
@@ -130,26 +138,26 @@ def test_ros_is_met_at_a_router_of_its_own_that_links_no_peers(ros, free_port):
 
 def test_humble_has_a_constant_in_the_place_of_each_hash(ros):
     there = ros("controller", ros_distro='"humble"')
-    hearing = there.bus.overheard(keys.ODOM)
+    hearing = there.bus.listeners(keys.ODOM)
     key = f"0/{there.name}/odom/nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported"
     there.session.declare_subscriber(key, lambda _: None)
     wait(there.bus, lambda: hearing)
 
 
-@pytest.mark.parametrize("kind", [Twist, i.TwistStamped])
-def test_a_twist_from_ros_is_a_command_without_a_stamp_for_everybody(ros, open_bus, kind):
+@pytest.mark.parametrize("kind", [Twist, TwistStamped])
+def test_a_twist_from_ros_is_a_command_without_a_stamp_for_everybody(ros, kind):
     there = ros("controller")
     commands = []
     there.bus.subscribe(keys.CMD_VEL, lambda *sample: commands.append(sample))
-    other = open_bus(namespace=there.name)
+    other = there.open_bus()
     elsewhere = []
     other.subscribe(keys.CMD_VEL, lambda *sample: elsewhere.append(sample))
     twist = Twist(Vector3(0.5))
-    message = twist if kind is Twist else i.TwistStamped(twist=twist)
+    sent = twist if kind is Twist else TwistStamped(twist=twist)
     publisher = there.session.declare_publisher(key_of(f"{there.name}/cmd_vel", kind))
 
     def put():
-        publisher.put(cdr.encode(message), attachment=ATTACHED)
+        publisher.put(cdr.encode(sent), attachment=ATTACHED)
         other.drain()
         return commands and elsewhere
 
@@ -187,7 +195,7 @@ def test_a_service_answers_with_the_requests_number_and_a_refusal_is_an_answer(r
     answers = iter([lambda reply: reply.answer(SimState(tick=3)), lambda reply: reply.refuse("no")])
     served = {keys.SIM_RESET: lambda _, reply: next(answers)(reply)}
     there = ros("physics", served=served | DESCRIBED)
-    hashed = service_hash("std_srvs/srv/Trigger", i.TriggerRequest, i.TriggerResponse)
+    hashed = service_hash("std_srvs/srv/Trigger", *TRIGGER)
     name = f"{there.name}/sim/reset"
     key = data_key(0, name, dds_type("std_srvs/srv/Trigger"), hashed)
     replies = []
@@ -197,7 +205,7 @@ def test_a_service_answers_with_the_requests_number_and_a_refusal_is_an_answer(r
         there.session.get(
             key,
             got.append,
-            payload=cdr.encode(i.TriggerRequest()),
+            payload=cdr.encode(TRIGGER.request()),
             attachment=attachment or Attachment(number, 1, GID).pack(),
         )
         return got
@@ -209,8 +217,8 @@ def test_a_service_answers_with_the_requests_number_and_a_refusal_is_an_answer(r
     for number, reply in ((41, first), (42, second)):
         attached = Attachment.unpack(reply[0].ok.attachment.to_bytes())
         assert (attached.sequence, attached.gid) == (number, GID)
-        replies.append(cdr.decode(reply[0].ok.payload.to_bytes(), i.TriggerResponse))
-    assert replies == [i.TriggerResponse(True, "tick 3"), i.TriggerResponse(False, "no")]
+        replies.append(cdr.decode(reply[0].ok.payload.to_bytes(), TRIGGER.response))
+    assert replies == [TRIGGER.response(True, "tick 3"), TRIGGER.response(False, "no")]
     ask(43, b"short")
     wait(there.bus, lambda: there.bus.refused["ros2/sim/reset"])
 
@@ -232,22 +240,22 @@ def test_the_owner_of_time_answers_for_the_parameters_of_all_nodes(ros):
 
     def ask(node, name, request):
         service, got = services[name], []
-        hashed = service_hash(service.kind, service.request, service.response)
+        hashed = service_hash(service.kind, *service.interface)
         key = data_key(0, f"{there.name}/{node}/{name}", dds_type(service.kind), hashed)
         attached = Attachment(1, 1, GID).pack()
         there.session.get(key, got.append, payload=request, attachment=attached)
         wait(there.bus, lambda: got)
-        return cdr.decode(got[0].ok.payload.to_bytes(), service.response)
+        return cdr.decode(got[0].ok.payload.to_bytes(), service.interface.response)
 
-    names = cdr.encode(rcl.NamesRequest(("standoff_m",)))
+    names = cdr.encode(NAMES(("standoff_m",)))
     (value,) = ask("follower", "get_parameters", names).values
     assert value.double_value == 1.5
-    assert ask("target", "get_parameters", names).values == (rcl.ParameterValue(),)
+    assert ask("target", "get_parameters", names).values == (message("ParameterValue")(),)
     assert ask("target", "get_parameters", names[:-1]).values == ()
-    new = rcl.Parameter("standoff_m", rcl.ParameterValue(3, double_value=2.0))
+    new = message("Parameter")("standoff_m", message("ParameterValue")(3, double_value=2.0))
     for name in ("set_parameters", "set_parameters_atomically"):
-        response = ask("follower", name, cdr.encode(rcl.SetParametersRequest((new,))))
-        result = rcl.SetParametersResult(False, "too far")
+        response = ask("follower", name, cdr.encode(SET((new,))))
+        result = message("SetParametersResult")(False, "too far")
         assert getattr(response, "results", None) == (result,) or response.result == result
     assert asked == [{"follower.standoff_m": "2.0"}] * 2
 
@@ -273,7 +281,7 @@ def test_a_subscription_of_everything_hears_nothing_twice(ros, router):
         all_ = ZenohBus(BusConfig(connect=(router,)), "client")
         stack.callback(all_.close)
         all_.subscribe_bytes("**", lambda key, *_: keys_heard.append(key))
-        hearing = there.bus.overheard(keys.ODOM)
+        hearing = there.bus.listeners(keys.ODOM)
         wait(there.bus, lambda: hearing)
         there.bus.publisher(keys.ODOM).put(Odometry(), STAMP)
         there.bus.drain()

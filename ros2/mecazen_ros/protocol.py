@@ -1,4 +1,4 @@
-"""What goes over the wire between the ROS 2 nodes of rmw_zenoh: names, qualities, attachments.
+"""The protocol of rmw_zenoh: names, qualities of service, attachments.
 
 From the sources of ros2/rmw_zenoh: `liveliness_utils.cpp`, `attachment_helpers.cpp`. Keys,
 tokens and attachments are one format from Jazzy to Lyrical; Humble differs in the type hash.
@@ -10,7 +10,7 @@ import hashlib
 import struct
 from typing import NamedTuple
 
-from mecazen.wire import RefusedError
+from mecazen.errors import RefusedError
 
 ADMIN = "@ros2_lv"
 """The first chunk of every liveliness token."""
@@ -43,14 +43,14 @@ PARAMETERS = Qos(1000)
 
 
 class Attachment(NamedTuple):
-    """What goes with every sample, request and reply."""
+    """The attachment of every sample, request and reply."""
 
     sequence: int
     """From 1; a reply repeats that of its request."""
     time_ns: int
     """When it was sent, by the wall clock."""
     gid: bytes
-    """Of who published it, or asked."""
+    """Identity of the publisher or client."""
 
     def pack(self) -> bytes:
         """Return it as bytes."""
@@ -80,7 +80,7 @@ class Node(NamedTuple):
     session: str
     """The session's identity, as Zenoh prints it."""
     number: int
-    """Of the node in its session."""
+    """Number of the node in its session."""
     namespace: str
     """Without slashes at its ends; empty for the root."""
     name: str
@@ -94,7 +94,7 @@ class Node(NamedTuple):
         """Return the liveliness token of a publisher, subscriber or service.
 
         Args:
-            number: Of the endpoint in its session, of nodes and endpoints together.
+            number: Number of the endpoint in its session; nodes and endpoints share numbers.
             kind: MP, MS or SS.
             topic: Its whole name, without a leading slash.
             dds: The type, in DDS's spelling.
@@ -112,6 +112,12 @@ def _mangled(name: str) -> str:
     return "%" + name.replace("/", "%")
 
 
+def dds_type(name: str) -> str:
+    """Return the DDS name of a type: `geometry_msgs::msg::dds_::Twist_`."""
+    package, space, own = name.split("/")
+    return f"{package}::{space}::dds_::{own}_"
+
+
 def data_key(domain: int, topic: str, dds: str, hashed: str) -> str:
     """Return the key of a topic's samples, or of a service's requests."""
     return f"{domain}/{topic}/{dds}/{hashed}"
@@ -126,14 +132,9 @@ def any_key(name: str, dds: str, namespace: str | None = None) -> str:
     return f"{before}/{name.removeprefix('/')}/{dds}/*"
 
 
-def is_data_key(key: str) -> bool:
-    """Return whether a key is one of `data_key`: by its type, in DDS's spelling."""
-    return "::dds_::" in key
-
-
 def gid_of(token: str) -> bytes:
-    """Return the identity of an endpoint: 16 bytes that nobody else has.
+    """Return the identity of an endpoint: 16 bytes, different for each.
 
-    rmw_zenoh hashes the token by XXH3; nobody checks it, so another hash does as well.
+    rmw_zenoh hashes the token by XXH3. No receiver checks it, so another hash does as well.
     """
     return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()

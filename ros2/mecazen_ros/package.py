@@ -1,4 +1,4 @@
-"""The ROS 2 package `mecazen_msgs`: the messages that topics carry and ROS has no equal for."""
+"""The ROS 2 package `mecazen_msgs`: messages of topics that ROS does not define."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 from mecazen.keys import TOPICS
 from mecazen.messages import Message
-from mecazen.ros.types import own_definition, parts
+
+from mecazen_ros.types import definition, parts
 
 NAME = "mecazen_msgs"
 
@@ -78,4 +79,5 @@ def _package(kind: type[Message]) -> str:
 
 def _documented(kind: type[Message]) -> str:
     lines = inspect.cleandoc(kind.__doc__ or "").splitlines()
-    return "".join(f"# {line}".rstrip() + "\n" for line in lines) + "\n" + own_definition(kind)
+    own = definition(kind).partition("=" * 80)[0]
+    return "".join(f"# {line}".rstrip() + "\n" for line in lines) + "\n" + own

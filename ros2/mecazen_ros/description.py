@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
+import numpy as np
 from mecazen.messages import Header, JointState, Quaternion, Time, Vector3
-from mecazen.ros.interfaces import TFMessage, Transform, TransformStamped
 
+from mecazen_ros.interfaces import message
+
+TFMessage, Transform = message("TFMessage"), message("Transform")
+TransformStamped = message("TransformStamped")
 SLICES = 5
 """A mesh is shown as so many cylinders."""
 MOVING_HZ = 25.0
@@ -32,7 +36,7 @@ class Joint(NamedTuple):
     axis: tuple[float, float, float] | None
     """A unit vector that the child turns about; None of a fixed joint."""
 
-    def transform(self, position: float, time: Time, prefix: str) -> TransformStamped:
+    def transform(self, position: float, time: Time, prefix: str) -> Any:
         """Return where the child is with the joint at `position` [rad]."""
         rotation = self.rotation
         if self.axis is not None:
@@ -51,7 +55,7 @@ def joints(urdf: str) -> list[Joint]:
     return [_joint(one) for one in _root(urdf).iterfind("joint") if _turns(one) is not None]
 
 
-def fixed_frames(urdf: str, prefix: str) -> TFMessage:
+def fixed_frames(urdf: str, prefix: str) -> Any:
     """Return where links are that are fixed to others; `prefix` begins each frame's name."""
     fixed = (joint for joint in joints(urdf) if joint.axis is None)
     return TFMessage(transforms=tuple(joint.transform(0.0, Time(), prefix) for joint in fixed))
@@ -65,7 +69,7 @@ class MovingFrames:
         self._prefix = prefix
         self._last_ns = -1
 
-    def __call__(self, state: JointState) -> TFMessage | None:
+    def __call__(self, state: JointState) -> Any:
         """Return the frames at some positions; None where it is too soon for them."""
         time = state.header.stamp
         # simulated time that goes back begins another run
@@ -120,21 +124,14 @@ def _cylinder(part: ET.Element, middle: float, radius: float, length: float) -> 
 
 def _slices(stl: bytes) -> Iterator[tuple[float, float, float]]:
     """Yield middle, radius and length of the slices of a body about z [m]; each holds its part."""
-    facets = [
-        (corners[2::3], max(map(math.hypot, corners[0::3], corners[1::3])))
-        for *corners, _ in (facet[3:] for facet in struct.iter_unpack("<12fH", stl[84:]))
-    ]
-    lowest, highest = min(min(z) for z, _ in facets), max(max(z) for z, _ in facets)
-    length = (highest - lowest) / SLICES
-    widest = [0.0] * SLICES
-    for heights, radius in facets:
-        first, last = (
-            min(int((z - lowest) / length), SLICES - 1) for z in (min(heights), max(heights))
-        )
-        for index in range(first, last + 1):
-            widest[index] = max(widest[index], radius)
-    for index, radius in enumerate(widest):
-        yield lowest + (index + 0.5) * length, radius, length
+    facets = np.frombuffer(stl[84:], dtype=[("corners", "<f4", (4, 3)), ("attribute", "<u2")])
+    corners = facets["corners"][:, 1:].astype(float)  # after the normal
+    radii = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)
+    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    edges = np.linspace(lowest.min(), highest.max(), SLICES + 1)
+    for low, high in pairwise(edges.tolist()):
+        inside = radii[(lowest <= high) & (highest >= low)]
+        yield (low + high) / 2, float(inside.max(initial=0.0)), high - low
 
 
 def _root(urdf: str) -> ET.Element:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from mecazen.messages import Header, JointState, Time
-from mecazen.ros.description import SLICES, MovingFrames, fixed_frames, portable
+from mecazen_ros.description import SLICES, MovingFrames, fixed_frames, portable
 
 HALF = math.sqrt(0.5)
 URDF = """<robot name="r">

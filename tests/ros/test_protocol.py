@@ -3,17 +3,18 @@
 import struct
 
 import pytest
-from mecazen.ros.protocol import (
+from mecazen.bridges import is_bridged
+from mecazen.errors import RefusedError
+from mecazen_ros.protocol import (
     LATCHED,
     SENSOR_DATA,
     Attachment,
     Node,
     Qos,
     data_key,
+    dds_type,
     gid_of,
-    is_data_key,
 )
-from mecazen.wire import RefusedError
 
 TWIST = "geometry_msgs::msg::dds_::Twist_"
 HASHED = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
@@ -22,8 +23,9 @@ HASHED = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2
 def test_a_topics_key_has_domain_name_type_and_hash():
     key = data_key(0, "robot1/cmd_vel", TWIST, HASHED)
     assert key == f"0/robot1/cmd_vel/{TWIST}/{HASHED}"
-    assert is_data_key(key)
-    assert not is_data_key("robot1/cmd_vel")
+    assert dds_type("geometry_msgs/msg/Twist") == TWIST
+    assert is_bridged(key)  # so that others leave it out
+    assert not is_bridged("robot1/cmd_vel")
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,14 @@ from mecazen import messages as m
 from mecazen.config.scenario import scenario_with
 from mecazen.errors import BusError, ConfigError
 from mecazen.parameters import described, parameters, settings_of
-from mecazen.ros import cdr
-from mecazen.ros import rcl_interfaces as rcl
-from mecazen.ros.parameters import NodeParameters
 from mecazen.runtime.changing import Changing
 from mecazen.schema import AngleDeg, Live, Positive, Section
+from mecazen_ros import cdr
+from mecazen_ros.interfaces import message
+from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters
 
+Value, Parameter = message("ParameterValue"), message("Parameter")
+REQUEST = {one.kind.rpartition("/")[2]: one.interface.request for one in PARAMETER_SERVICES}
 BOOL, INTEGER, DOUBLE, STRING, STRINGS = 1, 2, 3, 4, 9
 """Of rcl_interfaces/msg/ParameterType."""
 
@@ -67,33 +69,37 @@ class Node:
         return m.Parameters()
 
     def value(self, name):
-        (found,) = self.parameters.get(rcl.NamesRequest((name,))).values
+        (found,) = self.parameters.get_parameters(REQUEST["GetParameters"]((name,)))["values"]
         return found
 
     def set(self, **values):
         """Set each by itself; return what was refused, and why."""
-        request = rcl.SetParametersRequest(tuple(parameter(*one) for one in values.items()))
-        request = cdr.decode(cdr.encode(request), rcl.SetParametersRequest, finite=False)
-        return [one.reason for one in self.parameters.set(request).results if not one.successful]
+        request = REQUEST["SetParameters"](tuple(parameter(*one) for one in values.items()))
+        request = cdr.decode(cdr.encode(request), type(request))
+        return [
+            one.reason
+            for one in self.parameters.set_parameters(request)["results"]
+            if not one.successful
+        ]
 
     def set_together(self, **values):
-        request = rcl.SetParametersRequest(tuple(parameter(*one) for one in values.items()))
-        return self.parameters.set_atomically(request).result
+        request = REQUEST["SetParameters"](tuple(parameter(*one) for one in values.items()))
+        return self.parameters.set_parameters_atomically(request)["result"]
 
 
 def parameter(name, value):
     """Return a parameter as ROS's clients say it."""
     numbers = {bool: BOOL, int: INTEGER, float: DOUBLE, str: STRING, tuple: STRINGS}
     if value is None:
-        return rcl.Parameter(name)
+        return Parameter(name)
     number = numbers[type(value)]
-    field = rcl.ParameterValue.__struct_fields__[number]
-    return rcl.Parameter(name, rcl.ParameterValue(number, **{field: value}))
+    field = Value.__struct_fields__[number]
+    return Parameter(name, Value(number, **{field: value}))
 
 
 def test_a_nodes_parameters_have_their_names_without_the_sections():
-    listed = Node().parameters.names(rcl.ListParametersRequest()).result
-    assert listed == rcl.ListParametersResult(NAMES, ("gains",))
+    listed = Node().parameters.list_parameters(REQUEST["ListParameters"]())["result"]
+    assert listed == message("ListParametersResult")(NAMES, ("gains",))
 
 
 @pytest.mark.parametrize(
@@ -107,8 +113,8 @@ def test_a_nodes_parameters_have_their_names_without_the_sections():
     ],
 )
 def test_a_list_is_of_what_is_below_prefixes_to_a_depth(prefixes, depth, names):
-    request = rcl.ListParametersRequest(prefixes, depth)
-    assert Node().parameters.names(request).result.names == names
+    request = REQUEST["ListParameters"](prefixes, depth)
+    assert Node().parameters.list_parameters(request)["result"].names == names
 
 
 def test_values_have_the_types_of_ros():
@@ -123,32 +129,32 @@ def test_values_have_the_types_of_ros():
         "gains.order": ("a", "b"),
         "fixed": None,
     }
-    request = rcl.NamesRequest(tuple(values))
+    request = REQUEST["GetParameters"](tuple(values))
     expected = tuple(parameter(*one).value for one in values.items())
-    assert Node().parameters.get(request).values == expected
+    assert Node().parameters.get_parameters(request)["values"] == expected
     types = [BOOL, DOUBLE, INTEGER, DOUBLE, 0, STRING, BOOL, STRINGS, 0]
-    assert [*Node().parameters.types(request).types] == types
+    assert [*Node().parameters.get_parameter_types(request)["types"]] == types
 
 
 def test_a_descriptor_says_unit_and_range_and_what_is_read_only():
-    request = rcl.NamesRequest(("reach_m", "bearing_deg", "use_sim_time", "fixed"))
-    reach, bearing, time, fixed = Node().parameters.describe(request).descriptors
+    request = REQUEST["GetParameters"](("reach_m", "bearing_deg", "use_sim_time", "fixed"))
+    reach, bearing, time, fixed = Node().parameters.describe_parameters(request)["descriptors"]
     assert (reach.type, reach.description) == (DOUBLE, "in m")
-    assert reach.floating_point_range == (rcl.FloatingPointRange(0.0, 1e9),)
+    assert reach.floating_point_range == (message("FloatingPointRange")(0.0, 1e9),)
     assert reach.additional_constraints == "a number > 0 and <= 1000000000"
     assert (bearing.type, bearing.description) == (DOUBLE, "in °")
-    assert bearing.floating_point_range == (rcl.FloatingPointRange(-360.0, 360.0),)
+    assert bearing.floating_point_range == (message("FloatingPointRange")(-360.0, 360.0),)
     assert (reach.read_only, time.read_only) == (False, True)
-    assert fixed == rcl.ParameterDescriptor("fixed")
+    assert fixed == message("ParameterDescriptor")("fixed")
 
 
 @pytest.mark.parametrize(
-    ("limits", "shown"), [((1.0, 5.0), (rcl.IntegerRange(1, 5),)), ((0.0, 2.0**63), ())]
+    ("limits", "shown"), [((1.0, 5.0), (message("IntegerRange")(1, 5),)), ((0.0, 2.0**63), ())]
 )
 def test_a_descriptor_of_a_whole_number_has_its_range_if_ros_can_say_it(limits, shown):
     answer = m.ParameterDescriptor("mine.n", "2", "integer", range=limits)
     node = NodeParameters("mine", "", lambda *_: m.ParameterDescriptors((answer,)))
-    (described_,) = node.describe(rcl.NamesRequest(("n",))).descriptors
+    (described_,) = node.describe_parameters(REQUEST["GetParameters"](("n",)))["descriptors"]
     assert (described_.type, described_.integer_range) == (INTEGER, shown)
     assert not described_.floating_point_range
 
@@ -172,10 +178,11 @@ def test_a_descriptor_of_a_whole_number_has_its_range_if_ros_can_say_it(limits, 
 def test_what_ros_has_no_type_for_is_a_text(text, kind, number, value):
     answer = m.ParameterDescriptors((m.ParameterDescriptor("mine.n", text, kind),))
     node = NodeParameters("mine", "", lambda *_: answer)
-    response = node.get(rcl.NamesRequest(("n",)))
+    (service,) = (one for one in PARAMETER_SERVICES if one.name == "get_parameters")
+    response = service.respond(node, service.interface.request(("n",)))
     (got,) = cdr.decode(cdr.encode(response), type(response)).values
     assert got.type == number
-    assert getattr(got, rcl.ParameterValue.__struct_fields__[number]) == value
+    assert getattr(got, Value.__struct_fields__[number]) == value
 
 
 def test_each_is_set_by_itself_and_a_refusal_has_the_reason():
@@ -188,9 +195,9 @@ def test_each_is_set_by_itself_and_a_refusal_has_the_reason():
         "mine.reached_m: no such parameter; did you mean mine.reach_m?",
         "mine.fixed: can't change while it runs: `--set mine.fixed=…` counts from the start",
     ]
-    assert node.value("reach_m") == rcl.ParameterValue(DOUBLE, double_value=2.0)
-    assert node.value("count") == rcl.ParameterValue(INTEGER, integer_value=4)
-    assert node.value("turns") == rcl.ParameterValue(BOOL, bool_value=True)
+    assert node.value("reach_m") == Value(DOUBLE, double_value=2.0)
+    assert node.value("count") == Value(INTEGER, integer_value=4)
+    assert node.value("turns") == Value(BOOL, bool_value=True)
     assert not node.set(**{"gains.order": ("b",)})
     assert node.value("gains.order").string_array_value == ("b",)
 
@@ -204,9 +211,9 @@ def test_a_value_of_another_type_or_out_of_its_range_is_refused(value):
 
 
 def test_bytes_and_types_that_ros_does_not_have_are_refused():
-    for value in (rcl.ParameterValue(5, byte_array_value=b"1"), rcl.ParameterValue(10)):
-        request = rcl.SetParametersRequest((rcl.Parameter("reach_m", value),))
-        (result,) = Node().parameters.set(request).results
+    for value in (Value(5, byte_array_value=b"1"), Value(10)):
+        request = REQUEST["SetParameters"]((Parameter("reach_m", value),))
+        (result,) = Node().parameters.set_parameters(request)["results"]
         assert not result.successful
         assert result.reason.startswith("mine.reach_m: got [49]") or result.reason == (
             "reach_m: there is no type 10"
@@ -221,7 +228,7 @@ def test_what_only_goes_together_is_set_atomically_or_not_at_all():
     assert refused.reason == "mine.side: got 'up'; allowed: 'left' or 'right'"
     assert node.value("reach_m").double_value == 0.5
     assert node.set_together(bearing_deg=None, heading_deg=None).successful
-    assert node.value("bearing_deg") == rcl.ParameterValue()
+    assert node.value("bearing_deg") == Value()
 
 
 def test_simulated_time_can_not_be_left():
@@ -231,7 +238,7 @@ def test_simulated_time_can_not_be_left():
 
 def test_a_node_of_one_of_several_robots_sets_its_own():
     node = Node("two", "one", "two")
-    assert node.parameters.names(rcl.ListParametersRequest()).result.names == NAMES
+    assert node.parameters.list_parameters(REQUEST["ListParameters"]())["result"].names == NAMES
     assert not node.set(reach_m=2.0)
     found = parameters(node.changing.wanted)
     assert found["robots.two.mine.reach_m"].value == 2.0

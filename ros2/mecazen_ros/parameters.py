@@ -1,7 +1,7 @@
-"""The parameters of ROS nodes: what can be changed of each service, over mecazen's own queries.
+"""The parameters of ROS nodes: the live settings of each service, over mecazen's own queries.
 
 A node has the parameters of its service's section under names without the section's, and
-`use_sim_time`. Whoever owns time answers for all nodes, since it owns the changes.
+`use_sim_time`. The owner of time answers for all nodes, since it owns the changes.
 """
 
 from __future__ import annotations
@@ -13,28 +13,29 @@ from mecazen import keys
 from mecazen import messages as m
 from mecazen.errors import BusError, RefusedError
 from mecazen.keys import Call
-from mecazen.messages import Message
 from mecazen.parameters import ROBOTS, from_text, to_message, to_text
-from mecazen.ros import rcl_interfaces as rcl
+
+from mecazen_ros.interfaces import Interface, message, service
 
 USE_SIM_TIME = "use_sim_time"
 SIM_TIME = m.ParameterDescriptor(USE_SIM_TIME, "true", "bool", allowed="true")
 NOT_SET = m.ParameterDescriptor()
 NUMBERS = {"bool": 1, "integer": 2, "float": 3, "string": 4, "list": 9}
-"""Of types, in ROS; of a list that is left out, that of texts."""
+"""Numbers of types in ROS. A list that is left out counts as one of texts."""
 ITEMS = {bool: 1, int: 2, float: 3, str: 4}
 ARRAYS = {1: 6, 2: 7, 3: 8, 4: 9}
 """Types of arrays by those of their items."""
-FIELDS = rcl.ParameterValue.__struct_fields__
-"""Of a value, by the type's number."""
+Value, Result = message("ParameterValue"), message("SetParametersResult")
+FIELDS = Value.__struct_fields__
+"""Fields of a value, by the number of its type."""
 
 
 class NodeParameters:
     """The parameters of one ROS node.
 
     Args:
-        service: The node's.
-        robot: Its robot, where there are several; what is not of one robot is of all.
+        service: Service of the node.
+        robot: Robot of the node, where there are several. Other settings are those of all robots.
         ask: Queries the owner of time; a refusal is a BusError.
     """
 
@@ -44,34 +45,32 @@ class NodeParameters:
             self._prefixes.append(f"{ROBOTS}.{robot}.{service}.")
         self._ask = ask
 
-    def names(self, request: rcl.ListParametersRequest) -> rcl.ListParametersResponse:
+    def list_parameters(self, request: Any) -> dict[str, Any]:
         """Return names: below prefixes, to a depth."""
         names = tuple(name for name in self._known() if _is_listed(name, request))
         prefixes = dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name)
-        return rcl.ListParametersResponse(rcl.ListParametersResult(names, tuple(prefixes)))
+        return {"result": message("ListParametersResult")(names, tuple(prefixes))}
 
-    def get(self, request: rcl.NamesRequest) -> rcl.GetParametersResponse:
-        """Return values; of what is no parameter, or left out, it is not set."""
-        return rcl.GetParametersResponse(tuple(map(_value, self._of(request))))
+    def get_parameters(self, request: Any) -> dict[str, Any]:
+        """Return values; unknown names and settings that are left out have type 0, not set."""
+        return {"values": tuple(map(_value, self._of(request)))}
 
-    def types(self, request: rcl.NamesRequest) -> rcl.GetParameterTypesResponse:
-        """Return the types of values; see `get`."""
-        return rcl.GetParameterTypesResponse(bytes(_value(of).type for of in self._of(request)))
+    def get_parameter_types(self, request: Any) -> dict[str, Any]:
+        """Return the types of values; see `get_parameters`."""
+        return {"types": bytes(_value(of).type for of in self._of(request))}
 
-    def describe(self, request: rcl.NamesRequest) -> rcl.DescribeParametersResponse:
+    def describe_parameters(self, request: Any) -> dict[str, Any]:
         """Return units and what is allowed."""
         described = zip(request.names, self._of(request), strict=True)
-        return rcl.DescribeParametersResponse(tuple(_descriptor(*one) for one in described))
+        return {"descriptors": tuple(_descriptor(*one) for one in described)}
 
-    def set(self, request: rcl.SetParametersRequest) -> rcl.SetParametersResponse:
+    def set_parameters(self, request: Any) -> dict[str, Any]:
         """Set each by itself."""
-        return rcl.SetParametersResponse(tuple(self._set([one]) for one in request.parameters))
+        return {"results": tuple(self._set([one]) for one in request.parameters)}
 
-    def set_atomically(
-        self, request: rcl.SetParametersRequest
-    ) -> rcl.SetParametersAtomicallyResponse:
+    def set_parameters_atomically(self, request: Any) -> dict[str, Any]:
         """Set all or none."""
-        return rcl.SetParametersAtomicallyResponse(self._set(request.parameters))
+        return {"result": self._set(request.parameters)}
 
     def _known(self) -> dict[str, m.ParameterDescriptor]:
         """Return the parameters by their names in the node."""
@@ -85,18 +84,18 @@ class NodeParameters:
             }
         return known
 
-    def _of(self, request: rcl.NamesRequest) -> Sequence[m.ParameterDescriptor]:
+    def _of(self, request: Any) -> Sequence[m.ParameterDescriptor]:
         known = self._known()
         return [known.get(name, NOT_SET) for name in request.names]
 
-    def _set(self, parameters: Sequence[rcl.Parameter]) -> rcl.SetParametersResult:
+    def _set(self, parameters: Sequence[Any]) -> Any:
         known, call = self._known(), keys.SET_PARAMETERS
         try:
             settings = {self._key(one.name, known): _text(one) for one in parameters}
             self._ask(call, m.Parameters(parameters=to_message(settings)))
         except (RefusedError, BusError) as error:
-            return rcl.SetParametersResult(False, str(error).removeprefix(f"{call.key}: "))
-        return rcl.SetParametersResult(True)
+            return Result(False, str(error).removeprefix(f"{call.key}: "))
+        return Result(True)
 
     def _key(self, name: str, known: Mapping[str, m.ParameterDescriptor]) -> str:
         if name == USE_SIM_TIME:
@@ -104,7 +103,7 @@ class NodeParameters:
         return known[name].name if name in known else self._prefixes[0] + name
 
 
-def _is_listed(name: str, request: rcl.ListParametersRequest) -> bool:
+def _is_listed(name: str, request: Any) -> bool:
     """Return whether a list has a name, as in rclcpp."""
     below = [
         name.removeprefix(f"{prefix}.")
@@ -117,10 +116,10 @@ def _is_listed(name: str, request: rcl.ListParametersRequest) -> bool:
     )
 
 
-def _value(parameter: m.ParameterDescriptor) -> rcl.ParameterValue:
+def _value(parameter: m.ParameterDescriptor) -> Any:
     """Return a parameter's value; in TOML, as a text, where ROS has no type for it."""
     if not parameter.value:
-        return rcl.ParameterValue()
+        return Value()
     value = from_text(parameter.value)
     if parameter.type == "float":
         value = float(value)
@@ -130,7 +129,7 @@ def _value(parameter: m.ParameterDescriptor) -> rcl.ParameterValue:
     if not number:
         number, value = NUMBERS["string"], parameter.value
     filled: dict[str, Any] = {FIELDS[number]: tuple(value) if isinstance(value, list) else value}
-    return rcl.ParameterValue(number, **filled)
+    return Value(number, **filled)
 
 
 def _number(value: Any) -> int:
@@ -143,7 +142,7 @@ def _number(value: Any) -> int:
     return ARRAYS.get(number, 0)
 
 
-def _text(parameter: rcl.Parameter) -> str:
+def _text(parameter: Any) -> str:
     """Return a value in TOML; empty where it is not set, which leaves the setting out."""
     number = parameter.value.type
     if not number:
@@ -154,13 +153,13 @@ def _text(parameter: rcl.Parameter) -> str:
     return to_text([*value] if isinstance(value, tuple | bytes) else value)
 
 
-def _descriptor(name: str, parameter: m.ParameterDescriptor) -> rcl.ParameterDescriptor:
+def _descriptor(name: str, parameter: m.ParameterDescriptor) -> Any:
     limits: dict[str, Any] = {}
     if parameter.range and parameter.type == "float":
-        limits["floating_point_range"] = (rcl.FloatingPointRange(*parameter.range),)
+        limits["floating_point_range"] = (message("FloatingPointRange")(*parameter.range),)
     elif parameter.range and max(map(abs, parameter.range)) < 2.0**63:
-        limits["integer_range"] = (rcl.IntegerRange(*map(int, parameter.range)),)
-    return rcl.ParameterDescriptor(
+        limits["integer_range"] = (message("IntegerRange")(*map(int, parameter.range)),)
+    return message("ParameterDescriptor")(
         name=name,
         type=_value(parameter).type or NUMBERS.get(parameter.type, 0),
         description=f"in {parameter.unit}" if parameter.unit else "",
@@ -174,56 +173,31 @@ class ParameterService(NamedTuple):
     """A ROS service that every node has."""
 
     name: str
-    """Within the node."""
-    kind: str
-    request: type[Message]
-    response: type[Message]
+    """Within the node, and of the method that answers."""
     call: Call[Any, Any]
-    """The query that who asks it must be allowed to make."""
-    answer: Callable[[NodeParameters, Any], Message]
+    """The query that a client must be allowed to make."""
+
+    @property
+    def kind(self) -> str:
+        """The service's type."""
+        return f"rcl_interfaces/srv/{self.name.title().replace('_', '')}"
+
+    @property
+    def interface(self) -> Interface:
+        """The messages of the service."""
+        return service(self.kind)
+
+    def respond(self, parameters: NodeParameters, request: Any) -> Any:
+        """Return the response to a request; an empty one where there is no request."""
+        fields = {} if request is None else getattr(parameters, self.name)(request)
+        return self.interface.response(**fields)
 
 
-_GET, _SET, _NAMES = keys.GET_PARAMETERS, keys.SET_PARAMETERS, rcl.NamesRequest
-PARAMETER_SERVICES = tuple(
-    ParameterService(
-        name, f"rcl_interfaces/srv/{name.title().replace('_', '')}", request, response, call, answer
-    )
-    for name, request, response, call, answer in (
-        (
-            "list_parameters",
-            rcl.ListParametersRequest,
-            rcl.ListParametersResponse,
-            _GET,
-            NodeParameters.names,
-        ),
-        ("get_parameters", _NAMES, rcl.GetParametersResponse, _GET, NodeParameters.get),
-        (
-            "get_parameter_types",
-            _NAMES,
-            rcl.GetParameterTypesResponse,
-            _GET,
-            NodeParameters.types,
-        ),
-        (
-            "describe_parameters",
-            _NAMES,
-            rcl.DescribeParametersResponse,
-            _GET,
-            NodeParameters.describe,
-        ),
-        (
-            "set_parameters",
-            rcl.SetParametersRequest,
-            rcl.SetParametersResponse,
-            _SET,
-            NodeParameters.set,
-        ),
-        (
-            "set_parameters_atomically",
-            rcl.SetParametersRequest,
-            rcl.SetParametersAtomicallyResponse,
-            _SET,
-            NodeParameters.set_atomically,
-        ),
-    )
+PARAMETER_SERVICES = (
+    ParameterService("list_parameters", keys.GET_PARAMETERS),
+    ParameterService("get_parameters", keys.GET_PARAMETERS),
+    ParameterService("get_parameter_types", keys.GET_PARAMETERS),
+    ParameterService("describe_parameters", keys.GET_PARAMETERS),
+    ParameterService("set_parameters", keys.SET_PARAMETERS),
+    ParameterService("set_parameters_atomically", keys.SET_PARAMETERS),
 )

@@ -1,0 +1,98 @@
+"""Packages that show the nodes of a process to another system, such as ROS 2.
+
+They plug themselves in by the entry points of the group `mecazen.bridges`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+from mecazen.config import BusConfig
+from mecazen.errors import BusError
+from mecazen.keys import Call, Topic
+from mecazen.messages import Message
+from mecazen.row import Row
+
+if TYPE_CHECKING:
+    from mecazen.bus.zenoh_bus import ZenohBus
+    from mecazen.config import Scenario
+    from mecazen.graph import Graph
+
+GROUP = "mecazen.bridges"
+
+Put = Callable[[Topic[Any], Message], None]
+"""Publishes a message without a stamp."""
+
+
+class Side(Protocol):
+    """The other system's side of a process."""
+
+    def show(
+        self, name: str, robot: str, bus: ZenohBus, put: Put, scenario: Scenario, graph: Graph
+    ) -> None:
+        """Show a service: what it publishes, takes and answers.
+
+        Args:
+            name: The service.
+            robot: Its robot, if there are several and it belongs to one.
+            bus: The bus of its process.
+            put: Publishes a message without a stamp, in this process and elsewhere.
+            scenario: As its robot sees it.
+            graph: The nodes of the scenario.
+        """
+
+    def close(self) -> None:
+        """Leave the other system."""
+
+
+class Bridge(Protocol):
+    """A module that shows nodes; lists are key expressions of the other system."""
+
+    def open_side(self, config: BusConfig, name: str) -> Side:
+        """Join the other system, with the certificate of a service."""
+
+    def given(self, row: Row, topic: Topic[Any]) -> list[str]:
+        """Return the keys that show an output of a node."""
+
+    def taken(self, topic: Topic[Any], robot: str = "", namespace: str | None = None) -> list[str]:
+        """Return the keys on which a topic is taken; in any namespace where none is given."""
+
+    def asked(self, calls: Collection[Call[Any, Any]]) -> list[str]:
+        """Return the keys that make one of some queries."""
+
+    def latched(self, call: Call[Any, Any]) -> list[str]:
+        """Return the keys on which an answer to a query is published for late subscribers."""
+
+    def tokens(self, service: str = "") -> str:
+        """Return the liveliness tokens of a service; of all where none is named."""
+
+    def files(self, root: Path) -> Iterator[tuple[Path, str]]:
+        """Yield the files that are made from the graph, and their content."""
+
+
+@cache
+def installed() -> list[Bridge]:
+    """Return all bridges that are installed."""
+    return [cast(Bridge, entry.load()) for entry in entry_points(group=GROUP)]
+
+
+def bridge_of(config: BusConfig) -> Bridge | None:
+    """Return the bridge that the settings of a bus ask for.
+
+    Raises:
+        BusError: It is not installed.
+    """
+    if not config.ros2:
+        return None
+    for entry in entry_points(group=GROUP, name="ros2"):
+        return cast(Bridge, entry.load())
+    raise BusError("bus.ros2: mecazen-ros is not installed; `pip install mecazen-ros`")
+
+
+def is_bridged(key: str) -> bool:
+    """Return whether a key is of a bridge: only those have `::` in them."""
+    return "::" in key

@@ -1,0 +1,162 @@
+"""Messages in ROS 2's CDR (XCDR1): a header of four bytes, then fields aligned to their size.
+
+rosbags decodes. It takes too long to encode the messages of every tick (docs/performance.md), so
+`encode` packs a whole message by `struct`, whose native alignment is CDR's.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, lru_cache, partial
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import msgspec
+from mecazen.errors import RefusedError
+from mecazen.messages import Message, MessageT
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+
+from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, known
+
+HEADER = bytes((0, sys.byteorder == "little", 0, 0))
+"""The byte order of what is written, which is the machine's; no padding at the end."""
+CODES = {
+    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
+    "int64": "q", "uint64": "Q", "float32": "f", "float64": "d", "bool": "?", "byte": "B",
+}  # fmt: skip
+TEXTS = 256
+"""Number of lists of texts that are kept encoded."""
+
+Add = Callable[[Any, list[Any]], str]
+"""Adds a field to the values to pack, and returns its format."""
+
+
+class _Step(NamedTuple):
+    """Fields of a message that are added together."""
+
+    add: Add | None
+    """Adds one field; None for single numbers, whose format is known."""
+    begin: int
+    end: int
+    """Places of the first field, and behind the last."""
+    form: str = ""
+
+
+def encode(message: Message) -> bytes:
+    """Return a message in CDR; its bounds are not checked.
+
+    Raises:
+        RefusedError: A whole number does not fit into its type, or a text has no UTF-8.
+        RosTypeError: ROS has no type for a field.
+    """
+    values: list[Any] = []
+    try:
+        return HEADER + struct.pack(_add_message(message, values), *values)
+    except (struct.error, UnicodeEncodeError) as error:
+        raise RefusedError(f"no {message.ROS_TYPE} in CDR: {error}") from None
+
+
+def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
+    """Return the message in `payload`, of either byte order.
+
+    Raises:
+        RefusedError: Truncated, too long, of another encoding, or a value out of its bounds; or
+            ROS has no type for a field of such a message.
+    """
+    try:
+        fields = STORE.deserialize_cdr(payload, known(kind))
+        return msgspec.convert(fields, kind, builtin_types=(bytes,))
+    except (SerdeError, msgspec.ValidationError, RosTypeError) as error:
+        raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
+
+
+def _add_message(message: Message, values: list[Any]) -> str:
+    get, steps = _plan(type(message))
+    got, forms = get(message), []
+    for add, begin, end, form in steps:
+        if add is None:
+            values += got[begin:end]
+            forms.append(form)
+        else:
+            forms.append(add(got[begin], values))
+    return "".join(forms)
+
+
+@cache
+def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[_Step]]:
+    """Return what gets the fields of a message, also of those in it, and how they are added."""
+    fields = dict(_fields(known(kind), ""))
+    steps: list[_Step] = []
+    for at, one in enumerate(fields.values()):
+        if callable(one):
+            steps.append(_Step(one, at, at + 1))
+        elif steps and steps[-1].add is None:
+            last = steps.pop()
+            steps.append(_Step(None, last.begin, at + 1, last.form + one))
+        else:
+            steps.append(_Step(None, at, at + 1, one))
+    # a message without fields is one byte; with one path more `get` always returns a tuple
+    return attrgetter(*fields, "ROS_TYPE"), steps or [_Step(None, 0, 0, "x")]
+
+
+def _fields(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
+    """Yield the path to each field of a type, and its format or what adds it."""
+    for field, (node, detail) in STORE.fielddefs[name][1]:
+        if node == Nodetype.NAME:
+            yield from _fields(detail, f"{path}{field}.")
+        elif node == Nodetype.BASE and field != NO_FIELD:
+            yield path + field, CODES.get(detail[0], _add_text)
+        elif node == Nodetype.ARRAY:
+            yield path + field, _list_adder(*detail)
+        elif node == Nodetype.SEQUENCE:
+            yield path + field, partial(_add_counted, _list_adder(detail[0]))
+
+
+def _list_adder(shape: Shape, length: int | None = None) -> Add:
+    """Return what adds the items of a list; numbers in an array must have its length."""
+    node, detail = shape
+    if node == Nodetype.NAME:
+        return lambda items, values: "".join([_add_message(item, values) for item in items])
+    if detail[0] == "string":
+        return _add_texts
+    if detail[0] in ("uint8", "byte"):
+        return _add_bytes
+    return partial(_add_numbers, CODES[detail[0]], length)
+
+
+def _add_counted(add: Add, items: Sequence[Any], values: list[Any]) -> str:
+    values.append(len(items))
+    return "I" + add(items, values)
+
+
+def _add_text(text: str, values: list[Any]) -> str:
+    data = text.encode()
+    values += (len(data) + 1, data)
+    return f"I{len(data) + 1}s"  # with a zero
+
+
+def _add_texts(texts: Sequence[str], values: list[Any]) -> str:
+    data = _packed(tuple(texts))
+    values.append(data)
+    return f"0I{len(data)}s"
+
+
+def _add_bytes(data: Sequence[int], values: list[Any]) -> str:
+    values.append(bytes(data))
+    return f"{len(data)}s"
+
+
+def _add_numbers(code: str, length: int | None, numbers: Sequence[float], values: list[Any]) -> str:
+    values += numbers
+    count = len(numbers) if length is None else length
+    return f"{count}{code}" if count else ""  # a list without items is not aligned
+
+
+@lru_cache(maxsize=TEXTS)
+def _packed(texts: tuple[str, ...]) -> bytes:
+    """Return texts, each at a multiple of 4."""
+    values: list[Any] = []
+    return struct.pack("".join([_add_text(text, values) for text in texts]), *values)

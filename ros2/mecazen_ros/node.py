@@ -1,0 +1,324 @@
+"""The services of a process as ROS 2 nodes, in rmw_zenoh's protocol.
+
+They have a Zenoh session without a namespace, which would hide them from ROS. The session is a
+client, of mecazen's router or of `rmw_zenohd`. A ROS topic is published only while it has a
+subscriber. Messages from ROS are published on the plain key.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from typing import Any
+
+import msgspec
+import zenoh
+import zenoh.ext
+from mecazen import keys
+from mecazen.bridges import Put
+from mecazen.bus.inbox import Inbox, Queue, Refusals
+from mecazen.bus.receiving import direct
+from mecazen.bus.session import open_session
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import BusConfig, Scenario
+from mecazen.errors import RefusedError
+from mecazen.graph import SHARED, Graph
+from mecazen.keys import Topic
+from mecazen.limits import refuse_implausible
+from mecazen.messages import Empty, Message, String
+from mecazen.row import Row
+from mecazen.wire import Stamp
+
+from mecazen_ros import cdr
+from mecazen_ros.description import fixed_frames, portable
+from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters, ParameterService
+from mecazen_ros.process import Process
+from mecazen_ros.protocol import (
+    LATCHED,
+    NO_HASH,
+    PARAMETERS,
+    Node,
+    Qos,
+    data_key,
+    dds_type,
+    gid_of,
+)
+from mecazen_ros.queries import Respond, attached, attachment_of, by_parameters, by_query, serve
+from mecazen_ros.services import SERVICES, Service
+from mecazen_ros.topics import (
+    DESCRIBED,
+    Namespace,
+    Publication,
+    Subscription,
+    name_of,
+    publications,
+    ros_name,
+    subscriptions,
+)
+from mecazen_ros.types import RosTypeError, service_hash, type_hash
+
+logger = logging.getLogger(__name__)
+
+Work = Callable[[], None]
+MISSES = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5)
+"""Interval at which subscribers learn of a latched sample that they missed, as in rmw_zenoh [s]."""
+
+
+class RosSide:
+    """The session of a process's ROS nodes.
+
+    Args:
+        config: Where to meet, and how ROS is spoken.
+        name: Whose certificate the session shows, where there are certificates.
+
+    Raises:
+        BusError: See `open_session`.
+    """
+
+    def __init__(self, config: BusConfig, name: str) -> None:
+        self.domain = config.ros_domain_id
+        self._has_hashes = config.ros_distro != "humble"
+        self.session = open_session(of_ros(config), "client", name, timestamps=True)
+        self.id = str(self.session.info.zid())
+        self.numbers = count()
+        """Numbers for nodes and their endpoints."""
+        self._kept: list[object] = []
+
+    def show(
+        self, name: str, robot: str, bus: ZenohBus, put: Put, scenario: Scenario, graph: Graph
+    ) -> None:
+        """Show a service as a ROS node."""
+        RosNode(self, name, Process(bus, robot, put), scenario, graph)
+
+    def keep(self, *declared: object) -> None:
+        """Keep what Zenoh undeclares with its last reference."""
+        self._kept += declared
+
+    def shown(self, hashed: str) -> str:
+        """Return a type's hash as keys and tokens have it."""
+        return hashed if self._has_hashes else NO_HASH
+
+    def key(self, name: str, dds: str, hashed: str) -> str:
+        """Return the key of a topic or a service by its whole name and its type."""
+        return data_key(self.domain, name, dds, self.shown(hashed))
+
+    def declare_token(self, token: str) -> None:
+        """Let ROS see a node or one of its endpoints."""
+        self.keep(self.session.liveliness().declare_token(token))
+
+    def close(self) -> None:
+        """Close the session, and with it all that was declared."""
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
+def of_ros(config: BusConfig) -> BusConfig:
+    """Return the settings of a session that speaks with ROS: a client, in no namespace."""
+    endpoints = config.ros_connect or config.connect
+    return msgspec.structs.replace(config, mode="client", namespace=None, connect=endpoints)
+
+
+class RosNode:
+    """A service as a ROS node, with all that it publishes, takes and answers.
+
+    Args:
+        side: Session of the process's ROS nodes.
+        name: Name of the service.
+        process: Process that the service is in.
+        scenario: Configuration for the service's robot.
+        graph: Nodes of the scenario.
+    """
+
+    def __init__(
+        self, side: RosSide, name: str, process: Process, scenario: Scenario, graph: Graph
+    ) -> None:
+        here = Namespace(scenario.bus.namespace or "")
+        self._side = side
+        self._node = Node(side.domain, side.id, next(side.numbers), here.name, ros_name(name))
+        self._process = process
+        side.declare_token(self._node.token)
+        for row in graph.services.get(name, ()):
+            for robot in scenario.names:
+                self._add(row, graph, robot, here.within(robot))
+            for topic in row.outputs:
+                if _is_common(row, topic):
+                    self._publish(topic, "", name_of(row, topic), topic, here)
+            for service in SERVICES:
+                if service.call in row.calls:
+                    key, _ = self._declare("SS", here.whole(service.name), _service_type(service))
+                    self._serve(key, service.name, by_query(service, process))
+            if keys.SET_PARAMETERS in row.calls:
+                for other in scenario.services:
+                    for robot in ("",) if other in SHARED else scenario.names:
+                        self._serve_parameters(other, robot, here.within(robot))
+        if name in scenario.services:
+            for one in PARAMETER_SERVICES:
+                whole = here.whole(f"{ros_name(name)}/{one.name}")
+                self._declare("SS", whole, _service_type(one), PARAMETERS)
+        health = keys.diagnostics(name)
+        self._publish(health, "", health.key, health, here)
+
+    def _add(self, row: Row, graph: Graph, robot: str, where: Namespace) -> None:
+        """Declare what a row publishes and takes of one robot."""
+        if keys.ROBOT_DESCRIPTION in row.calls:
+            urdf = self._process.call(keys.ROBOT_DESCRIPTION, robot, Empty()).data
+            where = where._replace(urdf=urdf)
+            self._describe(robot, where)
+        for topic in row.outputs:
+            if not _is_common(row, topic):
+                self._publish(row.on_bus(topic), robot, name_of(row, topic), topic, where)
+        for given in row.inputs:
+            if _taker(graph, given.topic) is row:
+                topic = row.on_bus(given.topic)
+                for one in subscriptions(given.topic, topic.key):
+                    self._take(topic, robot, one, where)
+
+    def _describe(self, robot: str, where: Namespace) -> None:
+        """Publish the robot's shapes and fixed frames, also for late subscribers."""
+        meshes = self._process.files(keys.ROBOT_DESCRIPTION.key, robot)
+        messages: tuple[Message, ...] = (
+            String(data=portable(where.urdf, meshes)),
+            fixed_frames(where.urdf, where.prefix),
+        )
+        for (name, kind), message in zip(DESCRIBED.items(), messages, strict=True):
+            key, gid = self._declare("MP", where.whole(name), _type(kind), LATCHED)
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._side.session,
+                key,
+                cache=zenoh.ext.CacheConfig(LATCHED.depth),
+                sample_miss_detection=MISSES,
+                publisher_detection=True,
+            )
+            publisher.put(cdr.encode(message), attachment=attachment_of(1, gid))
+            self._side.keep(publisher)
+
+    def _publish(
+        self, heard: Topic[Any], robot: str, name: str, topic: Topic[Any], where: Namespace
+    ) -> None:
+        """Publish messages of the topic `heard` in ROS while it has subscribers there."""
+        for one in publications(topic, name, where):
+            try:
+                kind = _type(one.kind)
+            except RosTypeError as error:
+                logger.warning("msg=%r", f"not to be seen in ROS: {error}")
+                continue
+            key, gid = self._declare("MP", where.whole(one.name), kind, one.qos)
+            publisher = self._side.session.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.DROP
+            )
+            send = _sender(publisher, gid, one)
+            listen = partial(self._process.listen, heard, robot, send)
+            unlisten = partial(self._process.unlisten, heard, robot, send)
+
+            match = partial(_match, self._process.queue, listen, unlisten)
+            self._side.keep(publisher, publisher.declare_matching_listener(direct(match)))
+
+    def _take(self, topic: Topic[Any], robot: str, one: Subscription, where: Namespace) -> None:
+        """Publish samples from ROS on the plain key, without a stamp."""
+        process = self._process
+        key, _ = self._declare("MS", where.whole(one.name), _type(one.kind))
+        refuse = partial(process.refuse, _source(one.name), robot)
+        refusals = Refusals(process.queue, lambda _, reason, number: refuse(reason, number))
+
+        def message_of(sample: zenoh.Sample) -> Message:
+            if len(sample.payload) > topic.max_bytes:
+                raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
+            if str(sample.key_expr) != key:
+                raise RefusedError("put on another key expression")
+            attached(sample)  # no ROS node sends or takes a sample without one
+            message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
+            refuse_implausible(topic.key, message)
+            return message
+
+        def receive(sample: zenoh.Sample) -> None:
+            try:
+                inbox.receive(message_of(sample))
+            except RefusedError as refusal:
+                refusals.add("", str(refusal))
+
+        def take(message: Message) -> bool:
+            process.publish(topic, robot, message)
+            return True
+
+        inbox: Inbox[Message] = Inbox(process.queue, take, lambda _: True)
+        subscriber = self._side.session.declare_subscriber(
+            key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._side.keep(subscriber)
+
+    def _serve_parameters(self, service: str, robot: str, where: Namespace) -> None:
+        """Answer the services for the parameters of a node, whichever process it is in."""
+        parameters = NodeParameters(service, robot, lambda c, r: self._process.call(c, "", r))
+        for one in PARAMETER_SERVICES:
+            name = f"{ros_name(service)}/{one.name}"
+            key = self._side.key(where.whole(name), *_service_type(one))
+            self._serve(key, name, by_parameters(one, parameters))
+
+    def _serve(self, key: str, name: str, respond: Respond) -> None:
+        refuse = partial(self._process.refuse, _source(name), "")
+        self._side.keep(serve(self._side.session, self._process.queue, key, refuse, respond))
+
+    def _declare(
+        self,
+        kind: str,
+        name: str,
+        of: tuple[str, str],
+        qos: Qos = Qos(),  # noqa: B008
+    ) -> tuple[str, bytes]:
+        """Let ROS see an endpoint; return its key and its identity."""
+        dds, hashed = of
+        token = self._node.endpoint(
+            next(self._side.numbers), kind, name, dds, self._side.shown(hashed), qos
+        )
+        self._side.declare_token(token)
+        return self._side.key(name, dds, hashed), gid_of(token)
+
+
+def _sender(
+    publisher: zenoh.Publisher, gid: bytes, one: Publication
+) -> Callable[[Message, Stamp | None], None]:
+    """Return what publishes a message in ROS; not one from outside, perhaps from ROS itself."""
+    sequence = count(1)
+
+    def send(message: Message, stamp: Stamp | None) -> None:
+        seen = None if stamp is None else one.convert(message)
+        if seen is not None:
+            publisher.put(cdr.encode(seen), attachment=attachment_of(next(sequence), gid))
+
+    return send
+
+
+def _match(queue: Queue, listen: Work, unlisten: Work, status: zenoh.MatchingStatus) -> None:
+    """Have the process's thread listen from a topic's first subscriber until its last."""
+    queue.put(listen if status.matching else unlisten)
+
+
+def _type(kind: type[Message]) -> tuple[str, str]:
+    """Return a message's type in DDS's spelling, and its hash."""
+    return dds_type(kind.ROS_TYPE), type_hash(kind)
+
+
+def _service_type(service: Service | ParameterService) -> tuple[str, str]:
+    """Return the same of a service's type."""
+    return dds_type(service.kind), service_hash(service.kind, *service.interface)
+
+
+def _source(name: str) -> str:
+    """Return the name under which refused samples and requests from ROS are counted."""
+    return f"ros2/{name}"
+
+
+def _is_common(row: Row, topic: Topic[Any]) -> bool:
+    """Return whether a row publishes a topic for all robots together."""
+    return row.owns_time or topic.shared
+
+
+def _taker(graph: Graph, topic: Topic[Any]) -> Row | None:
+    """Return the one node that takes a topic from ROS; others hear it on the plain key."""
+    takers = (
+        row
+        for row in graph.rows
+        if topic in [given.topic for given in row.inputs] and not row.observes and not row.shared
+    )
+    return next(takers, None)

@@ -1,0 +1,113 @@
+"""Requests of ROS services, and their responses."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+from mecazen.bus.base import Reply
+from mecazen.bus.inbox import Queue, Refusals
+from mecazen.bus.queries import QueryInbox
+from mecazen.bus.receiving import direct
+from mecazen.errors import RefusedError
+from mecazen.messages import Message
+
+from mecazen_ros import cdr
+from mecazen_ros.parameters import NodeParameters, ParameterService
+from mecazen_ros.process import Process
+from mecazen_ros.protocol import Attachment
+from mecazen_ros.services import FAILED, OK, UNSUPPORTED, Service
+
+Give = Callable[[Message], None]
+"""Sends the response to a request."""
+Respond = Callable[[bytes, Give], None]
+"""Answers a request, which is in CDR, at once or later."""
+
+
+class _QueryReply(Reply[Any]):
+    """Answers a request by the answer to a query."""
+
+    def __init__(self, give: Give, service: Service) -> None:
+        self._give, self._service = give, service
+
+    def answer(self, message: Any) -> None:
+        """Respond that it was done."""
+        self._give(self._service.respond(OK, "", message))
+
+    def refuse(self, reason: str) -> None:
+        """Respond that it failed: to an error of Zenoh a ROS client does not react."""
+        self._give(self._service.respond(FAILED, reason))
+
+
+def by_query(service: Service, process: Process) -> Respond:
+    """Return a function that answers a service by a query that the process serves."""
+
+    def respond(payload: bytes, give: Give) -> None:
+        try:
+            call, request = service.ask(cdr.decode(payload, service.interface.request))
+        except RefusedError as refusal:
+            give(service.respond(UNSUPPORTED, str(refusal)))
+        else:
+            process.ask(call, request, _QueryReply(give, service))
+
+    return respond
+
+
+def by_parameters(service: ParameterService, parameters: NodeParameters) -> Respond:
+    """Return a function that answers a service for the parameters of a node."""
+
+    def respond(payload: bytes, give: Give) -> None:
+        try:
+            request = cdr.decode(payload, service.interface.request)
+        except RefusedError:
+            request = None
+        give(service.respond(parameters, request))
+
+    return respond
+
+
+def serve(
+    session: zenoh.Session,
+    queue: Queue,
+    key: str,
+    refuse: Callable[[str, int], None],
+    respond: Respond,
+) -> zenoh.Queryable[None]:
+    """Answer requests on a key, on the thread that `queue` is of; `refuse` counts refused ones."""
+    refusals = Refusals(queue, lambda _, reason, count: refuse(reason, count))
+
+    def take(query: zenoh.Query) -> None:
+        try:
+            sequence, _, gid = attached(query)
+        except RefusedError as refusal:
+            drop(query, str(refusal))
+            return
+
+        def give(message: Message) -> None:
+            with query:
+                query.reply(key, cdr.encode(message), attachment=attachment_of(sequence, gid))
+
+        respond(b"" if query.payload is None else query.payload.to_bytes(), give)
+
+    def drop(query: zenoh.Query, reason: str) -> None:
+        refusals.add("", reason)
+        query.drop()  # type: ignore[no-untyped-call]
+
+    inbox = QueryInbox(queue, key, take, drop)
+    return session.declare_queryable(key, direct(inbox.receive), complete=True)
+
+
+def attached(came: zenoh.Sample | zenoh.Query) -> Attachment:
+    """Return the attachment of a sample or a request.
+
+    Raises:
+        RefusedError: It is not rmw_zenoh's.
+    """
+    return Attachment.unpack(b"" if came.attachment is None else came.attachment.to_bytes())
+
+
+def attachment_of(sequence: int, gid: bytes) -> bytes:
+    """Return the attachment of a sample or reply that is sent now."""
+    return Attachment(sequence, time.time_ns(), gid).pack()

@@ -1,0 +1,198 @@
+"""How the graph's topics look in ROS: the one table of names, messages, qualities and frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import msgspec
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.keys import Topic
+from mecazen.messages import Message
+from mecazen.row import Row
+
+from mecazen_ros.description import MovingFrames
+from mecazen_ros.interfaces import message
+from mecazen_ros.protocol import SENSOR_DATA, Qos
+
+TFMessage, TwistStamped = message("TFMessage"), message("TwistStamped")
+WORLD = "world"
+"""The frame of the truth, which all robots share."""
+PERSON = "person"
+"""The frame of the person as the follower estimates it."""
+EXACTLY = 1e-9
+"""Variance of exact values: ROS's filters refuse 0."""
+FRAMES = Qos(100)
+
+DESCRIBED: Mapping[str, type[Message]] = {
+    keys.ROBOT_DESCRIPTION.key: m.String,
+    "/tf_static": TFMessage,
+}
+"""Latched topics that describe a robot."""
+
+
+class Namespace(NamedTuple):
+    """A namespace of ROS names: the bus's, and then a robot's."""
+
+    name: str = ""
+    """Without slashes at its ends."""
+    urdf: str = ""
+    """The description of its robot, where this process has it."""
+
+    @property
+    def prefix(self) -> str:
+        """Prefix of the names of frames, which all robots have in one tree."""
+        return f"{self.name}/" if self.name else ""
+
+    def within(self, robot: str) -> Namespace:
+        """Return the namespace of one of several robots; itself where the name is empty."""
+        return self._replace(name=self.prefix + robot) if robot else self
+
+    def whole(self, name: str) -> str:
+        """Return a name without its leading slash; a name that has one is of no robot."""
+        return name[1:] if name.startswith("/") else self.prefix + name
+
+
+class Publication(NamedTuple):
+    """A ROS topic that shows one of the graph's."""
+
+    name: str
+    """With a leading slash in no robot's namespace."""
+    kind: type[Message]
+    qos: Qos
+    convert: Callable[[Any], Message | None]
+    """Returns the ROS message; None where there is none to publish."""
+
+
+class Subscription(NamedTuple):
+    """A ROS topic whose messages are published on an open topic of the graph."""
+
+    name: str
+    kind: type[Message]
+    convert: Callable[[Any], Message]
+
+
+def name_of(row: Row, topic: Topic[Any]) -> str:
+    """Return the ROS name of a node's output.
+
+    An open topic has another, `follower/cmd_vel`: the nodes that take `cmd_vel` from ROS hear the
+    output already.
+    """
+    key = ros_name(row.on_bus(topic).key)
+    return f"{row.name}/{key}" if topic.open else key
+
+
+def publications(topic: Topic[Any], name: str, where: Namespace) -> list[Publication]:
+    """Return the ROS topics that show a topic; `name` is for the one with the same message."""
+    prefix = where.prefix
+    plain = Publication(name, topic.type, Qos(), lambda seen: prefixed(seen, prefix))
+    found = [plain]
+    frames: Callable[[Any], Message | None] | None = None
+    if topic is keys.CLOCK:
+        found = [Publication("/clock", m.Clock, Qos(1, reliable=False), lambda clock: clock)]
+    elif topic.key.startswith("diagnostics/"):
+        found = [Publication("/diagnostics", topic.type, Qos(), lambda a: _diagnostics(a, prefix))]
+    elif topic.type is m.Odometry:
+        found = [plain._replace(convert=lambda o: prefixed(_uncertain(o), prefix))]
+    elif topic.type is m.LaserScan:
+        found = [plain._replace(qos=SENSOR_DATA, convert=lambda s: prefixed(rep_117(s), prefix))]
+    elif topic.type in (m.Image, m.CameraInfo):
+        found = [plain._replace(qos=SENSOR_DATA)]
+    if topic is keys.ODOM:
+        frames = partial(_frame, prefix=prefix)
+    elif topic is keys.JOINT_STATES and where.urdf:
+        frames = MovingFrames(where.urdf, prefix)
+    elif topic is keys.FOLLOWER_STATE:
+        frames = partial(_person_frame, prefix=prefix)
+    if frames is not None:
+        found.append(Publication("/tf", TFMessage, FRAMES, frames))
+    return found
+
+
+def subscriptions(topic: Topic[Any], key: str) -> list[Subscription]:
+    """Return the ROS topics that are taken for a topic; none unless it is open."""
+    if not topic.open:
+        return []
+    found = [Subscription(ros_name(key), topic.type, lambda taken: taken)]
+    if topic.type is m.Twist:  # Nav2 sends either, and a type is another key
+        found.append(Subscription(ros_name(key), TwistStamped, lambda stamped: stamped.twist))
+    return found
+
+
+def ros_name(name: str) -> str:
+    """Return a key as ROS allows names: letters, digits, underscores and slashes."""
+    return name.replace("-", "_")
+
+
+def prefixed(message: Any, prefix: str) -> Any:
+    """Return a message whose frames have a prefix; the world, which all share, has none."""
+    if not prefix:
+        return message
+    changed: dict[str, Any] = {}
+    for name in message.__struct_fields__:
+        value = getattr(message, name)
+        if name in ("frame_id", "child_frame_id"):
+            if value not in ("", WORLD):
+                changed[name] = prefix + value
+        elif isinstance(value, Message):
+            changed[name] = prefixed(value, prefix)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Message):
+            changed[name] = tuple(prefixed(one, prefix) for one in value)
+    return msgspec.structs.replace(message, **changed) if changed else message
+
+
+def rep_117(scan: m.LaserScan) -> m.LaserScan:
+    """Return a scan with infinity where nothing was within range, and NaN where nothing is known.
+
+    JSON has neither; see `LaserScan`.
+    """
+    most = scan.range_max
+    ranges = tuple((r if r <= most else math.inf) if r > 0.0 else math.nan for r in scan.ranges)
+    return msgspec.structs.replace(scan, ranges=ranges)
+
+
+def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:
+    """Return health under names that tell robots apart."""
+    if not prefix:
+        return array
+    return m.DiagnosticArray(
+        header=array.header,
+        status=tuple(msgspec.structs.replace(one, name=prefix + one.name) for one in array.status),
+    )
+
+
+def _uncertain(odometry: m.Odometry) -> m.Odometry:
+    """Return an odometry without a variance of 0."""
+
+    def no_zero(covariance: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(
+            EXACTLY if value == 0.0 and index % 7 == 0 else value
+            for index, value in enumerate(covariance)
+        )
+
+    parts = {
+        part: msgspec.structs.replace(given, covariance=no_zero(given.covariance))
+        for part, given in (("pose", odometry.pose), ("twist", odometry.twist))
+    }
+    return msgspec.structs.replace(odometry, **parts)
+
+
+def _frame(odometry: m.Odometry, prefix: str, child: str = "") -> Any:
+    """Return the frame of an odometry in its parent's."""
+    frame, pose = odometry.header.frame_id, odometry.pose.pose
+    at = pose.position
+    header = m.Header(odometry.header.stamp, frame if frame == WORLD else prefix + frame)
+    moved = message("Transform")(m.Vector3(at.x, at.y, at.z), pose.orientation)
+    child = prefix + (child or odometry.child_frame_id)
+    return TFMessage((message("TransformStamped")(header, child, moved),))
+
+
+def _person_frame(state: m.FollowerState, prefix: str) -> Any:
+    """Return the estimated frame of the person; None until first seen."""
+    if not state.estimate:
+        return None
+    seen = msgspec.structs.replace(state.estimate[0], header=state.header)
+    return _frame(seen, prefix, PERSON)
