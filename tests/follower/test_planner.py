@@ -16,6 +16,7 @@ from mecazen_follower.node import FollowerNode
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs, Scene, Sight
 from mecazen_follower.planner.field import CELL_M, Field, Shadows
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
+from mecazen_follower.planner.movers import Movers
 from mecazen_follower.planner.obstacles import MEMORY_S, Surroundings
 from mecazen_follower.planner.rollout import Rollout
 
@@ -106,6 +107,20 @@ def test_the_trail_leads_round_the_corner_that_the_person_took():
     assert goals.poses[0, :2, -1] == pytest.approx((0.0, 0.0))
     # besides the place to keep, which is behind, and two aside
     assert goals.poses.shape == (4, 3, 5)
+
+
+def test_who_walks_is_told_from_what_stands():
+    movers = Movers()
+    for k in range(15):
+        movers.update(0.1 * k, [(0.08 * k, 2.0), (1.0, -1.0)])
+    (walker,) = (track for track in movers.tracks if track.walks)
+    # after 1.4 s the filter of β = 0.15 is within a tenth of 0.8 m/s
+    assert walker[2:4] == pytest.approx((0.8, 0.0), abs=0.08)
+    ahead = movers.ahead(np.array([1.4, 2.4]))
+    assert ahead.shape == (2, 1, 2)
+    assert ahead[1, 0, 0] - ahead[0, 0, 0] == pytest.approx(walker.vx)
+    movers.update(3.0, [])
+    assert movers.tracks == []
 
 
 def test_the_persons_legs_are_no_obstacle_and_a_pillar_is():

@@ -21,9 +21,9 @@ from mecazen.scan import (
     clusters,
     hits,
 )
-from mecazen.tracks import STILL_M_S, Track, Tracks
 
 from mecazen_guard.guard import Points
+from mecazen_guard.tracks import STILL_M_S, Track, Tracks
 
 GAP_M = 0.08
 """Neighbouring points that are farther apart belong to different things."""

@@ -11,9 +11,9 @@ from mecazen.geometry_batch import Floats, compose
 from mecazen.messages import LaserScan
 from mecazen.portable import arctan2
 from mecazen.scan import BOTH_LEGS_M, Things
-from mecazen.tracks import SCANS, Track, Tracks
 
 from mecazen_follower.perception.legs import persons, things_of
+from mecazen_follower.planner.movers import Movers
 
 VOXEL_M = 0.1
 """One point is kept of each square of this width."""
@@ -25,15 +25,13 @@ BEHIND_M = 0.15
 """A point is hidden by what is nearer by at least this."""
 OWN_M = 0.5
 """Legs are not farther from whom they carry: half a stride."""
-FASTEST_M_S = 2.5
-"""Who is faster is no person."""
 
 
 class Surroundings:
     """Everything that the lidar sees, but for the person whom the robot follows, in odom."""
 
     def __init__(self) -> None:
-        self._tracks = Tracks()
+        self.movers = Movers()
         self._points: Floats = np.empty((0, 2))
         self._times: Floats = np.empty(0)
 
@@ -41,22 +39,15 @@ class Surroundings:
         """Take a scan that was captured at `time` [s] with the lidar at a pose in odom."""
         things = things_of(scan)
         found = [lidar.compose(pose) for pose, _ in persons(things)]
-        self._tracks.update(
-            time, [(one[:2], True) for one in found if one.distance(person) > OWN_M]
-        )
-        walkers = np.vstack((self.walkers(np.array([time]))[0], [person[:2]]))
+        others = [(one.x, one.y) for one in found if one.distance(person) > OWN_M]
+        self.movers.update(time, others)
+        walkers = np.vstack((self.movers.places(time), [person[:2]]))
 
         hidden = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
         things = Things(compose(lidar, things.xy), things.starts)
         standing = things.xy[~_of_walkers(things, walkers)]
         self._points = np.vstack((self._points[hidden], standing))
         self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
-
-    def walkers(self, times: Floats) -> Floats:
-        """Return where those who walk will be (times, n, 2)."""
-        walking = [track for track in self._tracks.known() if _walks(track)]
-        ahead = [[track.at(time) for track in walking] for time in times.tolist()]
-        return np.array(ahead).reshape(len(times), len(walking), 2)
 
     def standing(self, robot: Pose2D) -> Floats:
         """Return the places of what stands (n, 2), the nearest ones, thinned out, in odom."""
@@ -81,11 +72,6 @@ class Surroundings:
         seen = ranges[np.minimum(beams, len(ranges) - 1)]
         hidden: npt.NDArray[np.bool_] = (seen < away - BEHIND_M) | (beams >= len(ranges))
         return hidden
-
-
-def _walks(track: Track) -> bool:
-    """Return whether it is sure enough that a person walks: else an edge may come into view."""
-    return len(track.places) == SCANS and 0.0 < track.speed <= FASTEST_M_S
 
 
 def _of_walkers(things: Things, walkers: Floats) -> npt.NDArray[np.bool_]:

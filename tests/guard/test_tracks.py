@@ -1,7 +1,7 @@
 """Tracks of people: who walks, how fast, and for how long a track lasts."""
 
 import pytest
-from mecazen.tracks import FORGET_S, GATE_M, LOOKED_S, Tracks
+from mecazen_guard.tracks import FORGET_S, GATE_M, LOOKED_S, Tracks
 
 
 def walk(tracks, scans, *, speed=0.8, is_leg=True, begin=0):

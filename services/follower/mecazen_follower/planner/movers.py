@@ -1,0 +1,90 @@
+"""People who walk about, from where legs are scan by scan: an alpha-beta filter for each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+ALPHA, BETA = 0.5, 0.15
+"""Gains of place and velocity: legs swing about the person by as much as PAIR_STD_M."""
+GATE_M = 0.5
+"""Who is seen farther from where they should be is somebody else."""
+FORGET_S = 0.5
+"""Time unseen after which somebody is forgotten."""
+SCANS = 5
+"""Somebody seen less often may be an edge that comes into view."""
+SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
+"""Who is slower stands; who is faster is no person."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class Track(NamedTuple):
+    """Somebody's place [m] and velocity [m/s] in odom, the time of it and how often seen."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    time: float
+    scans: int = 1
+
+    @property
+    def walks(self) -> bool:
+        """Whether it is sure enough that they walk."""
+        return self.scans >= SCANS and SLOWEST_M_S <= math.hypot(self.vx, self.vy) <= FASTEST_M_S
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Return where they are at a time [s]: constant velocity."""
+        return self.x + self.vx * (time - self.time), self.y + self.vy * (time - self.time)
+
+    def seen(self, time: float, x: float, y: float) -> Track:
+        """Return the track, corrected by a place at which they were seen."""
+        px, py = self.at(time)
+        gain = BETA / max(time - self.time, 1e-3)
+        return Track(
+            px + ALPHA * (x - px),
+            py + ALPHA * (y - py),
+            self.vx + gain * (x - px),
+            self.vy + gain * (y - py),
+            time,
+            self.scans + 1,
+        )
+
+
+class Movers:
+    """Everything as wide as legs, with its velocity."""
+
+    def __init__(self) -> None:
+        self.tracks: list[Track] = []
+
+    def update(self, time: float, places: Sequence[tuple[float, float]]) -> None:
+        """Take where legs are at `time` [s]; the nearest pairs belong together."""
+        pairs = sorted(
+            (math.dist(track.at(time), place), i, j)
+            for i, track in enumerate(self.tracks)
+            for j, place in enumerate(places)
+        )
+        tracks, left = dict(enumerate(self.tracks)), dict(enumerate(places))
+        known: list[Track] = []
+        for distance, i, j in pairs:
+            if distance <= GATE_M and i in tracks and j in left:
+                known.append(tracks.pop(i).seen(time, *left.pop(j)))
+        unseen = [track for track in tracks.values() if time - track.time <= FORGET_S]
+        self.tracks = known + unseen + [Track(x, y, 0.0, 0.0, time) for x, y in left.values()]
+
+    def places(self, time: float) -> Floats:
+        """Return where those are who walk (n, 2)."""
+        places: Floats = self.ahead(np.array([time]))[0]
+        return places
+
+    def ahead(self, times: Floats) -> Floats:
+        """Return where those who walk will be (times, n, 2)."""
+        walking = [track for track in self.tracks if track.walks]
+        state = np.array([track[:5] for track in walking]).reshape(-1, 5)
+        ahead: Floats = state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]
+        return ahead
