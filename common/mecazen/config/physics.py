@@ -39,8 +39,8 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     """One physics step; a control period holds a whole number of them."""
     rollers: Literal["near", "all"] = "near"
     """Which rollers are bodies: those near the ground while the robot is upright and on a plane
-    ("near"), or always all of them ("all"): the same robot, the reference, at 0.63 to 0.75 of the
-    speed of physics with steps of 5 ms, and half of it with steps of 1 ms."""
+    ("near"), or always all of them ("all"): the same robot, the reference, at about 0.7 of
+    the speed of physics with steps of 5 ms, and half of it with steps of 1 ms."""
     drive: Literal["velocity", "effort"] = "velocity"
     """A commanded wheel speed is held by an ideal servo within the motor's torque
     ("velocity") or by a PID controller in the physics loop ("effort")."""

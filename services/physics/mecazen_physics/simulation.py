@@ -133,7 +133,7 @@ def _advance_group(orders: Sequence[tuple[SimulatedRobot, WheelCommand]], steps:
             robot.look_around()
             people |= robot.close_people
         scene.show(people, obstacles=any(robot.near_obstacle for robot in robots))
-        scene.choose_solver(alone=robots[0].isolated)
+        scene.choose_solver(alone=robots[0].isolated, robots=len(robots))
         chunk, pushes = left, list[Push]()
         for robot, command in orders:
             possible, before = robot.prepare(command, left)
