@@ -76,4 +76,5 @@ def _each(function: Callable[..., float], arguments: int) -> Callable[..., Float
 
 
 exp = _each(math.exp, 1)
+tan = _each(math.tan, 1)
 arctan2 = _each(math.atan2, 2)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mecazen.portable import arctan2, exp, inverse, legendre, product, turned
+from mecazen.portable import arctan2, exp, inverse, legendre, product, tan, turned
 
 ROOT = Path(__file__).parents[2]
 COMPUTES_TRAJECTORIES = (
@@ -69,6 +69,7 @@ def test_nodes_and_weights_are_those_of_gauss_legendre_quadrature(number):
 def test_functions_of_arrays_equal_those_of_the_c_library():
     x, y = np.random.default_rng(1).standard_normal((2, 3, 4))
     assert exp(x).tolist() == [[math.exp(value) for value in row] for row in x.tolist()]
+    assert tan(x).tolist() == [[math.tan(value) for value in row] for row in x.tolist()]
     assert arctan2(y, x).tolist() == [
         [math.atan2(*pair) for pair in zip(*rows, strict=True)]
         for rows in zip(y.tolist(), x.tolist(), strict=True)

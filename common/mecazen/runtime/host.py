@@ -264,7 +264,7 @@ class Host:
             if not slots[0].is_remote and (self.lockstep or self.bus.hears_itself):
                 continue  # in lockstep only the node of the graph is heard
             take = partial(self._arrive, slots, need.on_bus)
-            nothing = partial(self._of_run, slots, need.on_bus, None)
+            nothing = partial(self._of_run, slots, need.on_bus, None) if self.lockstep else None
             # a node that no one waits for makes every step, however slow it is
             every = self.lockstep and need.giver is not None
             self.bus.subscribe(need.on_bus, take, every=every, nothing=nothing)
@@ -295,7 +295,8 @@ class Host:
         elif self.world is None and stamp.run not in self._ended:
             # another process may have heard of a new run, and answered, before this one
             self._early.append((slots, message, stamp))
-            if not topic.open:
+            # whoever owns time says so with a message
+            if message is not None and not topic.open:
                 self.next_run = stamp
 
     def _receive(self, slots: Iterable[Slot], message: Message | None, stamp: Stamp) -> None:

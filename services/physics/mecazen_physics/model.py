@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.portable import product
 from mecazen.robot import WHEELS, Attachment, Payload, Robot, roller_joint, wheel_joint
 
 from mecazen_physics.rollers import Roller
@@ -83,13 +84,13 @@ def lump(parts: Sequence[Link]) -> tuple[float, Array, Array]:
     The result is in the frame in which the parts are placed, by the parallel axis theorem.
     """
     mass = math.fsum(part.mass for part in parts)
-    places = [part.translation + _product(part.rotation, part.centre) for part in parts]
+    places = [part.translation + product(part.rotation, part.centre) for part in parts]
     pairs = list(zip(parts, places, strict=True))
     centre = sum((part.mass * place for part, place in pairs), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for part, place in pairs:
         x, y, z = (place - centre).tolist()
-        inertia += _product(part.rotation * part.moments, part.rotation.T)
+        inertia += product(part.rotation * part.moments, part.rotation.T)
         inertia += part.mass * np.array(
             [
                 [y * y + z * z, -x * y, -x * z],
@@ -98,19 +99,6 @@ def lump(parts: Sequence[Link]) -> tuple[float, Array, Array]:
             ]
         )
     return mass, centre, inertia
-
-
-def _product(matrix: Array, other: npt.ArrayLike) -> Array:
-    """Return a product of a (3, 3) and a (3,) or (3, n) in a fixed order, without BLAS.
-
-    The kernels of BLAS differ in the last bit from one processor to another.
-    """
-    factor = np.asarray(other, dtype=float)
-    columns = matrix.reshape(3, 3, *(1,) * (factor.ndim - 1))
-    product: Array = (
-        columns[:, 0] * factor[0] + columns[:, 1] * factor[1] + columns[:, 2] * factor[2]
-    )
-    return product
 
 
 def near_tree(robot: Robot) -> Tree:
@@ -179,14 +167,14 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
     z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
     y = np.array([0.0, 0.0, -1.0])
     turn = _about_y(2.0 * np.pi * index / roller.count)
-    a, b, c = _product(turn, (0.0, 0.0, -roller.axis_distance)).tolist()
+    a, b, c = product(turn, (0.0, 0.0, -roller.axis_distance)).tolist()
     across, along = roller.inertia
     return Link(
         name=f"{wheel}_roller_{index:02d}",
         parent=f"{wheel}_wheel",
         joint=roller_joint(wheel, index),
         translation=(a, b, c),
-        rotation=_product(turn, np.column_stack([np.cross(y, z), y, z])),
+        rotation=product(turn, np.column_stack([np.cross(y, z), y, z])),
         axis=(0.0, 0.0, 1.0),
         mass=roller.mass,
         moments=(across, across, along),

@@ -37,6 +37,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.portable import legendre, tan
 from mecazen.robot import Robot
 
 Array = npt.NDArray[np.float64]
@@ -81,11 +82,11 @@ class Roller:
     def profile(self, phi: npt.ArrayLike) -> tuple[Array, Array]:
         """Return axial position s and radius r [m] of the contact point at wheel angle `phi`."""
         phi = np.asarray(phi, dtype=float)
-        tan, cos_angle = _tan(phi), np.cos(self.angle)
-        along_axle = self.axis_distance * tan / math.tan(self.angle)
+        slope, cos_angle = tan(phi), np.cos(self.angle)
+        along_axle = self.axis_distance * slope / math.tan(self.angle)
         s = np.sin(self.angle) * self.wheel_radius * np.sin(phi) + cos_angle * along_axle
         r = (self.wheel_radius * np.cos(phi) - self.axis_distance) * np.sqrt(
-            1.0 + (cos_angle * tan) ** 2
+            1.0 + (cos_angle * slope) ** 2
         )
         return s, r
 
@@ -102,7 +103,7 @@ class Roller:
         For a homogeneous solid of revolution: ∫(r⁴/4 + r²s²)ds and ∫r⁴/2 ds over ∫r²ds, by
         Gauss' rule in φ (the profile is analytic: 32 points leave rounding errors only).
         """
-        nodes, weights = gauss(32)
+        nodes, weights = legendre(32)
         phi = self.half_arc * nodes
         s, r = self.profile(phi)
         slope = np.sin(self.angle) * self.wheel_radius * np.cos(phi) + (
@@ -124,7 +125,7 @@ class Roller:
         phi = np.linspace(-self.half_arc, self.half_arc, number)
         distance = self.axis_distance
         return (
-            distance * _tan(phi) / np.sin(self.angle),
+            distance * tan(phi) / np.sin(self.angle),
             self.wheel_radius - distance / np.cos(phi),
         )
 
@@ -156,27 +157,6 @@ class Roller:
             ]
         )
         return vertices, triangles
-
-
-def _tan(angles: npt.ArrayLike) -> Array:
-    """Return tangents; NumPy's own differ in the last bit between processors."""
-    values = np.asarray(angles, dtype=float)
-    return np.array([math.tan(angle) for angle in values.ravel().tolist()]).reshape(values.shape)
-
-
-def gauss(number: int) -> tuple[Array, Array]:
-    """Return nodes and weights of Gauss' rule on [-1, 1], by Newton's method.
-
-    NumPy's own come from LAPACK, whose last bits differ from one processor to another.
-    """
-    x = np.array([math.cos(math.pi * (i + 0.75) / (number + 0.5)) for i in range(number)])
-    for _ in range(8):
-        before, value = np.ones(number), x
-        for degree in range(2, number + 1):
-            before, value = value, ((2 * degree - 1) * x * value - (degree - 1) * before) / degree
-        slope = number * (before - x * value) / (1.0 - x**2)
-        x = x - value / slope
-    return x, 2.0 / ((1.0 - x**2) * slope**2)
 
 
 def _triangles(*corners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -229,9 +209,9 @@ def yaw_gain(robot: Robot) -> float:
     """
     roller = Roller.of(robot)
     # in θ the gain has a kink at 0: one half is as the other
-    nodes, weights = gauss(16)
+    nodes, weights = legendre(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
-    offset = roller.axis_distance * np.tan(theta) / np.tan(roller.angle)
+    offset = roller.axis_distance * tan(theta) / math.tan(roller.angle)
     distances = robot.half_track + np.stack([offset, -offset])
     levers = distances + robot.half_wheelbase * robot.cross_gain / np.cos(theta)
     prevails = np.argmax(np.abs(levers) / distances, axis=0)
