@@ -12,11 +12,13 @@ from mecazen.geometry import Pose2D
 Floats = npt.NDArray[np.float64]
 
 
-def rotate(xy: Floats, yaw: float) -> Floats:
-    """Return vectors (n, 2) turned by `yaw` [rad]."""
+def rotate(vectors: Floats, yaw: float) -> Floats:
+    """Return vectors (..., 2 or 3) turned by `yaw` [rad] about the z axis."""
     c, s = math.cos(yaw), math.sin(yaw)
-    x, y = xy.T
-    return np.array((c * x - s * y, s * x + c * y)).T
+    x, y = vectors[..., 0], vectors[..., 1]
+    result = vectors.copy()
+    result[..., 0], result[..., 1] = c * x - s * y, s * x + c * y
+    return result
 
 
 def compose(frame: Pose2D, xy: Floats) -> Floats:

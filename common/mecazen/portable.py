@@ -28,15 +28,6 @@ def product(one: Floats, other: Floats | Sequence[float]) -> Floats:
     return result
 
 
-def turned(vectors: Floats, angle: float) -> Floats:
-    """Return vectors (..., 2 or 3), turned about the z axis by `angle` [rad]."""
-    c, s = math.cos(angle), math.sin(angle)
-    x, y = vectors[..., 0], vectors[..., 1]
-    result = vectors.copy()
-    result[..., 0], result[..., 1] = c * x - s * y, s * x + c * y
-    return result
-
-
 def inverse(matrix: Floats) -> Floats:
     """Return the inverse of a symmetric positive definite matrix, by the sweep operator.
 

@@ -34,3 +34,11 @@ def test_the_distances_to_a_rectangle_are_those_of_each_point(places, length, wi
 def test_a_point_inside_is_as_deep_as_its_nearest_side():
     assert geometry.to_rectangle(0.9, 0.0, (1.0, 0.5)) == pytest.approx(-0.1)
     assert geometry.to_rectangle(2.0, -1.5, (1.0, 0.5)) == pytest.approx(2.0**0.5)
+
+
+def test_vectors_turn_about_the_z_axis():
+    quarter = np.pi / 2
+    assert geometry_batch.rotate(np.array([[2.0, 1.0]]), quarter)[0] == pytest.approx((-1.0, 2.0))
+    assert geometry_batch.rotate(np.array([2.0, 1.0, 3.0]), -quarter) == pytest.approx(
+        (1.0, -2.0, 3.0)
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mecazen.portable import arctan2, exp, inverse, legendre, product, tan, turned
+from mecazen.portable import arctan2, exp, inverse, legendre, product, tan
 
 ROOT = Path(__file__).parents[2]
 COMPUTES_TRAJECTORIES = (
@@ -76,9 +76,3 @@ def test_functions_of_arrays_equal_those_of_the_c_library():
     ]
     assert exp(np.array(0.0)) == 1.0
     assert exp(np.empty(0)).shape == (0,)
-
-
-def test_vectors_turn_about_the_z_axis():
-    quarter = math.pi / 2
-    assert turned(np.array([[2.0, 1.0]]), quarter)[0] == pytest.approx((-1.0, 2.0))
-    assert turned(np.array([2.0, 1.0, 3.0]), -quarter) == pytest.approx((1.0, -2.0, 3.0))

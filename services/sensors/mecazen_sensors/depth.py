@@ -7,7 +7,8 @@ import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.config.sensors import DepthConfig
 from mecazen.geometry import Pose2D
-from mecazen.portable import product, turned
+from mecazen.geometry_batch import rotate
+from mecazen.portable import product
 from mecazen.robot import Camera as Mount
 from numpy.random import PCG64, Generator
 
@@ -55,7 +56,7 @@ class DepthCamera:
         shape = config.height, config.width
         noise: Floats = self._random.standard_normal(shape)
         chance: Floats = self._random.random(shape)
-        directions = turned(self._rays, robot.yaw)
+        directions = rotate(self._rays, robot.yaw)
         camera = self._camera.position(robot)
         ranges, _ = scene.cast(camera, directions, CARRIER, self._farthest)
         depths = (ranges * self._depths_per_range).reshape(shape)

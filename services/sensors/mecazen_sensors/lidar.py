@@ -8,7 +8,7 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
-from mecazen.portable import turned
+from mecazen.geometry_batch import rotate
 from mecazen.robot import Attachment
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
@@ -58,7 +58,7 @@ class Lidar:
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         x, y, z = mount.position_m
         origin = np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
-        directions = turned(self._beams, robot.yaw)
+        directions = rotate(self._beams, robot.yaw)
         noise: Floats = self._random.standard_normal(config.beams)
         lost = self._random.random(config.beams) < config.dropout_probability
         ranges, hits = scene.cast(origin, directions, CARRIER, config.max_range_m, level=True)

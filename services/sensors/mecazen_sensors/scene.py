@@ -24,7 +24,8 @@ import numpy.typing as npt
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen.portable import product, turned
+from mecazen.geometry_batch import rotate
+from mecazen.portable import product
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 
@@ -107,11 +108,11 @@ class Scene:
     def place_robot(self, robot: int, pose: Pose2D) -> None:
         """Put a robot at a pose in the world, on the ground."""
         geoms = self._robots[robot]
-        positions = turned(self._robot_positions[robot], pose.yaw)
+        positions = rotate(self._robot_positions[robot], pose.yaw)
         positions[:, :2] += pose[:2]
         self._positions[geoms] = positions
         axes = self._robot_rotations[robot].transpose(0, 2, 1)
-        self._rotations[geoms] = turned(axes, pose.yaw).transpose(0, 2, 1)
+        self._rotations[geoms] = rotate(axes, pose.yaw).transpose(0, 2, 1)
 
     def place_person(self, person: int, joints: Floats, height: float) -> None:
         """Give a person a body.

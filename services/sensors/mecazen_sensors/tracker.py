@@ -20,7 +20,8 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.portable import product, turned
+from mecazen.geometry_batch import rotate
+from mecazen.portable import product
 from mecazen.robot import Camera as Mount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.ticks import ticks_per_sample, whole_ticks
@@ -168,7 +169,7 @@ class Tracker:
         rays = np.concatenate(people) - camera
         distances = np.sqrt(np.einsum("ij,ij->i", rays, rays))
         ways, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
-        vectors = turned(rays, -robot.yaw)
+        vectors = rotate(rays, -robot.yaw)
         depths, inside = self._camera.look(vectors)
         time = m.Time.from_ns(tick * self._tick_ns)
         if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
