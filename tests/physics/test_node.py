@@ -351,8 +351,8 @@ def test_whatever_is_asked_time_goes_on(long_lived, wrong):
             long_lived.bus.call_bytes(calls[put.key], put.payload)
         except BusError as refusal:
             assert "\n" not in str(refusal)  # noqa: PT017
-    if long_lived.service.asked_reset is not None:
-        long_lived.service.step()
+    if long_lived.driver.asked_reset is not None:
+        long_lived.driver.step()
         long_lived.take()
     assert_goes_on(long_lived)
 

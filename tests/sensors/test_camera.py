@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.portable import turned
+from mecazen.geometry_batch import rotate
 from mecazen.robot import Camera as Mount
 from mecazen_sensors.camera import Camera
 from people import NEXUS
@@ -63,7 +63,7 @@ def test_the_robot_carries_its_camera():
     robot = Pose2D(1.0, 2.0, math.pi / 2)
     assert camera.position(robot) == pytest.approx((1.0, 2.16, 0.1525))
     ahead = np.array(((0.0, 1.0, 0.0),))
-    assert turned(ahead, -robot.yaw)[0] == pytest.approx((1.0, 0.0, 0.0))
+    assert rotate(ahead, -robot.yaw)[0] == pytest.approx((1.0, 0.0, 0.0))
 
 
 def test_robot_files_without_an_angle_have_a_level_camera():
