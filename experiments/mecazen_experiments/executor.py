@@ -67,6 +67,8 @@ class LocalWorkers:
 
     def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         """See `Workers`."""
+        # of jobs that Ctrl-C left unfinished; the caller says it in one line
+        warnings.filterwarnings("ignore", r"\d+ tasks which were still being processed", UserWarning)
         outcomes: Outcomes[T] | None = None
         try:
             with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():
@@ -83,8 +85,7 @@ class LocalWorkers:
                 yield from outcomes
         finally:
             if outcomes is not None:
-                with warnings.catch_warnings(action="ignore"):  # of unfinished jobs
-                    outcomes.close()
+                outcomes.close()
 
     def close(self) -> None:
         """See `Workers`: joblib keeps them for the next jobs."""

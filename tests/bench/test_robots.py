@@ -18,7 +18,7 @@ def test_a_robot_costs_twice_as_much_where_the_world_costs_the_square(monkeypatc
             nonlocal spent_s
             spent_s += 1e-3 * len(commands) ** 2
 
-    monkeypatch.setattr(robots, "World", Quadratic)
+    monkeypatch.setattr(robots, "Simulation", Quadratic)
     monkeypatch.setattr(robots.time, "thread_time", lambda: spent_s)
     rows = figures(robots.run(blocks=1)).values()
     # differences of a clock that has run for seconds: roundings

@@ -19,8 +19,8 @@ def test_a_scenario_that_names_the_program_may_select_it():
         f"programs.follower='{Follower.__module__}:{Follower.__name__}'",
         f"follower.estimator='{UKF}'",
     )
-    scenario = load_scenario(SCENARIOS / "back.toml", settings)
-    assert scenario.follower.make_estimator().estimate is None
+    config = load_scenario(SCENARIOS / "back.toml", settings).follower
+    assert make(config.estimator, **config.estimator_params).estimate is None
 
 
 def test_it_agrees_with_the_extended_filter_where_the_noise_is_small():

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from mecazen.messages import Twist, Vector3
-from mecazen.wire import JSON_ENCODING
+from mecazen.wire import JSON_ENCODING, RefusedError
 from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter, Sink
@@ -275,7 +275,7 @@ def test_there_is_a_limit_to_keys_and_runs(tmp_path, monkeypatch):
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
     for run in (1, 2):
         writer.write("cmd_vel", Twist(), stamp_of(0, run), 0)
-    with pytest.raises(ValueError, match="at most 2 keys times runs"):
+    with pytest.raises(RefusedError, match="at most 2 keys times runs"):
         writer.write("cmd_vel", Twist(), stamp_of(0, 3), 0)
     writer.close()
     assert len(read(tmp_path / "a.mcap")) == 2

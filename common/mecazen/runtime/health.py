@@ -75,7 +75,7 @@ class Health:
         last, self._reported = self._reported, stamp
         values: dict[str, Any] = {}
         for key, heard in self._inputs.items():
-            came, self._counts[key] = heard.count - self._counts[key], heard.count
+            came, self._counts[key] = heard.count - self._counts.get(key, 0), heard.count
             if last is not None and stamp.time_ns > last.time_ns:
                 values[f"hz/{key}"] = round(came * NS_PER_S / (stamp.time_ns - last.time_ns), 1)
                 age_ns = stamp.time_ns - heard.heard * self._tick_ns
