@@ -68,7 +68,9 @@ class LocalWorkers:
     def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         """See `Workers`."""
         # of jobs that Ctrl-C left unfinished; the caller says it in one line
-        warnings.filterwarnings("ignore", r"\d+ tasks which were still being processed", UserWarning)
+        warnings.filterwarnings(
+            "ignore", r"\d+ tasks which were still being processed", UserWarning
+        )
         outcomes: Outcomes[T] | None = None
         try:
             with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():

@@ -62,10 +62,17 @@ def ros(router, write_scenario):
                     bus.serve(keys.call_of_robot(call, robot), handler)
             side = open_side(scenario.bus, service)
             stack.callback(side.close)
-            put = lambda topic, message: bus.publisher(topic).put(message, None)  # noqa: E731
+            commands = []  # that the nodes of the process take
+
+            def put(topic, message):
+                commands.append((topic.key, message))
+                bus.publisher(topic).put(message, None)
+
             side.show(service, "", bus, put, scenario, graph_of(scenario))
             other = stack.enter_context(open_session(BusConfig(connect=(meet,)), "client"))
-            return SimpleNamespace(name=name, bus=bus, session=other, open_bus=open_bus)
+            return SimpleNamespace(
+                name=name, bus=bus, session=other, open_bus=open_bus, commands=commands
+            )
 
         yield host
 
@@ -147,8 +154,7 @@ def test_humble_has_a_constant_in_the_place_of_each_hash(ros):
 @pytest.mark.parametrize("kind", [Twist, TwistStamped])
 def test_a_twist_from_ros_is_a_command_without_a_stamp_for_everybody(ros, kind):
     there = ros("controller")
-    commands = []
-    there.bus.subscribe(keys.CMD_VEL, lambda *sample: commands.append(sample))
+    commands = there.commands
     other = there.open_bus()
     elsewhere = []
     other.subscribe(keys.CMD_VEL, lambda *sample: elsewhere.append(sample))
@@ -162,13 +168,13 @@ def test_a_twist_from_ros_is_a_command_without_a_stamp_for_everybody(ros, kind):
         return commands and elsewhere
 
     wait(there.bus, put)
-    assert commands[0] == elsewhere[0] == (twist, None)
+    assert commands[0] == (keys.CMD_VEL.key, twist)
+    assert elsewhere[0] == (twist, None)
 
 
 def test_what_is_no_twist_is_refused_and_counted_as_from_ros(ros):
     there = ros("controller")
-    commands = []
-    there.bus.subscribe(keys.CMD_VEL, lambda *sample: commands.append(sample))
+    commands = there.commands
     key = key_of(f"{there.name}/cmd_vel", Twist)
     fast = cdr.encode(Twist(Vector3(1e9)))
     good = cdr.encode(Twist())
@@ -177,7 +183,7 @@ def test_what_is_no_twist_is_refused_and_counted_as_from_ros(ros):
     there.session.put(key.replace("cmd_vel", "*"), good, attachment=ATTACHED)
     there.session.put(key, good, attachment=ATTACHED)
     wait(there.bus, lambda: commands)
-    assert commands == [(Twist(), None)]
+    assert commands == [(keys.CMD_VEL.key, Twist())]
     there.session.put(key, good[:-1], attachment=ATTACHED)
     wait(there.bus, lambda: there.bus.refused["ros2/cmd_vel"])
 

@@ -157,8 +157,8 @@ class Clock:
         """
         for slot in self.world.slots:
             slot.open(self.tick + 1, self.tick)
-        if not any(slot.awaited is not None for slot in self.world.slots):
-            self.host.bus.drain()  # no answer is awaited: what has come is delivered
+        if not any(slot.awaited is not None for slot in self.world.remote):
+            self.host.bus.drain()  # no other process is awaited: what has come is delivered
         self.host.revise()
         if self.lockstep or self.paused:
             self._await_all()

@@ -77,7 +77,7 @@ class Host:
         parts: The services, each with its robot.
         bus: What connects them with other processes and with tools.
         scenario: The whole scenario.
-        kinds: Classes of their nodes by name, if not those that the scenario names.
+        kinds: Classes by the names of their nodes, if not all that the scenario names.
 
     Raises:
         ConfigError: There is no such service, or the scenario does not suit a node.
@@ -108,7 +108,7 @@ class Host:
             found |= classes(service, scenario) if kinds is None else kinds
         self.graph = graph_of(scenario, found)
         self.plan = compile_plan(scenario, self.graph)
-        self._turns = self.plan.of(parts)
+        self._turns = [turn for turn in self.plan.of(parts) if turn.row.name in found]
         self._local = {turn.number for turn in self._turns}
         self.hosted = [self._make(turn, found[turn.row.name]) for turn in self._turns]
         self.loop = self._loop()
