@@ -128,7 +128,7 @@ class Up(AbstractContextManager["Up"]):
         self.process = subprocess.Popen(
             **command(["up", scenario, *how]), stdout=subprocess.DEVNULL
         )
-        self.bus = ZenohBus(self.scenario.bus, lossless=True)
+        self.bus = ZenohBus(self.scenario.bus)
         self.bus.declare_alive("test")
         self.watch = Watch(self.bus)
 

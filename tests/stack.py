@@ -20,7 +20,7 @@ class Stack:
         self.scenario: Scenario = load_scenario(path, self.settings)
         self.supervisor = Supervisor(path, self.settings)
         self.supervisor.start_router()
-        self.bus = ZenohBus(self.scenario.bus, lossless=True)
+        self.bus = ZenohBus(self.scenario.bus)
         self.bus.declare_alive("test")
 
     @property

@@ -70,7 +70,7 @@ def _receive(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
     settings = (f'recorder.file="{path}"', f"recorder.encoding={encoding}")
     with (
         running("back", *settings, services=["recorder"]) as stack,
-        closing(ZenohBus(stack.scenario.bus, lossless=True)) as bus,
+        closing(ZenohBus(stack.scenario.bus)) as bus,
     ):
         bus.declare_alive("bench")
         started = lambda: "recorder" in bus.presence.names  # noqa: E731

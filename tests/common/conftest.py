@@ -26,7 +26,7 @@ def open_bus(router):
 
     def open_one(mode="peer", namespace=own, **settings):
         config = BusConfig(connect=(router,), namespace=namespace, **settings)
-        buses.append(ZenohBus(config, mode, lossless=True))
+        buses.append(ZenohBus(config, mode))
         return buses[-1]
 
     yield open_one

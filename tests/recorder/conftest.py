@@ -36,7 +36,7 @@ class Net:
     def __init__(self, endpoint: str) -> None:
         self.tools = ("--connect", endpoint, "--namespace", f"test{secrets.token_hex(6)}")
         config = BusConfig(connect=(endpoint,), namespace=self.tools[3])
-        self.bus = ZenohBus(config, lossless=True)
+        self.bus = ZenohBus(config)
         self.commands: list[Command] = []
 
     def start(self, *arguments: object) -> Command:

@@ -55,7 +55,7 @@ def ros(router, write_scenario):
             settings = (f"bus.connect=['{router}']", f"bus.namespace='{name}'", "bus.ros2=true")
             settings += tuple(f"bus.{key}={value}" for key, value in more.items())
             scenario = load_scenario(write_scenario(text), settings)
-            bus = ZenohBus(scenario.bus, lossless=True)
+            bus = ZenohBus(scenario.bus)
             stack.callback(bus.close)
             for robot in scenario.names:
                 for call, handler in (served or {}).items():

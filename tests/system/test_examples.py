@@ -51,12 +51,13 @@ def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_d
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
     run = InProcess(load_scenario(RANGE, settings))
     measured = []
-    (topic,) = run.members[-1].nodes[0].row.outputs
+    rows = {hosted.turn.row.name: hosted.turn.row for hosted in run.host.hosted}
+    (topic,) = rows["range"].outputs
     run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
     run.begin()
     for _ in range(199):
         run.step()
-    run.end()
+    run.close()
     assert [time_s for time_s, _ in measured] == pytest.approx([0.02 * n for n in range(100)])
     rows = {row[0]: row for row in run.trajectory.rows()}
     x, tx = (run.trajectory.columns.index(f"{who}_x_m") for who in ("robot", "target"))

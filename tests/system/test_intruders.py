@@ -61,7 +61,7 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     print(f"{intruder.sent} payloads, {sum(early.values())} then {sum(late.values())} bytes")
     assert max(growth.values()) < GROWTH_BYTES, growth
     for _ in range(TOOLS):
-        with closing(ZenohBus(config, "client", lossless=True)) as tool:
+        with closing(ZenohBus(config, "client")) as tool:
             assert tool.call(keys.SIM_STATE, Empty()).tick == sim.ticks - 1
 
 

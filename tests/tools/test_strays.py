@@ -56,7 +56,7 @@ def test_what_is_said_of_a_key_and_of_which_nothing_is():
 
 def test_each_key_is_told_of_once_and_not_more_than_so_many(router):
     config = BusConfig(connect=(router,), namespace=f"strays{secrets.token_hex(6)}")
-    bus, hand = ZenohBus(config, "client"), ZenohBus(config, "client", lossless=True)
+    bus, hand = ZenohBus(config, "client"), ZenohBus(config, "client")
     told = []
     Strays(bus, ("one", "two"), {"cmd_vel"}, told.append)
     typed = ["two/cmd_vle", "one/cmd_vel", "one/target/cmd_vel", "my/key", "two/cmd_vle"]

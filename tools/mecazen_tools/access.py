@@ -12,6 +12,7 @@ from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, services
 from mecazen.row import Row
+from mecazen.runtime.pace import receipts
 
 HEADER = """\
 // Mutual TLS, and who may publish what. For `bus.zenoh_config`, together with `bus.keys`, a folder
@@ -80,7 +81,7 @@ def access_table() -> str:
             for service, rows in services().items()
         ),
         _line(OPERATOR, [topic.key for topic in keys.TOPICS if topic.open], [], _plain(rules)),
-        _line("each service", ["diagnostics/<its name>"]),
+        _line("each service", ["diagnostics/<its name>", receipts("<its name>").key]),
         _line("anyone admitted", [], [], _plain(reads)),
         "| router | what it relays | what it relays | what it relays |",
     ]
@@ -116,6 +117,7 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     puts = [
         key for topic in keys.TOPICS if topic.open for key in (f"**/{topic.key}", *_taken(topic))
     ]
+    puts.append(f"**/{receipts(RECORD).key}")
     yield OPERATOR, _rule("the operator drives robot and person", ["put"], puts)
     others = _others(puts)
     yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
@@ -129,6 +131,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
     puts = [
         *(key for row in rows for topic in row.outputs for key in _given(row, topic)),
         *_given(Row(service), keys.diagnostics(service)),
+        f"**/{receipts(service).key}",
         # what it takes from ROS it hands on to all others
         *(f"**/{topic.key}" for row in rows for topic in _handed_on(row)),
     ]

@@ -24,6 +24,7 @@ from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.drivers import observe
 from mecazen.runtime.host import Host
+from mecazen.runtime.pace import Receipts
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 
@@ -193,7 +194,7 @@ def simulate_distributed(
         with on_one_core():
             supervisor.start_router()
         with beside_that_core():
-            bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)
+            bus = ZenohBus(scenario.bus, name=COLLECTOR, gather_s=GATHER_S)
         with closing(bus):
             trajectory = _join(bus, scenario)
             for process in scenario.process_plan:
@@ -232,7 +233,7 @@ def collect(
         if gone := sorted(seen - alive):
             raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
 
-    bus = ZenohBus(scenario.bus, lossless=True, name=COLLECTOR, gather_s=GATHER_S)
+    bus = ZenohBus(scenario.bus, name=COLLECTOR, gather_s=GATHER_S)
     with closing(bus):
         trajectory = _join(bus, scenario)
         wall_s = _collect(trajectory, bus, check, progress)
@@ -254,6 +255,7 @@ def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
     parts = [part for part in scenario.services if part != COLLECTOR]
     trajectory = _trajectory(bus, scenario, parts)
     bus.declare_alive(COLLECTOR)
+    Receipts(bus, COLLECTOR, tick_ns=scenario.sim.tick_ns).follow()
     announce_readiness(bus, COLLECTOR, "", scenario)
     return trajectory
 

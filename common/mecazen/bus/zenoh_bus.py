@@ -51,7 +51,6 @@ class ZenohBus(Bus):
         config: BusConfig,
         mode: Mode | None = None,
         *,
-        lossless: bool = False,
         name: str = OPERATOR,
         gather_s: float = 0.0,
     ) -> None:
@@ -61,7 +60,6 @@ class ZenohBus(Bus):
             config: Where to meet, the namespace and the format.
             mode: A peer talks directly to the others; a client goes through the router. None
                 takes that of `config`.
-            lossless: A full link holds the publisher up instead of dropping samples.
             name: Whose certificate the session shows, where there are certificates.
             gather_s: Samples may come so much later, many at once, so that a sender need not
                 wake this process for each [s].
@@ -72,9 +70,6 @@ class ZenohBus(Bus):
         super().__init__()
         self._pause = Pause(gather_s)
         self._format: Format = config.format
-        self._congestion = (
-            zenoh.CongestionControl.BLOCK if lossless else zenoh.CongestionControl.DROP
-        )
         self._queue: Queue = queue.SimpleQueue()
         self._refusals = Refusals(self._queue, self.refuse)
         self._heard: dict[tuple[str, bool], list[Handler[Any]]] = {}
@@ -93,7 +88,7 @@ class ZenohBus(Bus):
         publisher = self._session.declare_publisher(
             topic.key,
             encoding=ENCODINGS[self._format],
-            congestion_control=self._congestion,
+            congestion_control=zenoh.CongestionControl.DROP,
         )
         return _ZenohPublisher(publisher, self._format, self.listeners(topic), self._queue)
 

@@ -31,6 +31,7 @@ from mecazen.programs import classes
 from mecazen.robots import join_key
 from mecazen.runtime.changing import Changing, refuse_unsuitable
 from mecazen.runtime.host import Host
+from mecazen.runtime.pace import Pace
 from mecazen.runtime.schedule import Schedule
 from mecazen.wire import NS_PER_S, Stamp
 
@@ -69,6 +70,7 @@ class Clock:
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         bus = host.bus
+        self.pace = Pace(bus, host.tick_ns, self.scenario.sim.answer_timeout_s)
         self._parameters = bus.publisher(keys.PARAMETERS)
         for service in {key.partition(".")[0] for key in parameters(self.scenario)}:
             with suppress(ConfigError):  # to import it later would take many ticks
@@ -96,6 +98,7 @@ class Clock:
         """Begin a run: the world back at its start."""
         self.tick = self.missed_deadlines = 0
         self.host.begin(Stamp(0, secrets.randbits(32), seed, self.changing.revision))
+        self.pace.begin(self.stamp.run)
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready; then advance until stopped."""
@@ -162,6 +165,8 @@ class Clock:
         self.host.revise()
         if self.lockstep or self.paused:
             self._await_all()
+            if self.lockstep:
+                self.pace.keep(self.tick + 1)
         elif self.tick == 0:
             # every first answer takes longer, and is not owed yet: time begins with it
             self._await_all()

@@ -51,8 +51,7 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
         reporter.log_level,
     )
     _refuse_taken_names(parts, scenario.bus)
-    lossless = scenario.sim.mode == "lockstep"
-    bus = ZenohBus(scenario.bus, lossless=lossless, name=process.services[0])
+    bus = ZenohBus(scenario.bus, name=process.services[0])
     stop_on_signals(bus.stop)
     side = None
     try:

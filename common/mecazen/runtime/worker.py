@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mecazen.loop import Slot
+from mecazen.robots import join_key
 from mecazen.runtime.host import Host
+from mecazen.runtime.pace import Receipts
 from mecazen.wire import Stamp
 
 
@@ -40,8 +42,17 @@ class Worker:
 
     def run(self) -> None:
         """Work until the bus is stopped."""
+        host = self.host
+        names = {join_key(*part) for part in host.parts}
+        if not self.host.lockstep or names & host.plan.awaited():
+            while True:
+                self.step()
+        receipts = Receipts(host.bus, *host.parts[0], host.tick_ns)
         while True:
-            self.step()
+            if self.step() and self._lacking is None:
+                # nothing is due before the next turn
+                taken = self._due()[0] - 1 if self._last >= 0 else 0
+                receipts.reached(host.stamp._replace(time_ns=taken * host.tick_ns))
 
     def step(self) -> bool:
         """Make a tick, or begin a run; return False if what it waits for can't come any more.

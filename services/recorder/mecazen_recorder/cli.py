@@ -184,9 +184,9 @@ def _recompute(recording: Recording, program: str, robot: str) -> None:
         compared = recompute(recording, program, robot)
     _tell_of_damage(recording)
     if compared.difference is not None:
-        raise MecazenError(f"{recording.path}: {join_key(str(compared.difference), robot)}")
+        raise MecazenError(f"{recording.path}: {compared.difference}")
     counts = sorted(compared.counts.items())
-    samples = ", ".join(f"{count} of {join_key(key, robot)}" for key, count in counts)
+    samples = ", ".join(f"{count} of {key}" for key, count in counts)
     typer.echo(f"{program}: identical: {samples}")
 
 

@@ -23,6 +23,7 @@ from mecazen.keys import Topic, call_of_robot, of_robot, topic_of
 from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
 from mecazen.robots import split_key
+from mecazen.runtime.pace import Receipts
 from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
@@ -247,6 +248,7 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
     try:
         for name in ("record", "record/ready"):
             bus.declare_alive(name)
+        Receipts(bus, "record").follow()
         logger.info("msg=started file=%s", config.file)
         recorder.run()
     except StoppedError:

@@ -15,6 +15,7 @@ from mecazen.config import Scenario
 from mecazen.loading import to_toml
 from mecazen.programs import graph_of
 from mecazen.runtime.observer import Observer
+from mecazen.runtime.pace import Receipts
 
 from mecazen_recorder.recorder import Recorder
 
@@ -45,6 +46,9 @@ class RecorderService(Observer):
 
     def run(self) -> None:
         """Record until the bus is stopped."""
+        sim = self.scenario.sim
+        if sim.mode == "lockstep":
+            Receipts(self.bus, self.name, tick_ns=sim.tick_ns).follow()
         self.recorder.run()
 
     def close(self) -> None:

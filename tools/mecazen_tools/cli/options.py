@@ -85,7 +85,7 @@ def tool_bus(
         )
     except msgspec.ValidationError as error:
         raise ConfigError(f"--namespace {namespace}: {error}") from None
-    bus = ZenohBus(config, "client", lossless=True)
+    bus = ZenohBus(config, "client")
     try:
         yield bus
     except KeyboardInterrupt:

@@ -1,0 +1,132 @@
+"""In lockstep the clock keeps pace with those who take every sample, so that none is lost.
+
+A full link drops samples, since a slow observer must delay no tick. So a recorder, and a service
+that the world does not wait for, acknowledge what they have taken. The clock stays only a few ticks
+ahead of them: links hold so much.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from mecazen import messages as m
+from mecazen.bus import Bus
+from mecazen.keys import CLOCK, Topic, of_robot
+from mecazen.wire import Stamp
+
+EVERY = "every"
+"""A liveliness token `<name>/every` says that its holder takes every sample."""
+TICKS_AHEAD = 16
+"""The clock goes so far ahead of the slowest of them."""
+TICKS_APART = 4
+"""Ticks from one receipt to the next."""
+TAKERS_AT_MOST = 64
+"""Anyone may hold a token."""
+
+logger = logging.getLogger(__name__)
+
+
+def receipts(name: str, robot: str = "") -> Topic[m.Clock]:
+    """Return the topic on which a service acknowledges samples; `**` does not hold it."""
+    return of_robot(Topic(f"@receipts/{name}", m.Clock, "until when all is taken"), robot)
+
+
+class Receipts:
+    """Acknowledges the samples of a service that takes all of them.
+
+    Args:
+        bus: Where its subscriptions already are.
+        name: The service.
+        robot: Its robot, if there are several and it belongs to one.
+        tick_ns: The control period; 0 where it is unknown [ns].
+    """
+
+    def __init__(self, bus: Bus, name: str, robot: str = "", tick_ns: int = 0) -> None:
+        self._bus = bus
+        self._publisher = bus.publisher(receipts(name, robot))
+        self._step_ns = TICKS_APART * tick_ns
+        self._told = Stamp(-1, -1, 0)
+        bus.declare_alive(f"{name}/{EVERY}", robot)
+
+    def reached(self, stamp: Stamp) -> None:
+        """Acknowledge, every few ticks, that all samples up to a tick are taken."""
+        if stamp.run != self._told.run or stamp.time_ns >= self._told.time_ns + self._step_ns:
+            self._told = stamp
+            self._publisher.put(m.Clock(clock=stamp.time), stamp)
+
+    def follow(self) -> None:
+        """Acknowledge the samples that have come before each of the clock's."""
+
+        def take(_: m.Clock, stamp: Stamp | None) -> None:
+            if stamp is not None:
+                self.reached(stamp)
+
+        self._bus.subscribe(CLOCK, take, every=True)
+
+
+class Pace:
+    """Holds the clock back for those who take every sample.
+
+    Args:
+        bus: Brings their receipts.
+        tick_ns: The control period [ns].
+        patience_s: How long the clock waits for one of them [s].
+    """
+
+    def __init__(self, bus: Bus, tick_ns: int, patience_s: float) -> None:
+        self._bus, self._tick_ns, self._patience_s = bus, tick_ns, patience_s
+        self._run = 0
+        self._tick = 0
+        self._taken: dict[str, int] = {}
+        """The newest tick whose samples each has taken."""
+        self._heard: set[str] = set()
+        self._ignored: set[str] = set()
+        """Those that were silent for too long, until their next receipt."""
+        bus.presence.on_change.append(self._note_tokens)
+
+    def begin(self, run: int) -> None:
+        """Begin a run."""
+        self._run, self._tick = run, 0
+        self._taken = dict.fromkeys(self._taken, 0)
+
+    def keep(self, tick: int) -> None:
+        """Wait before a tick until nobody is too far behind; not longer than `patience_s`."""
+        self._tick = tick
+        end_s = time.monotonic() + self._patience_s
+        while behind := self._behind():
+            left_s = end_s - time.monotonic()
+            if left_s <= 0.0:
+                self._ignored.update(behind)
+                names = ", ".join(sorted(behind))
+                logger.warning("msg=%r", f"going on without {names}, silent: samples may be lost")
+                return
+            self._bus.spin_once(left_s)
+
+    def _behind(self) -> list[str]:
+        return [
+            name
+            for name, taken in self._taken.items()
+            if self._tick - taken > TICKS_AHEAD and name not in self._ignored
+        ]
+
+    def _note_tokens(self) -> None:
+        end = f"/{EVERY}"
+        names = {n.removesuffix(end) for n in self._bus.presence.names if n.endswith(end)}
+        self._taken = {name: taken for name, taken in self._taken.items() if name in names}
+        for name in sorted(names - self._taken.keys())[: TAKERS_AT_MOST - len(self._taken)]:
+            self._taken[name] = self._tick
+            self._hear(name)
+
+    def _hear(self, name: str) -> None:
+        if name in self._heard:
+            return
+        self._heard.add(name)
+        robot, _, service = name.rpartition("/")
+
+        def take(_: m.Clock, stamp: Stamp | None) -> None:
+            if stamp is not None and stamp.run == self._run and name in self._taken:
+                self._taken[name] = max(self._taken[name], stamp.time_ns // self._tick_ns)
+                self._ignored.discard(name)
+
+        self._bus.subscribe(receipts(service, robot), take)
