@@ -62,8 +62,7 @@ def test_the_notebook_prints_the_numbers_that_it_shows(tmp_path):
     assert NUMBER.sub("#", stored) == NUMBER.sub("#", made)
     numbers = [float(number) for number in NUMBER.findall(stored)]
     assert len(numbers) > 40
-    # another kind of processor rounds otherwise, which contacts make larger; tables show six digits
-    assert [float(number) for number in NUMBER.findall(made)] == pytest.approx(numbers, abs=2e-6)
+    assert [float(number) for number in NUMBER.findall(made)] == numbers
 
 
 def printed(file):

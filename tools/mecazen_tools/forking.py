@@ -281,6 +281,8 @@ def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
         load: Returns the scenario; called in each fork.
         services: Of which most will be asked for.
     """
+    # else NumPy starts threads when it is imported; its products here are too small for them
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     os.setsid()
     for number in STOPPING:
         signal.signal(number, signal.SIG_DFL)
@@ -310,6 +312,4 @@ def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
 
 
 if __name__ == "__main__":
-    # else NumPy starts threads when it is imported; its products here are too small for them
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     serve(lambda: load_scenario(Path(sys.argv[1]), tuple(sys.argv[2:])))
