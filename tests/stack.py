@@ -8,6 +8,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.loading import load_scenario
 from mecazen.robots import join_key
+from mecazen.runtime.pace import Receipts
 from mecazen_tools.processes import Supervisor, private_router
 
 
@@ -22,6 +23,8 @@ class Stack:
         self.supervisor.start_router()
         self.bus = ZenohBus(self.scenario.bus)
         self.bus.declare_alive("test")
+        if self.scenario.sim.mode == "lockstep":
+            Receipts(self.bus, "record").follow()
 
     @property
     def endpoint(self) -> str:

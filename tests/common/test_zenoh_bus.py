@@ -42,7 +42,7 @@ def flood(zenoh_pair):
     return run
 
 
-def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_kept(
+def test_a_sample_that_was_not_taken_is_replaced_and_counted_and_with_every_is_kept(
     zenoh_pair, flood
 ):
     near, far = zenoh_pair.far, zenoh_pair.near
@@ -53,6 +53,7 @@ def test_a_sample_that_was_not_taken_is_replaced_by_the_next_and_with_every_is_k
     flood(lambda: [clocks.put(Clock(Time(tick)), STAMP) for tick in range(1, 101)])
     near.drain()
     assert latest == [100]
+    assert near.lost == {"clock": 99}
     assert every == list(range(1, 101))
 
 

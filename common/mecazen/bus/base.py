@@ -109,6 +109,8 @@ class Bus(ABC):
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
         """Refused payloads by key."""
+        self.lost: Counter[str] = Counter()
+        """Samples that a newer one replaced before they were delivered, by key."""
         self.ignored: dict[str, str] = {}
         """The unknown field that was last ignored in a sample, by key."""
         self.presence = Presence()

@@ -64,11 +64,18 @@ class Inbox(Generic[SampleT]):
         ready: Takes the call that delivers.
         take: Delivers a sample; returns whether it was good.
         is_good: Returns whether a sample can be delivered; runs on Zenoh's threads.
+        count_lost: Called with the number of samples that a newer one has replaced.
     """
 
     def __init__(
-        self, ready: Queue, take: Callable[[SampleT], bool], is_good: Callable[[SampleT], bool]
+        self,
+        ready: Queue,
+        take: Callable[[SampleT], bool],
+        is_good: Callable[[SampleT], bool],
+        count_lost: Callable[[int], None] = lambda _: None,
     ) -> None:
+        self._count_lost = count_lost
+        self._displaced = 0
         self._ready = ready
         self._take = take
         self._is_good = is_good
@@ -86,6 +93,7 @@ class Inbox(Generic[SampleT]):
         with self._lock:
             if len(self._samples) == WAITING_SAMPLES and not displace:
                 return False
+            self._displaced += len(self._samples) == WAITING_SAMPLES
             self._samples.append(sample)
             if not self._announced:
                 self._announced = True
@@ -95,9 +103,12 @@ class Inbox(Generic[SampleT]):
     def _deliver(self) -> None:
         with self._lock:
             samples, self._samples = self._samples, deque(maxlen=WAITING_SAMPLES)
+            lost, self._displaced = self._displaced, 0
             self._announced = False
         while samples and not self._take(samples.pop()):
             pass
+        if lost := lost + len(samples):
+            self._count_lost(lost)
 
 
 class Backlog(Generic[SampleT]):

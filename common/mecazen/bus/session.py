@@ -90,7 +90,6 @@ def session_config(
         "scouting/delay": 0,
         "transport/shared_memory/enabled": SHARED_MEMORY,
         "transport/link/tx/queue/size/data": QUEUED_BATCHES,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         "timestamping/enabled": timestamps or None,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }

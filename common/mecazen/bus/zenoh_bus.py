@@ -169,8 +169,11 @@ class ZenohBus(Bus):
                 self._queue, take, lambda sample: len(sample.payload), BACKLOG_BYTES, full
             ).receive
         else:
-            keep = Inbox(self._queue, take, is_good).receive
+            keep = Inbox(self._queue, take, is_good, partial(self._count_lost, key)).receive
         self._declare_subscriber(key, receive, zenoh.Locality.REMOTE)
+
+    def _count_lost(self, key: str, count: int) -> None:
+        self.lost[key] += count
 
     def subscribe_bytes(
         self,

@@ -54,6 +54,7 @@ class Health:
         values = {**values, **self._rates(stamp), "refused_payloads": refused.total()}
         values |= {f"refused/{key}": count for key, count in refused.items()}
         values |= {f"ignored/{key}": field for key, field in ignored.items()}
+        values |= {f"lost/{key}": count for key, count in self._bus.lost.items()}
         returns = self._bus.presence.returns
         values |= {
             f"restarts/{part}": returns[part]

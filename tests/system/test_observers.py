@@ -1,0 +1,77 @@
+"""Observers in lockstep: a slow one delays no tick, and a recorder loses no sample."""
+
+import os
+import signal
+import time
+
+import pytest
+from harness import SCENARIOS
+from mecazen import keys
+from mecazen.loading import load_scenario
+from mecazen_recorder.reader import Recording
+from mecazen_tools.simulate import simulate
+from mecazen_tools.trajectory import Trajectory
+from observing import slow_observer
+
+BACK = SCENARIOS / "back.toml"
+RUN = ("sim.duration_s=10.0", "seed=3", "sim.mode=lockstep")
+FREEZE_S = 0.5
+
+
+def trajectory_of(running):
+    sim = running.scenario.sim
+    parts = [part for part in running.scenario.services if part != "recorder"]
+    return Trajectory(running.bus, sim.tick_ns, sim.ticks, parts)
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_an_observer_that_takes_5_ms_a_sample_delays_no_tick(stack, mode):
+    running = stack(BACK, *RUN)
+    trajectory = trajectory_of(running)
+    with slow_observer(running.scenario.bus, mode) as heard:
+        running.start()
+        running.wait(lambda: trajectory.complete)
+        # had the run waited for it, it would have taken all
+        assert heard.value < running.scenario.sim.ticks
+    expected = simulate(load_scenario(BACK, RUN), "back")[0].trajectory_sha256
+    assert trajectory.sha256() == expected
+
+
+def test_a_recorder_that_freezes_for_a_moment_holds_the_run_up_and_loses_nothing(stack, tmp_path):
+    file = tmp_path / "run.mcap"
+    running = stack(
+        BACK,
+        *RUN,
+        'services=["physics","controller","target","follower","recorder"]',
+        f'recorder.file="{file}"',
+    )
+    trajectory = trajectory_of(running)
+    running.start()
+    running.wait(lambda: trajectory.done > 100)
+    recorder = running.supervisor.pids["recorder"]
+    os.kill(recorder, signal.SIGSTOP)
+    end = time.monotonic() + FREEZE_S
+    running.wait(lambda: time.monotonic() > end)
+    assert not trajectory.complete
+    os.kill(recorder, signal.SIGCONT)
+    running.wait(lambda: trajectory.complete)
+    running.supervisor.stop()
+    found = [sample.key for sample in Recording(file).samples()]
+    every_tick = (keys.CLOCK, keys.JOINT_STATES, keys.ODOM, keys.CMD_VEL, keys.TARGET_ODOM)
+    counts = {topic.key: found.count(topic.key) for topic in every_tick}
+    assert counts == dict.fromkeys(counts, running.scenario.sim.ticks)
+
+
+def test_a_recorder_that_stays_frozen_is_given_up_and_the_run_goes_on(stack, tmp_path):
+    running = stack(
+        BACK,
+        *RUN,
+        'services=["physics","controller","target","follower","recorder"]',
+        f'recorder.file="{tmp_path / "run.mcap"}"',
+        "sim.answer_timeout_s=1.0",
+    )
+    trajectory = trajectory_of(running)
+    running.start()
+    os.kill(running.supervisor.pids["recorder"], signal.SIGSTOP)
+    running.wait(lambda: trajectory.complete)
+    os.kill(running.supervisor.pids["recorder"], signal.SIGCONT)
