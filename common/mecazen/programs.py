@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +19,7 @@ from mecazen.errors import ConfigError, explained
 from mecazen.graph import Graph
 from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
+from mecazen.plan import compile_plan
 from mecazen.row import Row
 from mecazen.runtime.observer import Observer
 from mecazen.schema import Section
@@ -151,7 +151,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
     for row in rows:
         if row.name in scenario.programs:
             _check_own(row, scenario.programs[row.name], found)
-    _refuse_circles(found, lockstep=scenario.sim.mode == "lockstep")
+    compile_plan(scenario, found)  # refuses nodes that would wait for each other
     taken = {topic.key.partition("/")[0] for topic in found.topics} & set(scenario.names)
     if taken:
         raise ConfigError(f"robots: the name {taken.pop()!r} begins a key of a node: take another")
@@ -211,30 +211,6 @@ def _check_own(row: Row, program: str, found: Graph) -> None:
     for key in triggers:
         if whole and found.giver(key) is None:
             raise ConfigError(f"{program}: takes {key} every tick, which no node here gives")
-
-
-def _refuse_circles(found: Graph, *, lockstep: bool) -> None:
-    """Refuse nodes that would wait for each other for ever.
-
-    Raises:
-        ConfigError: There are such; the message names them.
-    """
-    awaited = {
-        row.name: [
-            giver.name
-            for i in found.resolved(row, lockstep=lockstep)
-            if i.rule != "latest" and (giver := found.giver(i.topic.key)) is not None
-        ]
-        for row in found.rows
-        if not found.is_world(row)  # it answers to the tick before
-    }
-    try:
-        TopologicalSorter(awaited).prepare()
-    except CycleError as error:
-        circle = error.args[1][::-1]
-        raise ConfigError(
-            f"{' waits for '.join(circle)}: no step of theirs would ever be made"
-        ) from None
 
 
 @lru_cache

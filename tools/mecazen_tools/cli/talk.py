@@ -13,6 +13,7 @@ from mecazen.bus.session import includes
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
+from mecazen.plan import compile_plan
 from mecazen.programs import graph_of
 from mecazen.suggest import unknown_fields
 from mecazen.text import printable
@@ -38,12 +39,13 @@ def graph(
     ] = None,
     settings: Settings = None,
 ) -> None:
-    """Show the nodes, the keys that they take and give with their rates, and the processes.
+    """Show the nodes in the order in which they run: what they take and give, and their processes.
 
     Examples: mecazen graph back · mecazen graph back --svg flow.svg
     """
     if scenario is None:
         nodes, processes = Graph(GRAPH), one_process_each()
+        order = [row.name for row in GRAPH]
     else:
         loaded = load(scenario, settings)
         nodes = graph_of(loaded)
@@ -52,16 +54,20 @@ def graph(
             for process in loaded.process_plan
             if process.robot in ("", loaded.names[0])
         ]
+        turns = [turn.row.name for turn in compile_plan(loaded, nodes).turns]
+        # who owns time begins each tick; observers take no turn
+        first = [row.name for row in nodes.rows if row.owns_time]
+        last = [row.name for row in nodes.rows if row.observes]
+        order = list(dict.fromkeys([*first, *turns, *last]))
     if svg_file is not None:
         files.write(svg_file, graph_views.svg(nodes, processes).encode(), "--svg")
-    table = Table("process", "node", "takes", "gives, answers?", "rates")
-    for process, names in processes:
-        for number, name in enumerate(names):
-            row = nodes.row(name)
-            rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
-            cells = "" if number else process, name, graph_views.takes(row), graph_views.gives(row)
-            table.add_row(*map(Text, (*cells, rates)))
-        table.add_section()
+    process_of = {name: process for process, names in processes for name in names}
+    table = Table("node", "process", "takes", "gives, answers?", "rates")
+    for name in order:
+        row = nodes.row(name)
+        rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
+        cells = name, process_of[name], graph_views.takes(row), graph_views.gives(row), rates
+        table.add_row(*map(Text, cells))
     console(160).print(table)
 
 
