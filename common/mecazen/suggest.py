@@ -1,4 +1,4 @@
-"""Fields of a message in JSON that its type does not have: they are ignored, which nobody wants."""
+"""Reports of unknown fields in JSON messages: decoding ignores them, but they are mistakes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walkers who give way: to each other, to all others, to robots and to obstacles."""
+"""Walkers who give way to each other, to all other people, to robots and to obstacles."""
 
 from __future__ import annotations
 
