@@ -1,4 +1,4 @@
-"""The social force: how people steer clear of each other, of robots and of what stands there.
+"""The social force: how people steer clear of each other, of robots and of obstacles.
 
 D. Helbing & P. Molnár, Social force model for pedestrian dynamics, Phys. Rev. E 51:4282, 1995,
 with their parameters: a drive towards the preferred velocity, a repulsion by potentials that are
@@ -56,7 +56,7 @@ def repulsion(
         others: Places of the others (m, 2) [m].
         velocities: Theirs (m, 2) [m/s].
         touching: Distance of centres at which the bodies touch (n, m) [m]; infinite where there is
-            no force, as of oneself.
+            no force, such as from the person themselves.
     """
     apart = places[:, None] - others
     distance = np.maximum(_length(apart), 1e-9)
