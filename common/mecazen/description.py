@@ -1,4 +1,4 @@
-"""What the robot looks like: asked of whoever simulates it, or has a recording of it."""
+"""The robot's appearance, as URDF and meshes, served by the physics or by a replay."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class Drive(NamedTuple):
     """
 
     rim_speed: float = math.inf
-    """Of the wheels [m/s]."""
+    """Maximum speed of the wheels' rims [m/s]."""
     sideways: float = 1.0
     """Speed of a rim per speed along y; 1 with rollers at 45°."""
     lever: float = 0.0
@@ -134,8 +134,8 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
 
     The argument: with steps of jerk q = jerk * dt, an acceleration a > 0 let off in the
     steps a, a - q, a - 2q, ... still adds S(a) = dt * (a + (a - q) + ...) to the velocity.
-    The largest a with S(a) within what is missing is taken; then a - q is in the same way
-    right for the next tick, so every plan can be carried through to its end.
+    The limiter takes the largest a with S(a) at most the missing velocity. Then a - q satisfies
+    the same condition in the next tick, so every plan can be completed.
 
     Where acceleration and deceleration have different limits, a reversal goes through a
     tick at rest: the limit changes there, and the way to rest never needs the other one.

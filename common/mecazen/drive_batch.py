@@ -1,4 +1,4 @@
-"""How robots can move, for arrays of twists: the model of `drive`, to the same bits.
+"""Motion limits for arrays of twists: the model of `drive`, with bit-identical results.
 
 Twists are (3, ...): x, y [m/s] and yaw rate [rad/s] in base_link.
 """
@@ -50,7 +50,7 @@ def slow_down(twist: Array, gains: Array, rim_speed: float) -> None:
 
 
 class MotionLimits:
-    """What `n` robots can do in steps of `dt` [s]: `Drive.step`.
+    """Motion limits of `n` robots in steps of `dt` [s]: `Drive.step` for arrays.
 
     Limits are as wide as the twists (3, n), for NumPy takes a tenth of a plan to broadcast them.
     """

@@ -1,8 +1,8 @@
-"""The graph: every node of the system, what it takes and gives, and how its inputs join a tick.
+"""The graph: all nodes with their inputs and outputs, and the rules by which inputs join a tick.
 
-`GRAPH` is the one table. The runtime builds services from it; the documents, the compose file,
-the access rules and the certificates are generated from it or checked against it. A node of
-one's own has its row in its class (`Node.ROW`), and its place by its name in the scenario.
+`GRAPH` is the only table of nodes. The runtime builds services from it. The documents, the compose
+file, the access rules and the certificates are generated from it or checked against it. A user
+node has its row in its class (`Node.ROW`); the scenario names the node and so adds it to the graph.
 """
 
 from __future__ import annotations
@@ -195,13 +195,13 @@ GRAPH: tuple[Row, ...] = (
 )
 
 CROWD = "crowd"
-"""The service that takes part where others walk, or several robots see each other."""
+"""The service that takes part if other people walk or several robots see each other."""
 COLLECTOR = "collector"
-"""The service that writes down a distributed run; a run begins when it is there."""
+"""The service that records the trajectory of a distributed run; the run waits for its start."""
 
 
 def services(rows: Iterable[Row] = GRAPH) -> dict[str, tuple[Row, ...]]:
-    """Return the rows of each service, by its name."""
+    """Return the rows of each service, by service name."""
     found: dict[str, tuple[Row, ...]] = {}
     for row in rows:
         found[row.part_of] = (*found.get(row.part_of, ()), row)
@@ -209,24 +209,24 @@ def services(rows: Iterable[Row] = GRAPH) -> dict[str, tuple[Row, ...]]:
 
 
 TABLE = {row.name: row for row in GRAPH}
-"""The rows by their names."""
+"""The rows by node name."""
 SERVICES = tuple(services())
-"""The names of all services that the table knows."""
+"""Names of all services in the table."""
 OBSERVERS = tuple(row.part_of for row in GRAPH if row.observes)
-"""Services that no tick waits for, and whose end is no error."""
+"""Services that no tick waits for and whose exit is no error."""
 SHARED = tuple(name for name, rows in services().items() if rows[0].shared)
-"""Services of which there is one for all robots."""
+"""Services that run once for all robots."""
 
 
 class Graph:
     """The nodes of a scenario.
 
     Args:
-        rows: Their rows.
-        robots: The robots' names, where there are several.
+        rows: The rows of the nodes.
+        robots: The robots' names, if there are several.
 
     Raises:
-        ConfigError: Two nodes give the same topic, or answer the same query.
+        ConfigError: Two nodes publish the same topic or answer the same query.
     """
 
     def __init__(self, rows: Iterable[Row], robots: Iterable[str] = ()) -> None:
@@ -242,12 +242,12 @@ class Graph:
 
     @property
     def services(self) -> dict[str, tuple[Row, ...]]:
-        """The rows of each service, by its name."""
+        """The rows of each service, by service name."""
         return services(self.rows)
 
     @property
     def topics(self) -> tuple[Topic[Any], ...]:
-        """All topics that a node takes or gives, each once."""
+        """All topics that a node publishes or subscribes to, each once."""
         found = {topic.key: topic for row in self.rows for topic in row.outputs}
         for row in self.rows:
             found.update((i.topic.key, i.topic) for i in row.inputs if i.topic.key not in found)
@@ -257,19 +257,19 @@ class Graph:
         """Return the row of a node.
 
         Raises:
-            KeyError: There is none of that name.
+            KeyError: No node has that name.
         """
         return self._rows[name]
 
     def is_world(self, row: Row) -> bool:
-        """Return whether a node is the world that time advances: it shares a service with time."""
+        """Return whether a node is the world: it is in the service of the node that owns time."""
         return any(other.owns_time for other in self.rows if other.part_of == row.part_of)
 
     def resolved(self, row: Row, *, lockstep: bool = False) -> tuple[Input, ...]:
-        """Return a node's inputs with the rules that hold in a run.
+        """Return a node's inputs with the rules that apply in a run.
 
-        Nothing is due of topics that no node gives. In lockstep whatever a node gives is due:
-        the latest sample would be another with each order of arrival.
+        A topic that no node publishes is never due. In lockstep every topic that a node publishes
+        is due, so that results do not depend on the order of arrival.
         """
 
         def rule(i: Input) -> Rule:
@@ -281,17 +281,17 @@ class Graph:
         return tuple(replace(i, rule=rule(i)) for i in row.inputs)
 
     def giver(self, key: str) -> Row | None:
-        """Return the node that gives a topic or answers a query, by its key.
+        """Return the node that publishes a topic or answers a query, by key; None: no such node.
 
-        The key may have the name of one of several robots before it.
+        The key may start with the name of a robot, if there are several.
         """
         robot, _, rest = key.partition("/")
         return self._givers.get(rest if robot in self._robots else key)
 
     def rate(self, key: str, seen: frozenset[str] = frozenset()) -> str | float | None:
-        """Return the rate of a topic [Hz] or its configuration key; None: it comes every tick.
+        """Return the rate of a topic [Hz] or its configuration key; None: one sample per tick.
 
-        A node that names no rate for what it gives, gives it as often as its own inputs come.
+        An output without a rate has the rate of the node's own inputs of rule "every".
         """
         robot, _, rest = key.partition("/")
         key = rest if robot in self._robots else key

@@ -1,6 +1,6 @@
-"""The table of keys: every key and its message. Who gives and takes them: `mecazen.graph`.
+"""The table of keys: every key with its message; `mecazen.graph` lists the nodes that use them.
 
-No key has a leading slash. A robot of several has its namespace before its keys.
+No key has a leading slash. If there are several robots, a robot's keys begin with its namespace.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ AnswerT = TypeVar("AnswerT", bound=m.Message)
 
 @dataclass(frozen=True, eq=False)
 class Topic(Generic[MessageT]):
-    """A key that samples are published on."""
+    """A key on which samples are published."""
 
     key: str
     type: type[MessageT]
     meaning: str
     open: bool = False
-    """Whether anyone may publish on it, besides the node that does."""
+    """Whether any client may publish on it, besides its node."""
     shared: bool = False
-    """Whether there is one for all robots: it is in no robot's namespace."""
+    """Whether all robots share it; then it is in no robot's namespace."""
     max_bytes: int = MAX_SAMPLE_BYTES
-    """A longer sample is refused unread."""
+    """Maximum size of a payload [bytes]; longer samples are refused unread."""
     robot: str = ""
-    """The robot in whose namespace the key is."""
+    """Robot whose namespace the key is in; empty if it is in none."""
 
     @property
     def name(self) -> str:
@@ -41,14 +41,14 @@ class Topic(Generic[MessageT]):
 
 @dataclass(frozen=True, eq=False)
 class Call(Generic[RequestT, AnswerT]):
-    """A key that is queried: a request, and one answer or an error."""
+    """A key that answers queries: a request gets one answer or an error."""
 
     key: str
     request: type[RequestT]
     answer: type[AnswerT]
     meaning: str
     changes: bool = False
-    """Whether it changes something: then it is for the operator alone."""
+    """Whether it changes state; only the operator may then use it."""
     files: bool = False
     """Whether files are served below its key."""
 
@@ -88,7 +88,7 @@ PARAMETERS = Topic(
 )
 
 DIAGNOSTICS = Topic("diagnostics/*", m.DiagnosticArray, "a service's rates, counts and health")
-"""Of all services; see `diagnostics`."""
+"""Diagnostics of all services; `diagnostics` returns the topic of one service."""
 
 TOPICS: tuple[Topic[m.Message], ...] = (
     CLOCK,
@@ -162,7 +162,7 @@ CALLS: tuple[Call[m.Message, m.Message], ...] = (
 
 @cache
 def of_robot(topic: Topic[MessageT], robot: str) -> Topic[MessageT]:
-    """Return a robot's topic with its whole key; a topic that robots share is its own."""
+    """Return a robot's topic with its full key; a shared topic is returned unchanged."""
     if not robot or topic.shared:
         return topic
     return replace(topic, key=f"{robot}/{topic.key}", robot=robot)
@@ -170,7 +170,7 @@ def of_robot(topic: Topic[MessageT], robot: str) -> Topic[MessageT]:
 
 @cache
 def call_of_robot(call: Call[RequestT, AnswerT], robot: str) -> Call[RequestT, AnswerT]:
-    """Return a robot's call with its whole key."""
+    """Return a robot's call with its full key."""
     return replace(call, key=f"{robot}/{call.key}") if robot else call
 
 
@@ -180,7 +180,7 @@ def diagnostics(service: str) -> Topic[m.DiagnosticArray]:
 
 
 def topic_of(key: str) -> Topic[m.Message] | None:
-    """Return the table's entry for `key`, or None."""
+    """Return the table's entry for a key, or None."""
     for topic in TOPICS:
         if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1])):
             return topic

@@ -23,7 +23,7 @@ FARTHEST_START_M = 1e5
 FASTEST = 1e6
 """The largest component of a velocity of the robot or its joints [m/s, rad/s]."""
 FASTEST_PERSON = 10.0
-"""The largest component of a velocity of a person [m/s, rad/s]: nobody pushes robots faster."""
+"""The largest component of a velocity of a person [m/s, rad/s]: no person pushes robots faster."""
 
 
 class Limit(NamedTuple):

@@ -1,7 +1,7 @@
 """The loop: executes a plan, tick by tick. It is the only place where a tick happens.
 
-The loop knows neither bus nor clock. Whoever drives it delivers samples of other processes to its
-slots, decides how long to wait for them, and publishes what the loop hands out.
+The loop knows neither bus nor clock. Its driver (clock or worker) delivers samples of other
+processes to the slots, decides how long to wait for them, and publishes the outputs.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ AHEAD_AT_MOST = 10_000
 
 
 class Steps(Protocol):
-    """What the loop calls of a node."""
+    """The methods of a node that the loop calls."""
 
     def reset(self, seed: int) -> None:
         """Begin a run."""
@@ -38,7 +38,7 @@ class Slot:
     Args:
         need: The input.
         is_remote: Whether other processes publish it.
-        keeps_all: Whether every sample waits for its tick; else a newer one replaces it.
+        keeps_all: Whether every sample waits for its tick. Otherwise a newer sample replaces it.
     """
 
     __slots__ = (
@@ -51,33 +51,33 @@ class Slot:
         self.is_remote = is_remote
         self.keeps_all = keeps_all
         self.late = 0
-        """Steps that were made without an awaited sample."""
+        """Number of steps that were made without the awaited sample."""
         self.count = 0
-        """Samples that have come."""
+        """Number of samples received."""
         self.reset()
 
     def reset(self) -> None:
         """Begin a run."""
         self.message: Message | None = None
         self.fresh = False
-        """Whether the message has come since the last step."""
+        """Whether the message has arrived since the last step."""
         self.tick = -1
-        """The tick of the newest sample that has been taken ..."""
+        """Tick of the newest sample that a step can use."""
         self.heard = -1
-        """... and of the newest one that has come, with a stamp or without."""
+        """Tick of the newest sample that has arrived, with or without a stamp."""
         self.until = -1
-        """The newest tick whose samples the step takes ..."""
+        """Newest tick whose samples the step uses."""
         self.awaited: int | None = None
-        """... and the tick of the sample that it waits for."""
+        """Tick of the sample that the step waits for; None if it waits for no sample."""
         self.waiting: deque[tuple[Stamp, int, Message | None]] = deque(maxlen=AHEAD_AT_MOST)
 
     def give(self, message: Message, tick: int) -> None:
-        """Take a message without a stamp, which has come in a tick."""
+        """Store a message without a stamp, with the tick in which it arrived."""
         self.message, self.fresh, self.heard = message, True, tick
         self.count += 1
 
     def receive(self, message: Message | None, stamp: Stamp, tick: int) -> None:
-        """Keep a sample of another process for its tick; None says that there is no message."""
+        """Keep a sample of another process for its tick; None: that tick has no message."""
         if not self.keeps_all and self.waiting:
             self.waiting.pop()
         self.waiting.append((stamp, tick, message))
@@ -85,12 +85,12 @@ class Slot:
         self.count += 1
 
     def open(self, k: int, last: int | None) -> None:
-        """Begin to wait for the step of tick `k`; `last` is the tick of the step before."""
+        """Prepare the step of tick `k`; `last` is the tick of the step before, if any."""
         self.until, self.awaited = k - self.need.lag, self.need.awaited_at(k, last)
 
     @property
     def lacks(self) -> bool:
-        """Whether the awaited sample has not come, and no later one either."""
+        """Whether neither the awaited sample nor a later one has arrived."""
         waiting = self.waiting
         while waiting and waiting[0][1] <= self.until:
             _, tick, message = waiting.popleft()
@@ -101,12 +101,12 @@ class Slot:
 
 
 class Runner:
-    """A turn at work: its node, its slots, and when it made its last step.
+    """Runs a turn: holds its node, its slots, and the tick of its last step.
 
     Args:
-        turn: Its place in the plan.
-        node: What makes the steps.
-        slots: One for each of its needs.
+        turn: The turn of the plan.
+        node: The node that makes the steps.
+        slots: One slot for each need of the turn.
         tick_ns: The control period [ns].
     """
 
@@ -116,22 +116,22 @@ class Runner:
         self.slots = tuple(slots)
         self.remote = tuple(slot for slot in slots if slot.is_remote)
         self.triggers = tuple(slot for slot in slots if slot.need.rule == "every")
-        if turn.is_world:  # it goes on with the answers that are there
+        if turn.is_world:  # the world advances even if an answer is missing
             self.triggers = ()
         self.revising = tuple(slot for slot in slots if slot.need.revises)
         self.takers: dict[Topic[Any], tuple[Sequence[Slot], Put]] = {}
-        """For each output, the slots of later turns in this process, and what publishes it."""
+        """Slots in this process and the publishing function, by output."""
         self.promises: tuple[tuple[Topic[Any], int, Callable[[Stamp], None]], ...] = ()
-        """Outputs that other processes wait for: the ticks between samples, and what publishes
-        that there is none."""
+        """Outputs that other processes wait for, each with the ticks between samples and a function
+        that publishes the absence of a message."""
         self.missed = 0
-        """Steps that were not made, since a sample of rule `every` did not come."""
+        """Number of steps skipped because a sample of rule `every` did not arrive."""
         self.first_period_ns = 0 if turn.is_world else tick_ns
         self.last: int | None = None
         self.known_ns: dict[Topic[Any], int] = {}
 
     def reset(self, seed: int) -> None:
-        """Begin a run, or begin again within one."""
+        """Begin a run, or restart within a run."""
         for slot in self.slots:
             slot.reset()
         self.last = None
@@ -139,17 +139,17 @@ class Runner:
         self.node.reset(seed)
 
     def is_triggered(self, tick: int) -> bool:
-        """Return whether every sample that makes the step of a tick has come."""
+        """Return whether all samples that trigger the step of a tick have arrived."""
         return all(slot.tick == tick for slot in self.triggers)
 
 
 class Loop:
-    """The turns of a process, taken in their order.
+    """Runs the turns of a process in the order of the plan.
 
     Args:
-        runners: In the order of the plan.
+        runners: The turns, in the order of the plan.
         tick_ns: The control period [ns].
-        refuse: Called with what a node refuses, and why.
+        refuse: Function called with the topic and the reason when a node refuses a message.
     """
 
     def __init__(self, runners: Sequence[Runner], tick_ns: int, refuse: Refuse) -> None:
@@ -158,12 +158,12 @@ class Loop:
         self._refuse = refuse
         self._revising = tuple(runner for runner in runners if runner.revising)
         self.stamp = Stamp(0, 0, 0)
-        """Of the newest tick."""
+        """Stamp of the newest tick."""
 
     def step(self, k: int, stamp: Stamp) -> Iterator[Slot]:
-        """Make a tick; yield each slot that lacks a sample of another process.
+        """Run the turns of a tick; yield each slot that lacks a sample of another process.
 
-        Whoever drives the loop waits for the sample, or goes on without it.
+        The caller waits for the sample or continues the iteration without it.
         """
         self.stamp = stamp
         for runner in self.runners:
@@ -180,7 +180,7 @@ class Loop:
                 self._publish(runner, k, stamp, {})
 
     def revise(self) -> None:
-        """Repeat the steps for which a newer command has come since."""
+        """Repeat the last step of each turn for which a newer command has arrived."""
         for runner in self._revising:
             if runner.last is None:
                 continue
@@ -214,7 +214,7 @@ class Loop:
         self._publish(runner, k, stamp, outputs)
 
     def _publish(self, runner: Runner, k: int, stamp: Stamp, outputs: Outputs) -> None:
-        """Hand outputs to later turns and to whoever else takes them."""
+        """Hand outputs to the slots in this process and publish them to other processes."""
         for topic, message in outputs.items():
             slots, put = runner.takers[topic]
             for slot in slots:

@@ -1,7 +1,7 @@
-"""What a node is: a class that computes its outputs from its inputs, tick by tick.
+"""Nodes: classes that compute outputs from inputs, tick by tick.
 
-It knows no bus, no wall clock and no stamps; `mecazen.loop` gives it its inputs and publishes
-what it returns, whether all nodes share a process or each has its own.
+A node knows no bus, no wall clock and no stamps. `mecazen.loop` passes the inputs to the node and
+publishes the outputs that it returns, whether nodes share a process or each has its own.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["Inputs", "Node", "Outputs", "Row", "Tick", "World", "due", "every", 
 
 
 Outputs = Mapping[Topic[Any], Message]
-"""What a step gives, by topic, in the order in which it is published."""
+"""Messages that a step returns, by topic, in the order of publication."""
 
 
 class Tick(NamedTuple):
@@ -33,8 +33,8 @@ class Tick(NamedTuple):
     time_ns: int
     """Simulated time since the start of the run [ns]."""
     period_s: float
-    """Time since the node's last step [s]: one control period at the first. 0 where the step of
-    this tick is done again, because a newer input has come."""
+    """Time since the node's last step [s]: one control period at the first step, and 0 if the step
+    of this tick is repeated because a newer input has arrived."""
 
     @property
     def time(self) -> Time:
@@ -43,11 +43,11 @@ class Tick(NamedTuple):
 
 
 class Inputs:
-    """The samples that have come since a node's last step, by topic.
+    """The samples that have arrived since a node's last step, by topic.
 
     Args:
-        samples: The newest message of each topic that has one.
-        known_ns: When each topic's last message was used before this step [ns].
+        samples: The newest message of each topic, if one has arrived.
+        known_ns: Simulated time of the last step that used a message, by topic [ns].
         now_ns: Simulated time [ns].
     """
 
@@ -60,74 +60,74 @@ class Inputs:
         now_ns: int = 0,
     ) -> None:
         self.samples = samples
-        """What the node has not refused."""
+        """Messages that the node has not refused, by topic."""
         self._known_ns = known_ns or {}
         self._now_ns = now_ns
         self.refused: list[tuple[Topic[Any], str]] = []
-        """What the node could not use, and why."""
+        """Topics of the messages that the node refused, each with the reason."""
 
     def __getitem__(self, topic: Topic[MessageT]) -> MessageT:
-        """Return a message that has come.
+        """Return the message that has arrived on a topic.
 
         Raises:
-            KeyError: None has.
+            KeyError: No message has arrived since the last step.
         """
         return self.samples[topic]  # type: ignore[return-value]  # a topic carries its type
 
     def get(self, topic: Topic[MessageT]) -> MessageT | None:
-        """Return a message, or None where none has come since the last step."""
+        """Return the topic's message, or None if none has arrived since the last step."""
         return self.samples.get(topic)  # type: ignore[return-value]
 
     def age_s(self, topic: Topic[Any]) -> float:
-        """Return for how long the topic's newest message has been known [s]; inf: never."""
+        """Return the time since the topic's newest message was first used [s]; inf: no message."""
         return 0.0 if topic in self.samples else self.gap_s(topic)
 
     def gap_s(self, topic: Topic[Any]) -> float:
-        """Return how long before this step a topic's last message was used [s]; inf: never."""
+        """Return the time since an earlier step last used a message of a topic [s]; inf: never."""
         known_ns = self._known_ns.get(topic)
         return math.inf if known_ns is None else (self._now_ns - known_ns) / NS_PER_S
 
     def renamed(self, topics: Mapping[Topic[Any], Topic[Any]]) -> Inputs:
-        """Return the inputs of some topics, by other topics."""
+        """Return the inputs of the topics that are keys of the mapping, under its values."""
         samples = {to: self.samples[topic] for topic, to in topics.items() if topic in self.samples}
         known = {to: self._known_ns[of] for of, to in topics.items() if of in self._known_ns}
         return Inputs(samples, known, self._now_ns)
 
     def refuse(self, topic: Topic[Any], reason: str) -> None:
-        """Refuse a message: it is counted and reported, as if it had never come."""
+        """Refuse a message: drop it, count it and report the reason."""
         self.refused.append((topic, reason))
         self.samples = {other: m for other, m in self.samples.items() if other is not topic}
 
 
 class Computing(ABC):
-    """What nodes and worlds have in common."""
+    """Base class of nodes and worlds."""
 
     ROW: ClassVar[Row]
-    """Its row of the graph. Classes of ours refer to the table's, others bring their own."""
+    """The node's row of the graph: an entry of `mecazen.graph.TABLE`, or a user node's own row."""
 
     SECTION: ClassVar[type[Section] | None] = None
-    """The type of its section of a scenario, where it is not an installed service's."""
+    """Type of the node's section of a scenario, if the node is no installed service."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Take the configuration; what belongs to a run is made in `reset`."""
+        """Store the configuration; `reset` creates the state of a run."""
         self.scenario = scenario
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
-        """Return the node's row, where its configuration changes it."""
+        """Return the node's row; overridden where the configuration changes the row."""
         del scenario
         return cls.ROW
 
     @abstractmethod
     def reset(self, seed: int) -> None:
-        """Begin a run: back to the start, with random numbers from `seed`."""
+        """Begin a run: return to the initial state and seed the random numbers."""
 
     def configure(self, scenario: Scenario) -> None:
-        """Go on with a configuration in which live parameters have changed, between two steps.
+        """Apply changed live parameters between two steps.
 
-        An attribute that is a section, as `self.config` mostly is, is the new one from now on. What
-        the constructor has made of the old one, a class makes anew here; what belongs to the run
-        stays.
+        Attributes that refer to a section of the scenario, such as `self.config`, are replaced. A
+        class overrides this method to recompute values that its constructor derives from the
+        configuration. The state of the run is kept.
         """
         for name in self.scenario.__struct_fields__:
             section = getattr(self.scenario, name)
@@ -137,11 +137,11 @@ class Computing(ABC):
         self.scenario = scenario
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what it says of its health, by name, once a second of simulated time."""
+        """Return values on the node's health, by name; called once a simulated second."""
         return {}
 
     def close(self) -> None:  # noqa: B027  # most have nothing to do
-        """End the work."""
+        """Release resources."""
 
 
 class Node(Computing):
@@ -153,7 +153,8 @@ class Node(Computing):
 
         Args:
             tick: The instant, and the time since the last step.
-            inputs: What has come since then. Those of rule "every" are always there.
+            inputs: The samples that have arrived since then. Inputs of rule "every" are always
+                present.
         """
 
     def answer(self, call: Call[Any, Any], request: Message) -> Message:
@@ -166,16 +167,16 @@ class Node(Computing):
 
 
 class World(Computing):
-    """What simulated time advances: the physics of all robots, a recording, or hardware.
+    """The world that simulated time advances: physics of all robots, a recording, or hardware.
 
-    Robots go by their names; a single one has the empty one.
+    Robots are identified by name; a single robot has the empty name.
     """
 
     @abstractmethod
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
-        """Advance by a tick's period with the answers to the tick before; return the new state.
+        """Advance by a tick's period with the outputs of the tick before; return the new state.
 
-        At tick 0 there is nothing to advance: the state at the start of a run is returned.
+        At tick 0 the world does not advance and returns the initial state of the run.
         """
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
@@ -187,6 +188,6 @@ class World(Computing):
         raise NotImplementedError(f"{call.key} is in the row and has no answer")
 
     def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
-        """Return files that are served beside the answers: by key, and by path below it."""
+        """Return files to serve besides answers, by key and by path below the key."""
         del robot
         return {}

@@ -1,6 +1,6 @@
 """Occupancy images, as ROS's map_server has them: a YAML file and a PGM picture become boxes.
 
-Of YAML only what such files hold is read: `key: value` lines, with numbers, words and lists of
+Only a part of YAML is supported: `key: value` lines, with numbers, words and lists of
 numbers. https://docs.nav2.org/configuration/packages/map_server has the keys.
 """
 
@@ -18,10 +18,10 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 
 HEIGHT_M = 2.0
-"""Of what is occupied."""
+"""Height of the boxes [m]."""
 MAX_PIXELS = 4096 * 4096
 MAX_BOXES = 2000
-"""Each costs time in every scan and in every step near it."""
+"""Maximum number of boxes, since each costs time in every scan and in every step near it."""
 
 
 class Picture(NamedTuple):
@@ -34,14 +34,14 @@ class Picture(NamedTuple):
 
 
 def take_map(world: dict[str, Any], path: Path) -> None:
-    """Add what the occupancy image shows that the table of a world names to its obstacles.
+    """Add the boxes of the occupancy image that a world names to the world's obstacles.
 
     Args:
-        world: The table, of the file `path`; what is wrong with types is said when it is converted.
-        path: The image's path is relative to it.
+        world: The table of the file `path`; its conversion later refuses wrong types.
+        path: The world's file; the image's path is relative to it.
 
     Raises:
-        ConfigError: As of `read_map`.
+        ConfigError: See `read_map`.
     """
     name, others = world.get("map"), world.get("obstacles", [])
     if isinstance(name, str) and isinstance(others, list):
@@ -50,9 +50,9 @@ def take_map(world: dict[str, Any], path: Path) -> None:
 
 
 def read_map(path: Path) -> list[dict[str, Any]]:
-    """Return what an occupancy image shows as occupied, as tables of boxes for `[world]`.
+    """Return the occupied cells of an occupancy image, as tables of boxes for `[world]`.
 
-    Occupied is what is above `occupied_thresh`; what is unknown is free.
+    Cells above `occupied_thresh` are occupied; unknown cells are free.
 
     Args:
         path: The YAML file.

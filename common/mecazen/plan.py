@@ -1,7 +1,7 @@
 """The plan: the graph of a scenario, compiled into the order of turns within a tick.
 
-Every process compiles the same plan from the same scenario, so all of them take the turns in the
-same order and none waits for another in a circle.
+Every process compiles the same plan from the same scenario. So all processes take the turns in
+the same order, and no two of them wait for each other.
 """
 
 from __future__ import annotations
@@ -24,24 +24,25 @@ class Need:
     """An input of a turn."""
 
     topic: Topic[Any]
-    """As the node knows it."""
+    """The topic as the node refers to it."""
     on_bus: Topic[Any]
-    """With its whole key."""
+    """The topic with its full key."""
     robot: str
-    """The robot whose topic it is; empty for a single robot and for what robots share."""
+    """Robot that the topic belongs to; empty for a single robot and for shared topics."""
     rule: Rule
-    """The rule that holds in the run."""
+    """The rule that applies in this run."""
     giver: int | None
-    """The number of the turn that publishes it; None if only other programs do."""
+    """Number of the turn that publishes it; None if only other programs publish it."""
     period: int
-    """Ticks from one sample to the next."""
+    """Number of ticks from one sample to the next."""
     lag: int
-    """Ticks between a sample and the step that takes it: the world answers to the tick before."""
+    """Number of ticks between a sample and the step that uses it: 1 for the world, which uses the
+    outputs of the tick before, else 0."""
     revises: bool
-    """Whether a sample that comes after the step of its tick repeats that step."""
+    """Whether a sample that arrives after the step of its tick repeats that step."""
 
     def awaited_at(self, tick: int, last: int | None) -> int | None:
-        """Return the tick of the sample that the step of `tick` waits for; None for no sample.
+        """Return the tick of the sample that the step of `tick` waits for; None: no wait.
 
         Args:
             tick: The tick of the step.
@@ -57,27 +58,28 @@ class Need:
 
 @dataclass(frozen=True)
 class Turn:
-    """A node of one robot, or of all, and its place in the order."""
+    """A node of one robot or of all robots, with its place in the order."""
 
     number: int
     row: Row
     robot: str
-    """The robot that it belongs to; empty for a single robot and for shared nodes."""
+    """Robot that it belongs to; empty for a single robot and for shared nodes."""
     period: int
-    """Ticks from one step to the next; 0: it makes no steps."""
+    """Number of ticks from one step to the next; 0: the node makes no steps."""
     needs: tuple[Need, ...]
     gives: tuple[tuple[Topic[Any], Topic[Any], int], ...]
-    """Each output as the node knows it, with its whole key, and the ticks between samples."""
+    """Outputs: the topic as the node refers to it, the topic with its full key, and the number of
+    ticks between samples."""
     is_world: bool = False
 
     @property
     def name(self) -> str:
-        """The node's name, after that of its robot if there are several."""
+        """The node's name, preceded by the robot's name if there are several robots."""
         return join_key(self.row.name, self.robot)
 
     @property
     def service(self) -> str:
-        """The name of its service, in the same way."""
+        """The service's name, preceded by the robot's name if there are several robots."""
         return join_key(self.row.part_of, self.robot)
 
 
@@ -88,7 +90,7 @@ class Plan:
     turns: tuple[Turn, ...]
 
     def of(self, parts: Iterable[tuple[str, str]]) -> tuple[Turn, ...]:
-        """Return the turns of some services, each given by its name and its robot."""
+        """Return the turns of services, each given as its name and its robot."""
         wanted = {join_key(*part) for part in parts}
         return tuple(turn for turn in self.turns if turn.service in wanted)
 
@@ -97,7 +99,7 @@ class Plan:
         return None if need.giver is None else self.turns[need.giver]
 
     def awaited(self) -> frozenset[str]:
-        """Return the services without which the world would not go on, the world's included."""
+        """Return the services that the world waits for, directly or not, and its own service."""
         found: set[int] = set()
         open_ = [turn.number for turn in self.turns if turn.is_world]
         while open_:
@@ -145,17 +147,17 @@ def compile_plan(scenario: Scenario, graph: Graph) -> Plan:
 
 @dataclass(frozen=True)
 class _Taken:
-    """An input of a row, of one robot."""
+    """An input of a row for one robot."""
 
     input: Input
-    """With the rule that holds in the run."""
+    """The input with the rule that applies in this run."""
     on_bus: Topic[Any]
     robot: str
     period: int
 
 
 class _Draft:
-    """A turn whose number is not known yet."""
+    """A turn before it has a number."""
 
     def __init__(self, row: Row, robot: str, scenario: Scenario, graph: Graph) -> None:
         self.row, self.robot = row, robot
@@ -182,14 +184,14 @@ class _Draft:
             (self._known(topic, name), of_robot(row.on_bus(topic), name), ticks(topic))
             for topic in outputs
             for name in names
-            # only time is told to all robots together
+            # only the clock also has a topic outside the robots' namespaces
             if topic is CLOCK or name in scenario.names
         )
         triggers = [taken.period for taken in self.takes if taken.input.rule == "every"]
         self.period = 1 if self.is_world else math.lcm(*triggers) if triggers else 0
 
     def _known(self, topic: Topic[Any], robot: str) -> Topic[Any]:
-        """Return a topic as the node knows it: a shared node sees the robots' names."""
+        """Return a topic as the node refers to it; a shared node uses keys with robot names."""
         return of_robot(topic, robot) if self.row.shared else topic
 
     def need(self, taken: _Taken, giver: int | None) -> Need:
@@ -209,10 +211,10 @@ class _Draft:
 
 
 def _ordered(drafts: list[_Draft], givers: Mapping[str, _Draft]) -> list[_Draft]:
-    """Return drafts so that each comes after those that it waits for, else as in the table.
+    """Sort drafts so that each follows the drafts that it waits for; else keep the table's order.
 
     Raises:
-        ConfigError: Some wait for each other; the message names them.
+        ConfigError: Some nodes wait for each other; the message names them.
     """
     awaited = {
         id(draft): []

@@ -40,8 +40,8 @@ class PoseHistory:
     def at(self, time_ns: int) -> Pose2D:
         """Return the pose at a time, between two poses by linear interpolation.
 
-        The yaw turns the shorter way. A known pose is returned as it is. Time 0, where it is not
-        known, is no time: the newest pose is returned, as of ROS's tf2.
+        The yaw turns the shorter way. A known pose is returned unchanged. If time 0 is not known,
+        it means the newest pose, as in ROS's tf2.
 
         Raises:
             RefusedError: The time is before the oldest pose or after the newest.

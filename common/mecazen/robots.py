@@ -1,4 +1,4 @@
-"""What tells several robots apart: the names before their keys, and their seeds."""
+"""Names and seeds of several robots: a robot's name precedes its keys."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Container
 
 
 def join_key(part: str, robot: str) -> str:
-    """Return what a part of the robot `robot` is called beside those of others.
+    """Return the name of a part of a robot, preceded by the robot's name if there are several.
 
     >>> join_key("odom", "two"), join_key("odom", "")
     ('two/odom', 'odom')
@@ -16,7 +16,7 @@ def join_key(part: str, robot: str) -> str:
 
 
 def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
-    """Return whose a key is, of the robots of these names, and what it is within its namespace.
+    """Split a key into the name of its robot, if it is one of these, and the key within.
 
     >>> split_key("two/odom", {"one", "two"})
     ('two', 'odom')

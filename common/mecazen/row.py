@@ -1,4 +1,4 @@
-"""A node's row of the graph: what it takes and gives, and how its inputs join a tick."""
+"""Rows of the graph: a node's inputs and outputs, and the rules by which inputs join a tick."""
 
 from __future__ import annotations
 
@@ -15,79 +15,80 @@ Rule = Literal["every", "due", "latest"]
 
 @dataclass(frozen=True)
 class Input:
-    """A topic that a node takes, and the rule by which its samples join a step."""
+    """A topic that a node subscribes to, and the rule by which its samples join a step."""
 
     topic: Topic[Any]
     rule: Rule
     revises: bool = False
-    """Whether a sample that comes after the step of its tick has the step done again."""
+    """Whether a sample that arrives after the step of its tick repeats that step."""
     needs: str = ""
-    """The feature of a scenario without which it is not taken ..."""
+    """Feature of a scenario that the input requires."""
     unless: str = ""
-    """... and one with which it is not."""
+    """Feature of a scenario that removes the input."""
 
 
 def every(topic: Topic[Any]) -> Input:
-    """The node makes one step for each sample; of several such inputs, for those of one tick."""
+    """Return an input that triggers a step: one for each tick with a sample of all such inputs."""
     return Input(topic, "every")
 
 
 def due(topic: Topic[Any], *, revises: bool = False, needs: str = "", unless: str = "") -> Input:
-    """A step waits for the newest sample that is due by its tick, by the topic's rate.
+    """Return an input that a step waits for: the newest sample due by its tick, by topic rate.
 
-    Where no node of the scenario gives the topic, no step waits.
+    If no node of the scenario publishes the topic, no step waits for it.
     """
     return Input(topic, "due", revises, needs, unless)
 
 
 def latest(topic: Topic[Any]) -> Input:
-    """A step waits for nothing, and takes what has come since the last one.
+    """Return an input that no step waits for: the newest sample since the last step, if any.
 
-    In lockstep it is "due" of a topic that a node gives: order of arrival counts for nothing.
+    In lockstep the rule is "due" if a node publishes the topic, so that results do not depend on
+    the order of arrival.
     """
     return Input(topic, "latest")
 
 
 @dataclass(frozen=True)
 class Row:
-    """A node, as the rest of the system sees it."""
+    """The interface of a node: its topics, its calls, and its place among the services."""
 
     name: str
     summary: str = ""
-    """What it does, in a few words."""
+    """Purpose of the node, in a few words."""
     inputs: tuple[Input, ...] = ()
     outputs: tuple[Topic[Any], ...] = ()
-    """In the order in which they are published."""
+    """Topics that it publishes, in this order."""
     calls: tuple[Call[Any, Any], ...] = ()
-    """The queries that it answers."""
+    """Queries that it answers."""
     rates: Mapping[str, str | float] = field(default_factory=dict)
-    """Of outputs that do not come with every step, by their keys: the rate [Hz], or the
-    configuration key that has it."""
+    """Rates of outputs that are not published at every step, by output key: a number [Hz] or the
+    configuration key of the rate."""
     service: str = ""
-    """The service that it is part of: a process, a project, a certificate. Left out: its name."""
+    """Service that the node is part of: a process, a project, a certificate. Default: its name."""
     shared: bool = False
-    """Whether there is one for all robots; else each robot has its own."""
+    """Whether one node serves all robots; otherwise each robot has its own."""
     observes: bool = False
-    """Whether it only observes: no tick waits for it, and its end is no error."""
+    """Whether it only observes: no tick waits for it, and its exit is no error."""
     owns_time: bool = False
-    """Whether it makes the ticks and the runs that all others follow."""
+    """Whether it starts the ticks and runs that all other nodes follow."""
     priority: int = 0
-    """Real-time priority among the processes of the stack; 0 has none."""
+    """Real-time priority among the processes of the stack; 0: none."""
     resets_with: tuple[str, ...] = ()
-    """Services after whose restart the node begins anew."""
+    """Services whose restart resets the node."""
     remap: Mapping[str, str] = field(default_factory=dict)
-    """Keys on the bus, by the keys of its topics, where they differ."""
+    """Keys on the bus, by topic key, if they differ."""
     needs: str = ""
-    """The feature of a scenario without which it does not take part: `Scenario.features`."""
+    """Feature of a scenario that the node requires; see `Scenario.features`."""
     offers: Mapping[str, str] = field(default_factory=dict)
-    """Features without which it does not give an output, by the outputs' keys."""
+    """Features that outputs require, by output key."""
 
     def __post_init__(self) -> None:
-        """Check it, as anyone may write one.
+        """Check the fields, since users write rows too.
 
         Raises:
-            ConfigError: A field is of another type, a topic is there twice, or a rate is of
-                no output.
+            ConfigError: A field has a wrong type, a topic occurs twice, or a rate is invalid or
+                belongs to no output.
         """
         for name, kind in (("inputs", Input), ("outputs", Topic), ("calls", Call)):
             values = getattr(self, name)
@@ -106,11 +107,11 @@ class Row:
 
     @property
     def part_of(self) -> str:
-        """The name of its service."""
+        """Name of the service that the node is part of."""
         return self.service or self.name
 
     def within(self, features: frozenset[str]) -> Row | None:
-        """Return what is left of it in a scenario with these features; None: it takes no part."""
+        """Return the row reduced to a scenario's features; None if the node does not take part."""
         if self.needs and self.needs not in features:
             return None
         left_out = {key for key, feature in self.offers.items() if feature not in features}
@@ -129,7 +130,7 @@ class Row:
         )
 
     def namespaced(self, robots: Iterable[str]) -> Row:
-        """Return it with its inputs of each of several robots, where there is one for all."""
+        """Return the row of a shared node with one input for each robot."""
         return replace(
             self,
             inputs=tuple(
@@ -140,16 +141,16 @@ class Row:
         )
 
     def feature(self, key: str) -> str:
-        """Return the feature without which it does not give an output; "" where it always does."""
+        """Return the feature that an output requires; "" if it requires none."""
         return self.offers.get(key, self.needs)
 
     def on_bus(self, topic: Topic[Any]) -> Topic[Any]:
-        """Return one of its topics with the key that it has on the bus."""
+        """Return one of the node's topics with its key on the bus."""
         key = self.remap.get(topic.key, topic.key)
         return topic if key == topic.key else replace(topic, key=key)
 
     def placed(self, place: Row) -> Row:
-        """Return what a class says of itself in its row, in the place of a row of the table."""
+        """Return this row of a class with the name, service and role of a row of the table."""
         return replace(
             self,
             name=place.name,

@@ -85,7 +85,7 @@ def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> li
     """Return the things that belong to one person each, every thing once.
 
     Args:
-        places: Of the middles of all things (k, 2) [m].
+        places: Middles of all things (k, 2) [m].
         legs: Which may be a leg (k); the two nearest to each other are one person's.
         both: Which may be two legs that stand together (k).
     """

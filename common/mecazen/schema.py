@@ -1,4 +1,4 @@
-"""What configuration structs are made of: a strict base class and ranges of numbers."""
+"""Building blocks of configuration structs: a strict base class and ranges of numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The body of a person as joints and limbs: one order, one hierarchy, one shape for everybody.
+"""The body of a person as joints and limbs: one order, one hierarchy and one shape for all people.
 
 Physics, sensors, viewer and scores all read it, so what a lidar hits is what a robot bumps into.
 Names follow `hri_msgs/Skeleton2D` (left_shoulder, right_knee, ...); pelvis and spine, which it

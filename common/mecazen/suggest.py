@@ -1,4 +1,4 @@
-"""Fields of a message in JSON that its type does not have: they are ignored, which nobody wants."""
+"""Reports of unknown fields in JSON messages: decoding ignores them, but they are mistakes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mecazen.text import shortened
 
 
 def unknown_fields(given: Any, message: msgspec.Struct, within: str = "") -> Iterator[str]:
-    """Yield what is said in a line of each field that is ignored, and which one is like it.
+    """Yield a line for each ignored field, with a suggestion of a similar field.
 
     Args:
-        given: What was read, as plain tables.
-        message: What became of it.
-        within: The field that this is in, with a dot.
+        given: The decoded JSON, as plain tables.
+        message: The message decoded from it.
+        within: The enclosing field, followed by a dot; empty at the top.
     """
     if not isinstance(given, dict):
         return

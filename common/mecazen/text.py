@@ -3,7 +3,7 @@
 import json
 
 NAME_CHARACTERS = 60
-"""Who sends a name may send any number of them."""
+"""Maximum length of a received name in a line of text, since senders set no limit."""
 
 
 def printable(text: str) -> str:

@@ -1,7 +1,8 @@
-"""Bytes to messages and back: JSON or MessagePack, and the stamp that goes with samples.
+"""Encoding and decoding: messages as JSON or MessagePack, and the stamp attached to samples.
 
-Installed packages read further encodings: a function `decode(payload, kind)` that raises
-RefusedError, under the encoding's name in the entry points of the group `mecazen.encodings`.
+Installed packages can decode further encodings. A package registers a function
+`decode(payload, kind)`, which raises RefusedError, as an entry point of the group
+`mecazen.encodings` under the encoding's name.
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ Format = Literal["json", "msgpack"]
 NS_PER_S = 10**9
 MAX_PAYLOAD_BYTES = 1 << 20
 MAX_SAMPLE_BYTES = 1 << 16
-"""Limit of samples on topics: ten times the longest, `joint_states` with every roller."""
+"""Default limit of samples [bytes]: ten times the longest, `joint_states` with every roller."""
 MAX_ENVELOPE_BYTES = 1 << 10
-"""Limit of key and attachment of a sample, and of a query's parameters as well."""
+"""Maximum size of a sample's key and attachment, with the parameters of a query [bytes]."""
 MAX_MESSAGE_BYTES = 4 * MAX_PAYLOAD_BYTES
-"""Limit of any message on a link, before its fragments are put together. A mesh that is served as a
-file, and samples on other keys, may be longer than a payload of the table."""
+"""Maximum size of a message on a link, checked before its fragments are joined [bytes]. Meshes
+served as files, and samples on other keys, may be longer than a payload of the table."""
 MAX_TIME_NS = 2**31 * 10**9 - 1
-"""The latest time that a message's `Time` can hold."""
+"""The latest time that a message's `Time` can represent [ns]."""
 JSON_ENCODING = "application/json"
 MSGPACK_ENCODING = "application/msgpack"
 PLUGGED = {"application/cdr": "mecazen-ros"}
-"""Encodings that are read where a package is installed."""
+"""Packages that must be installed to decode an encoding, by encoding."""
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
 _STAMP = struct.Struct("<qII")
@@ -45,15 +46,15 @@ _MSGPACK = msgspec.msgpack.Encoder()
 class Stamp(NamedTuple):
     """The tick that a sample belongs to: simulated time, the run, and the run's seed.
 
-    A run begins when physics starts or is reset, and has a number of its own, so what is
-    still on its way from before a reset can be told apart.
+    A run begins when physics starts or is reset. Its number distinguishes samples of this run from
+    samples that were still on their way at a reset.
     """
 
     time_ns: int
     run: int
     seed: int
     revision: int = 0
-    """How often parameters have been changed until this tick; see `mecazen.parameters`."""
+    """Number of parameter changes up to this tick; see `mecazen.parameters`."""
 
     @property
     def time(self) -> Time:
@@ -63,7 +64,7 @@ class Stamp(NamedTuple):
     def pack(self) -> bytes:
         """Return the stamp as a Zenoh attachment: int64 ns, uint32, uint32.
 
-        A uint32 follows where parameters have been changed.
+        Another uint32 follows if parameters have been changed.
 
         >>> Stamp(10_000_000, run=1, seed=2).pack().hex(" ", 4)
         '80969800 00000000 01000000 02000000'
@@ -77,7 +78,7 @@ class Stamp(NamedTuple):
         """Return the stamp of an attachment.
 
         Raises:
-            RefusedError: It is not as long as a stamp is, or its time is none that `Time` can hold.
+            RefusedError: The length is wrong, or `Time` can't represent the time.
         """
         is_revised = len(attachment) == _REVISED.size and any(attachment[_STAMP.size :])
         form = _REVISED if is_revised else _STAMP
@@ -112,15 +113,16 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     """Return the message in `payload`.
 
     Args:
-        payload: The bytes as they came.
-        kind: The message that the key carries.
-        encoding: Zenoh's encoding; where it names no format, the first bytes tell.
+        payload: The bytes as received.
+        kind: The type of message that the key carries.
+        encoding: Zenoh's encoding; if it names no format, the first byte decides.
 
     >>> decode(b'{"sec": 1}', Time)
     Time(sec=1, nanosec=0)
 
     Raises:
-        RefusedError: Empty, oversized, truncated, of a wrong type, or with numbers not finite.
+        RefusedError: The payload is empty, oversized, truncated or of a wrong type, or a number
+            is not finite.
     """
     if not payload:
         raise RefusedError("empty payload")
@@ -146,12 +148,12 @@ def _plugged(encoding: str) -> Callable[[bytes, type[Message]], Any]:
 
 
 def format_of(payload: bytes, encoding: str) -> str:
-    """Return a payload's format, or its encoding if it is of `PLUGGED`.
+    """Return a payload's format, or its encoding if that is in `PLUGGED`.
 
-    It follows from the encoding; if that names none, from the first bytes.
+    The encoding decides; if it names no format, the first byte does.
 
     Raises:
-        RefusedError: It begins as none of them.
+        RefusedError: The first byte fits no format.
     """
     media = encoding.partition(";")[0]
     if media in (JSON_ENCODING, "text/json"):
@@ -163,7 +165,7 @@ def format_of(payload: bytes, encoding: str) -> str:
     first = payload[0]
     if first == 0x7B or first in b" \t\r\n":
         return "json"
-    # the three ways in which MessagePack begins a map, which every message is
+    # MessagePack begins a map, and every message is a map, in one of these three ways
     if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
         return "msgpack"
     raise RefusedError(f"neither JSON nor MessagePack: first byte 0x{first:02x}")

@@ -25,9 +25,9 @@ from msgspec.structs import replace
 Array = npt.NDArray[np.float32]
 
 HEADING_M_RAD = 0.5
-"""What an error of the heading costs, as an error of the place."""
+"""Cost of an error of the heading, as an error of the place [m/rad]."""
 CHANGE_M_S = 0.01
-"""What a change of the action by 1 costs."""
+"""Cost of a change of the action by 1."""
 AGE_S = 10.0
 """The highest age of an observation."""
 
@@ -71,7 +71,7 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         period_s: Simulated time of a step; whole ticks.
         duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
         far_m: An episode terminates where the robot is farther than this from its place.
-        settings: What differs from the scenario, by key: `**{"follower.standoff_m": 1.5}`.
+        settings: Overrides of the scenario, by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
         ConfigError: A setting can't be used; one line says what is allowed.

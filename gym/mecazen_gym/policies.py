@@ -44,7 +44,7 @@ class Random:
 class Pid:
     """The follower's three PIDs on the place beside the person as last seen: no estimator.
 
-    Nor is there a velocity to feed forward. Where nobody was seen for `lost_after_s`, it stops.
+    There is no velocity to feed forward either. It stops once no person is seen for `lost_after_s`.
     """
 
     def __init__(self, env: FollowEnv, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""One bus, two kinds: Zenoh between processes, and a local one within a process.
+"""The bus: over Zenoh between processes, and a local one within a process.
 
 Both deliver in `Bus.spin_once`, on the thread that calls it, so a service needs no locks.
 """

@@ -1,4 +1,4 @@
-"""The interface of a bus, and what both kinds share: refusing what can't be used."""
+"""The interface of a bus, and the code that both kinds share, such as refusal of invalid data."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from mecazen.wire import RefusedError, Stamp, decode, format_of
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
 Handler = Callable[[MessageT, Stamp | None], None]
-"""Takes a message and the stamp of its tick; no stamp where an external publisher sent none."""
+"""Receives a message and the stamp of its tick; the stamp is None if the publisher sent none."""
 
 Nothing = Callable[[Stamp], None]
-"""Takes the stamp of a tick in which a message was due and there is none."""
+"""Receives the stamp of a tick in which a message was due but does not exist."""
 
 DRAINED_AT_MOST = 1000
-"""Much more than ever waits where nobody floods."""
+"""Maximum number of deliveries in one `drain`; more wait only during a flood."""
 
 REFUSED_KEYS = 100
-"""Refusals are counted by so many keys, since a stranger can make up any number of them."""
+"""Maximum number of keys with a refusal count of their own, since strangers can invent keys."""
 OTHER_KEYS = "others"
-"""All beyond these count together."""
+"""Name of the count that all further keys share."""
 
 logger = logging.getLogger(__name__)
 
@@ -44,17 +44,17 @@ class StoppedError(Exception):
 
 
 class Publisher(Protocol[Message_contra]):
-    """Puts messages on one key."""
+    """Publishes messages on one key."""
 
     def put(self, message: Message_contra, stamp: Stamp | None) -> None:
-        """Publish `message` as of the tick of `stamp`; without one, as external programs do."""
+        """Publish a message with the stamp of its tick, or without one, as external programs do."""
 
     def put_nothing(self, stamp: Stamp) -> None:
-        """Publish that there is no message in a tick in which one is due."""
+        """Report that a tick has no message although one is due."""
 
 
 class Reply(Protocol[Message_contra]):
-    """The answer to one query; given once, now or later."""
+    """The answer to one query; it is sent once, now or later."""
 
     def answer(self, message: Message_contra) -> None:
         """Answer with a message."""
@@ -64,19 +64,19 @@ class Reply(Protocol[Message_contra]):
 
 
 class Presence:
-    """Which services are alive: the names of those that hold a liveliness token.
+    """The services that are alive, which means that they hold a liveliness token.
 
-    The name of a robot's service begins with the robot's: `two/controller`.
+    The name of a robot's service begins with the robot's name: `two/controller`.
     """
 
     def __init__(self) -> None:
         self.names: set[str] = set()
         self.returns: Counter[str] = Counter()
-        """How often each name has come back after it had gone."""
+        """Number of returns of a service after it had gone, by name."""
         self.on_change: list[Callable[[], None]] = []
-        """Are called after each change."""
+        """Functions called after each change."""
         self.on_return: list[Callable[[str], None]] = []
-        """Called with the name that has come back."""
+        """Functions called with the name of a service that has returned."""
         self._gone: set[str] = set()
 
     def update(self, name: str, *, alive: bool) -> None:
@@ -98,21 +98,21 @@ class Presence:
 class Bus(ABC):
     """Publish, subscribe, query, answer and liveliness.
 
-    A payload that its key does not carry, or with an implausible number (see `mecazen.limits`),
-    is refused: the bus counts it in `refused`, logs it at most once a second for each key, and
-    does not deliver it, so the last good value stays.
+    The bus refuses a payload of a wrong type, or with an implausible number (see
+    `mecazen.limits`). It counts the refusal in `refused`, logs it at most once a second for each
+    key, and does not deliver the payload. So the last valid value remains in use.
     """
 
     hears_itself: ClassVar[bool]
-    """Whether subscribers get what is published through the same object."""
+    """Whether subscribers receive samples that are published through the same object."""
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
-        """Refused payloads by key."""
+        """Number of refused payloads, by key."""
         self.lost: Counter[str] = Counter()
-        """Samples that a newer one replaced before they were delivered, by key."""
+        """Number of samples that newer ones replaced before delivery, by key."""
         self.ignored: dict[str, str] = {}
-        """The unknown field that was last ignored in a sample, by key."""
+        """The unknown field that was ignored last, by key."""
         self.presence = Presence()
         self._last_report: dict[str, float] = {}
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
@@ -120,7 +120,7 @@ class Bus(ABC):
 
     @abstractmethod
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return what publishes on a topic."""
+        """Return a publisher for a topic."""
 
     @abstractmethod
     def subscribe(
@@ -133,9 +133,9 @@ class Bus(ABC):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        The newest good sample replaces those that still wait, so a flood neither delays nor
-        fills anything. With `every` all are kept. `nothing` is called for a tick that has no
-        message.
+        The newest valid sample replaces those that still wait, so a flood causes neither delay
+        nor growth of memory. With `every` all samples are kept. `nothing` is called for a tick
+        that has no message.
         """
 
     @abstractmethod
@@ -162,11 +162,11 @@ class Bus(ABC):
     ) -> AnswerT:
         """Query a key and return the answer.
 
-        What is served within the process answers on the calling thread, which is to be the one
-        that spins; samples that arrive before the answer are delivered.
+        A server in this process answers on the calling thread, which must be the thread that
+        spins. Samples that arrive before the answer are delivered.
 
         Raises:
-            BusError: Nobody answers, or the answer is an error.
+            BusError: No server answers, or the answer is an error.
         """
 
     @abstractmethod
@@ -175,17 +175,17 @@ class Bus(ABC):
 
     @abstractmethod
     def spin_once(self, timeout_s: float | None = None) -> bool:
-        """Deliver one thing that arrived; wait for it up to `timeout_s`, or without end.
+        """Deliver one sample, query or event; wait up to `timeout_s`, or without limit if None.
 
         Returns:
-            False when nothing arrived in time, or nothing can arrive any more.
+            False if nothing arrived in time, or nothing can arrive any more.
 
         Raises:
             StoppedError: `stop` was called.
         """
 
     def drain(self) -> None:
-        """Deliver what waits; not without end, however fast more comes."""
+        """Deliver what waits, up to `DRAINED_AT_MOST` items."""
         for _ in range(DRAINED_AT_MOST):
             if not self.spin_once(0.0):
                 return
@@ -199,7 +199,7 @@ class Bus(ABC):
         """Leave the bus."""
 
     def refuse(self, key: str, reason: str, count: int = 1) -> None:
-        """Count what came on `key` as refused, and log it at most once a second."""
+        """Count a payload of a key as refused, and log the refusal at most once a second."""
         if key not in self.refused and len(self.refused) >= REFUSED_KEYS:
             key = OTHER_KEYS
         self.refused[key] += count
@@ -211,16 +211,16 @@ class Bus(ABC):
     def warn_of_unknown_fields(
         self, key: str, payload: bytes, encoding: str, message: Message
     ) -> None:
-        """Note a field that is ignored of what somebody has sent; log it at most once a second.
+        """Note an unknown field of a received payload, and log it at most once a second.
 
-        Only JSON is looked at, which is what people write.
+        Only JSON is checked, since that is the format that people write.
         """
         if format_of(payload, encoding) != "json":
             return
         try:
             given = msgspec.json.decode(payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            return  # what is skipped of an unknown field need not be right
+            return  # the decoder of the message skips unknown fields even if they are malformed
         told = next(unknown_fields(given, message), None)
         if told is not None:
             self.ignored[key] = told
@@ -228,7 +228,7 @@ class Bus(ABC):
                 logger.warning("msg=ignored key=%s reason=%r", key, told)
 
     def _may_report(self, key: str) -> bool:
-        """Return whether something is to be logged of a key again."""
+        """Return whether a key may be logged again."""
         now = time.monotonic()
         is_due = now - self._last_report.get(key, -1.0) >= 1.0
         if is_due:
@@ -236,17 +236,17 @@ class Bus(ABC):
         return is_due
 
     def server(self, call: Call[RequestT, AnswerT]) -> Callable[[RequestT, Reply[AnswerT]], None]:
-        """Return what answers a call within this process.
+        """Return the function that answers a call in this process.
 
         Raises:
-            KeyError: Nothing does.
+            KeyError: The call has no server here.
         """
         return self._servers[call.key]
 
     def _ask(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = math.inf
     ) -> AnswerT:
-        """Query the server within this process."""
+        """Query the server in this process."""
         reply: _LocalReply[AnswerT] = _LocalReply()
         end = time.monotonic() + timeout_s
         self.server(call)(request, reply)
@@ -289,7 +289,7 @@ class _LocalReply(Reply[AnswerT]):
 
 
 def deliver(handlers: Sequence[Handler[MessageT]], message: MessageT, stamp: Stamp | None) -> None:
-    """Hand a sample to each handler, in their order."""
+    """Pass a sample to each handler, in order."""
     for handler in handlers:
         handler(message, stamp)
 
@@ -297,10 +297,10 @@ def deliver(handlers: Sequence[Handler[MessageT]], message: MessageT, stamp: Sta
 def decode_sample(
     topic: Topic[MessageT], payload: bytes, encoding: str, attachment: bytes | None
 ) -> tuple[MessageT, Stamp | None]:
-    """Return the message of a topic's sample, and its stamp.
+    """Return the message of a topic's sample and its stamp.
 
     Raises:
-        RefusedError: It is not what the topic carries, or a number is implausible.
+        RefusedError: The payload is no message of the topic, or a number is implausible.
     """
     if len(payload) > topic.max_bytes:
         raise RefusedError(f"payload of more than {topic.max_bytes} bytes")

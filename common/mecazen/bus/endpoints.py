@@ -1,4 +1,4 @@
-"""Which endpoints only this machine reaches, and which are guarded by certificates."""
+"""Checks of Zenoh endpoints: local to this machine, or protected by certificates."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import ipaddress
 import re
 
 WITHIN_THE_MACHINE = ("unixsock-stream", "unixpipe")
-"""Links through the file system, whose permissions guard them."""
+"""Protocols of links through the file system, which its permissions protect."""
 
 
 def is_open(endpoint: str, *, mutual_tls: bool) -> bool:
-    """Return whether strangers may be at the other end of a Zenoh endpoint.
+    """Return whether a Zenoh endpoint accepts unknown programs.
 
-    They are not on loopback, nor where each end has to show a certificate.
+    Endpoints on loopback, and those where both ends must show a certificate, do not.
 
     Args:
         endpoint: `protocol/address`, and perhaps `?metadata` and `#configuration`.
-        mutual_tls: Whether TLS demands a certificate of both ends, unless the endpoint says
-            otherwise.
+        mutual_tls: Whether TLS requires a certificate of both ends, unless the endpoint's own
+            configuration overrides this.
     """
     place, _, configuration = endpoint.partition("#")
     protocol, _, address = place.partition("?")[0].partition("/")

@@ -1,7 +1,7 @@
-"""What Zenoh's threads receive waits here until the service's thread takes it.
+"""Queues between Zenoh's threads, which receive samples, and the service's thread.
 
-`receive` and `add` run on Zenoh's threads. They put into a queue what the service's thread is
-to call.
+`receive` and `add` run on Zenoh's threads. They put functions into a queue, and the service's
+thread calls these functions.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from functools import partial
 from typing import Generic, TypeVar
 
 SAMPLE_BYTES = 500
-"""About what a sample that waits needs besides its payload."""
+"""Approximate memory of a waiting sample besides its payload [bytes]."""
 BACKLOG_BYTES = 1 << 26
-"""So much waits at most of a topic of which every sample is wanted."""
+"""Maximum size of the waiting samples of a subscription that needs every sample [bytes]."""
 WAITING_SAMPLES = 16
-"""So many wait at most of any other: the newest that is good is taken."""
+"""Maximum number of waiting samples of any other subscription, which takes the newest valid one."""
 
 Queue = queue.SimpleQueue[Callable[[], None]]
 
@@ -30,8 +30,8 @@ class Refusals:
     """Counts what Zenoh's threads refuse, and reports the counts on the service's thread.
 
     Args:
-        ready: Takes the call that reports.
-        report: Called with a key, a reason, and how many were refused for it.
+        ready: Queue for the call that reports.
+        report: Function called with a key, a reason and the number of refusals.
     """
 
     def __init__(self, ready: Queue, report: Callable[[str, str, int], None]) -> None:
@@ -41,7 +41,7 @@ class Refusals:
         self._lock = threading.Lock()
 
     def add(self, key: str, reason: str) -> None:
-        """Count one more."""
+        """Count a refusal."""
         with self._lock:
             if not self._counts:
                 self._ready.put(self._deliver)
@@ -55,16 +55,16 @@ class Refusals:
 
 
 class Inbox(Generic[SampleT]):
-    """Keeps the newest samples of a topic that wait; the newest good one of them is taken.
+    """Keeps the newest samples of a topic and delivers the newest valid one.
 
-    A malformed sample never displaces a good one: where `WAITING_SAMPLES` wait already, the
-    next is let in only if it is good.
+    A malformed sample never displaces a valid one: if `WAITING_SAMPLES` wait already, the next
+    sample is kept only if it is valid.
 
     Args:
-        ready: Takes the call that delivers.
-        take: Delivers a sample; returns whether it was good.
+        ready: Queue for the call that delivers.
+        take: Delivers a sample; returns whether it was valid.
         is_good: Returns whether a sample can be delivered; runs on Zenoh's threads.
-        count_lost: Called with the number of samples that a newer one has replaced.
+        count_lost: Function called with the number of samples that newer ones replaced.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Inbox(Generic[SampleT]):
         self._lock = threading.Lock()
 
     def receive(self, sample: SampleT) -> None:
-        """Keep a sample."""
+        """Keep a sample, in place of the oldest if the inbox is full and the sample is valid."""
         if not self._keep(sample, displace=False) and self._is_good(sample):
             self._keep(sample, displace=True)
 
@@ -112,14 +112,14 @@ class Inbox(Generic[SampleT]):
 
 
 class Backlog(Generic[SampleT]):
-    """Keeps every sample of a subscription that waits, up to a number of bytes.
+    """Keeps every waiting sample of a subscription, up to a number of bytes.
 
     Args:
-        ready: Takes the calls that deliver.
+        ready: Queue for the calls that deliver.
         take: Delivers a sample.
-        size: Returns the bytes of a sample.
-        limit: How many bytes may wait.
-        refuse: Called for a sample beyond that; runs on Zenoh's threads.
+        size: Returns the size of a sample [bytes].
+        limit: Maximum size of all waiting samples [bytes].
+        refuse: Function called for a sample beyond the limit; runs on Zenoh's threads.
     """
 
     def __init__(

@@ -26,7 +26,7 @@ from mecazen.wire import Stamp
 
 
 class LocalBus(Bus):
-    """Hands messages on as they are; only what comes through `put_bytes` is decoded."""
+    """Passes messages on without encoding them; only `put_bytes` decodes its payload."""
 
     hears_itself = True
 
@@ -37,7 +37,7 @@ class LocalBus(Bus):
         self._stopped = Event()
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return what publishes on a topic."""
+        """Return a publisher for a topic."""
         return _LocalPublisher(self._handlers[topic.key])
 
     def subscribe(
@@ -48,7 +48,7 @@ class LocalBus(Bus):
         every: bool = False,
         nothing: Nothing | None = None,
     ) -> None:
-        """Deliver every sample of a topic to `handler`, in the order of subscribing."""
+        """Deliver every sample of a topic to `handler`, in the order of subscription."""
         del every, nothing
         self._topics.setdefault(topic.key, topic)
         self._handlers[topic.key].append(handler)
@@ -116,7 +116,7 @@ class LocalBus(Bus):
         self._stopped.set()
 
     def close(self) -> None:
-        """Deliver nothing more."""
+        """Remove all subscriptions."""
         for handlers in self._handlers.values():
             handlers.clear()
 
@@ -130,4 +130,4 @@ class _LocalPublisher(Publisher[MessageT]):
             handler(message, stamp)
 
     def put_nothing(self, stamp: Stamp) -> None:
-        """Publish nothing: who takes it in this process knows."""
+        """Do nothing: turns in this process need no report of a missing message."""

@@ -9,19 +9,19 @@ from pathlib import Path
 
 LOOPBACK = "127.0.0.1"
 FIRST = 10_000
-"""The lowest port that is tried: services that have a port of their own are mostly below."""
+"""Lowest port that is tried; most well-known services use lower ports."""
 _GIVEN_BY_THE_KERNEL = Path("/proc/sys/net/ipv4/ip_local_port_range")
 
 
 def free_port() -> int:
     """Return a free TCP port.
 
-    It is below those that the kernel gives to connections: one of these could take it before
-    it is listened on.
+    The port is below the range from which the kernel assigns ports to connections. A connection
+    could take a port of that range before a server listens on it.
     """
     end = int(_GIVEN_BY_THE_KERNEL.read_text(encoding="ascii").split()[0])
     if end <= FIRST:
-        end = 1 << 16  # there are none below
+        end = 1 << 16  # the kernel's range leaves no ports below it
     while True:
         port = random.SystemRandom().randrange(FIRST, end)
         with suppress(OSError), socket.create_server((LOOPBACK, port)):

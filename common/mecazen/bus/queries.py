@@ -1,4 +1,4 @@
-"""Queries over Zenoh: those that wait for their answer, and the answers."""
+"""Queries over Zenoh: the queue of those that wait, and their answers."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from mecazen.wire import (
 )
 
 WAITING_QUERIES = 100
-"""So many wait at most of a key that is queried."""
+"""Maximum number of queries that wait on a key."""
 WAITING_REFUSALS = 1000
-"""So many wait at most to be refused; then Zenoh's thread waits for room."""
+"""Maximum number of queries that wait for their refusal; beyond it Zenoh's thread waits."""
 TOO_LONG = f"key and attachment of more than {MAX_ENVELOPE_BYTES} bytes"
 
 
 class Refuser:
     """Refuses queries on a thread of its own.
 
-    To send may take seconds: a full link is waited for. On the thread that receives nothing
-    would come meanwhile, and where the other end waits for this one to receive, neither goes
-    on: a client that asked without end stopped physics so.
+    Sending may take seconds while a link is full. On the receiving thread it would block all other
+    samples, and deadlock if the other end also waits for this end to receive: a client that sent
+    queries without pause stopped physics in this way.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Refuser:
         self._thread: threading.Thread | None = None
 
     def put(self, refuse: Callable[[], None]) -> None:
-        """Have a query refused soon; runs on Zenoh's threads."""
+        """Queue the refusal of a query; runs on Zenoh's threads."""
         with self._lock:
             if self._thread is None:  # most processes never need it
                 self._thread = threading.Thread(target=self._run, name="refuser", daemon=True)
@@ -65,13 +65,13 @@ _refuser = Refuser()
 
 
 class QueryInbox:
-    """Keeps the queries that wait, and refuses oversized ones and those beyond a number.
+    """Keeps waiting queries, and refuses those that are oversized or beyond `WAITING_QUERIES`.
 
     Args:
-        ready: Takes the calls that answer.
+        ready: Queue for the calls that answer.
         key: The only key expression that is answered; None for any.
         take: Answers a query, on the service's thread.
-        refuse: Called with a query and a reason, on a thread for that.
+        refuse: Function called with a query and a reason, on the refuser's thread.
     """
 
     def __init__(
@@ -88,9 +88,9 @@ class QueryInbox:
         self._room = threading.Semaphore(WAITING_QUERIES)
 
     def receive(self, query: zenoh.Query) -> None:
-        """Keep a query if it is one to answer and there is room for it."""
+        """Keep a query if it is valid and there is room for it."""
         if self._key is not None and str(query.key_expr) != self._key:
-            # who asks everybody, to look round, orders nothing
+            # a query with a wildcard explores the keys and must not change state
             self._put_off(query, "asked on another key expression")
         elif len(query.payload or b"") > MAX_SAMPLE_BYTES:
             self._put_off(query, f"payload of more than {MAX_SAMPLE_BYTES} bytes")
@@ -110,7 +110,7 @@ class QueryInbox:
 
 
 def envelope_bytes(one: zenoh.Sample | zenoh.Query) -> int:
-    """Return the bytes of what comes beside a payload; Zenoh sends no long encoding."""
+    """Return the size of key and attachment [bytes]; Zenoh limits the length of an encoding."""
     return len(str(one.key_expr)) + len(one.attachment or b"")
 
 
@@ -134,10 +134,10 @@ class ZenohReply(Reply[AnswerT]):
 
 
 def answer_in(replies: Iterable[zenoh.Reply], call: Call[RequestT, AnswerT]) -> AnswerT:
-    """Return the answer that is the first reply to a query.
+    """Return the first reply to a query.
 
     Raises:
-        BusError: There is none, or it is an error, or not what the call answers.
+        BusError: There is no reply, or it is an error or a message of a wrong type.
     """
     for reply in replies:
         if reply.err is not None:

@@ -1,4 +1,4 @@
-"""How Zenoh's threads call us: so that a sample costs little processor time."""
+"""Handlers on Zenoh's threads that need little processor time per sample."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import zenoh
 ReceivedT = TypeVar("ReceivedT")
 
 BETWEEN_PAUSES = 0.1
-"""The time it takes to receive what has gathered in a pause, as a share of the pause."""
+"""Time to receive the samples that have gathered during a pause, as a share of the pause."""
 
 
 def direct(function: Callable[[Any], None]) -> Any:
@@ -20,14 +20,14 @@ def direct(function: Callable[[Any], None]) -> Any:
 
 
 class Pause:
-    """Holds Zenoh's receiving thread up, so that samples gather in its socket meanwhile.
+    """Pauses Zenoh's receiving thread, so that samples gather in its socket.
 
-    To wake a thread that sleeps on another core costs a sender 12 to 15 µs, four times as much
-    as all else about sending. A thread that does not wait for its socket is not woken. Without
-    it a distributed run of `back` makes 6 % fewer ticks a second.
+    Waking a thread that sleeps on another core costs a sender 12 to 15 µs, four times as much as
+    the rest of sending. A thread that does not wait for its socket is not woken. Without pauses a
+    distributed run of `back` makes 6 % fewer ticks a second.
 
     Args:
-        pause_s: How long a pause is [s]; there are none where it is 0.
+        pause_s: Length of a pause [s]; 0: no pauses.
     """
 
     def __init__(self, pause_s: float) -> None:
@@ -35,7 +35,7 @@ class Pause:
         self._next_s = 0.0
 
     def after(self, keep: Callable[[ReceivedT], None]) -> Callable[[ReceivedT], None]:
-        """Return what keeps a sample, and pauses once all is kept that had gathered."""
+        """Return a handler that keeps samples, and pauses once the gathered samples are kept."""
         if not self._pause_s:
             return keep
 

@@ -1,4 +1,4 @@
-"""Zenoh sessions: their configuration, certificates, and the refusal of strangers."""
+"""Zenoh sessions: configuration, certificates, and refusal of insecure endpoints."""
 
 from __future__ import annotations
 
@@ -25,28 +25,30 @@ logger = logging.getLogger(__name__)
 Mode = Literal["router", "peer", "client"]
 
 RUNTIME_THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
-"""Zenoh's threads: a service receives little, in turns, and more threads only wake each other: with
-Zenoh's own number a distributed run of `back` makes 11 % fewer ticks a second."""
+"""Zenoh's threads in a service. A service receives few samples, in turns, and additional threads
+only wake each other: with Zenoh's default a distributed run of `back` makes 11 % fewer ticks a
+second."""
 
 ROUTER_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
-"""A router's: one that waits for room on a link must not keep the others from reading. With one
-thread a router that passes queries on to physics, and physics that answers them, wait for each
-other until Zenoh closes the link after 5 s."""
+"""Zenoh's threads in a router. A thread that waits for room on a link must not keep others from
+reading. With one thread, a router that passes queries to physics and physics that answers them wait
+for each other until Zenoh closes the link after 5 s."""
 
 SHARED_MEMORY = False
-"""It pays from a megabyte on, and has a thread that wakes twenty times a second."""
+"""Whether Zenoh uses shared memory. It is faster only for payloads of 1 MB or more, and needs a
+thread that wakes twenty times a second."""
 
 QUEUED_BATCHES = 16
-"""What a link holds for a receiver that does not get its turn, of 64 KiB each, before it drops
-samples: Zenoh's most. With its own 2 a recorder on a busy machine loses 0.2 s of a run."""
+"""Number of batches of 64 KiB that a link queues for a slow receiver before it drops samples:
+Zenoh's maximum. With Zenoh's default of 2 a recorder on a busy machine loses 0.2 s of a run."""
 
 CONNECT_MS = 10_000
-"""A service that works through the router alone waits this long for it; tools try once."""
+"""Time for which a service that needs the router waits for it [ms]; tools try once."""
 
 AUTHORITY = "ca"
-"""The name of the certificate authority's own certificate, in a folder of keys."""
+"""Name of the certificate authority's certificate in a folder of keys."""
 OPERATOR = "operator"
-"""The name of the certificate of the tools."""
+"""Name of the certificate that tools show."""
 
 
 def session_config(
@@ -58,21 +60,21 @@ def session_config(
     robots: Sequence[str] = ("",),
     timestamps: bool = False,
 ) -> zenoh.Config:
-    """Return Zenoh's configuration: loopback, no multicast, unless `config` says otherwise.
+    """Return Zenoh's configuration: loopback without multicast, unless `config` sets other values.
 
     A router listens at the endpoints that the others connect to. A peer listens on a free port
     of loopback, and others find it by gossip through the router. A client only connects.
 
     Args:
-        config: Endpoints, namespace, keys, and perhaps a Zenoh configuration to start from.
-        mode: Of the session.
-        name: Whose certificate the session shows, where `config.keys` holds certificates.
-        most_hz: A router takes no more samples a second of each topic from each link [1/s].
-        robots: The names of several robots, each of which has its own topics.
-        timestamps: Whether samples have Zenoh's own timestamps.
+        config: Endpoints, namespace, keys, and optionally a Zenoh configuration to start from.
+        mode: Mode of the session.
+        name: Name of the certificate that the session shows, if `config.keys` is set.
+        most_hz: Maximum rate at which a router accepts samples of a topic from a link [1/s].
+        robots: Names of the robots; each has its own topics.
+        timestamps: Whether samples carry Zenoh's timestamps.
 
     Raises:
-        BusError: A file can't be read, or strangers would get in.
+        BusError: A file can't be read, or unknown programs could connect.
     """
     listen = config.listen
     if config.zenoh_config is None:
@@ -98,7 +100,7 @@ def session_config(
         settings |= _filters(config, most_hz, robots)
     else:
         settings["connect/endpoints"] = config.router_endpoints
-        # a router that starts late or comes back is found again within 0.2 s
+        # a router that starts late or restarts is found within 0.2 s
         settings["connect/retry"] = {
             "period_init_ms": 50,
             "period_max_ms": 200,
@@ -120,7 +122,7 @@ def session_config(
 
 
 def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
-    """Return a router's settings that drop oversized samples, and those beyond a rate."""
+    """Return a router's settings that drop oversized samples and samples beyond a rate."""
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
     too_long = [
         {
@@ -137,8 +139,8 @@ def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) ->
     ]
     settings: dict[str, Any] = {"low_pass_filter": [at_entry | rule for rule in too_long]}
     if most_hz is not None:
-        # two keys of one rule would share its rate: physics publishes for all robots at once,
-        # and one process may have the cmd_vel of both follower and guard
+        # two keys of one rule would share its rate: physics publishes for all robots at once, and
+        # one process may publish both follower's and guard's cmd_vel
         rules = [
             {"key_expr": expression, "freq": most_hz}
             for robot in robots
@@ -152,17 +154,17 @@ def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) ->
 def _expressions(
     config: BusConfig, topic: Topic[Any], robot: str = "", namespace: str | None = None
 ) -> list[str]:
-    """Return key expressions for a topic's samples, also for those that a bridge takes."""
+    """Return key expressions for a topic's samples, including samples that a bridge receives."""
     bridge = bridge_of(config)
     taken = () if bridge is None else bridge.taken(topic, robot, namespace)
     return [f"**/{join_key(topic.key, robot)}", *taken]
 
 
 def _certificates(folder: Path, name: str) -> dict[str, Any]:
-    """Return Zenoh's settings by which both ends of a link show certificates.
+    """Return Zenoh's settings for mutual TLS, with which both ends of a link show certificates.
 
     Raises:
-        BusError: The folder has none for `name`.
+        BusError: A certificate or key for `name` can't be read.
     """
     authority, certificate, key = (
         folder / file for file in (f"{AUTHORITY}.crt", f"{name}.crt", f"{name}.key")
@@ -181,10 +183,10 @@ def _certificates(folder: Path, name: str) -> dict[str, Any]:
 
 
 def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
-    """Check that a peer or a router links with others only on loopback or by certificates.
+    """Check that all links of a peer or a router are on loopback or use certificates.
 
     Raises:
-        BusError: It links with them elsewhere, and `insecure` does not allow that.
+        BusError: An endpoint is neither, and `insecure` is false.
     """
     mutual_tls = base.get_json("transport/link/tls/enable_mtls") == "true"
     for way in ("listen", "connect"):
@@ -214,10 +216,10 @@ def open_session(
     """Open a Zenoh session; see `session_config`.
 
     Raises:
-        BusError: A port is taken, or a client finds nobody to connect to.
+        BusError: A port is taken, or a client finds no router.
     """
     threads = ROUTER_THREADS if mode == "router" else RUNTIME_THREADS
-    # read by the first session; a router's parent may have had sessions of its own
+    # Zenoh reads it in the first session; a router's parent may have opened sessions before
     if os.environ.get("ZENOH_RUNTIME") in {None, RUNTIME_THREADS}:
         os.environ["ZENOH_RUNTIME"] = threads
     try:
@@ -241,10 +243,10 @@ def open_session(
 
 
 def includes(expression: str, key: str) -> bool:
-    """Return whether a key expression holds a key.
+    """Return whether a key expression includes a key.
 
     Raises:
-        BusError: It is no key expression.
+        BusError: The key expression is invalid.
     """
     try:
         return bool(zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key)))
@@ -253,7 +255,7 @@ def includes(expression: str, key: str) -> bool:
 
 
 def reason_of(error: zenoh.ZError) -> str:
-    """Return an error of Zenoh in one line, without the places in its sources."""
+    """Return the message of a Zenoh error in one line, without source locations."""
     text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
     parsing = re.search(r"-->\s*(\d+):(\d+)\s.*=\s+(.*)", text, re.DOTALL)
     if parsing:

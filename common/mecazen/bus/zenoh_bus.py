@@ -35,13 +35,14 @@ Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""
 
 SIGNAL_CHECK_S = 0.2
-"""A signal just before a wait does not end it: Python handles it after so long."""
+"""Maximum delay of a signal that arrives just before a wait and does not interrupt it [s]."""
 
 
 class ZenohBus(Bus):
-    """A Zenoh session whose samples wait in one queue until `spin_once` takes them.
+    """A Zenoh session whose samples wait in one queue until `spin_once` delivers them.
 
-    A subscription of a topic hears other processes only; one of bytes hears this one as well.
+    A subscription to a topic receives samples of other processes only; a subscription to bytes
+    receives samples of this process as well.
     """
 
     hears_itself = False
@@ -57,12 +58,12 @@ class ZenohBus(Bus):
         """Open the session.
 
         Args:
-            config: Where to meet, the namespace and the format.
-            mode: A peer talks directly to the others; a client goes through the router. None
-                takes that of `config`.
-            name: Whose certificate the session shows, where there are certificates.
-            gather_s: Samples may come so much later, many at once, so that a sender need not
-                wake this process for each [s].
+            config: Endpoints, namespace and format.
+            mode: A peer connects directly to the others, a client only to the router. None: the
+                mode in `config`.
+            name: Name of the certificate that the session shows, if certificates are used.
+            gather_s: Maximum delay by which samples gather and arrive together, so that senders
+                need not wake this process for each of them [s].
 
         Raises:
             BusError: See `open_session`.
@@ -73,18 +74,18 @@ class ZenohBus(Bus):
         self._queue: Queue = queue.SimpleQueue()
         self._refusals = Refusals(self._queue, self.refuse)
         self._heard: dict[tuple[str, bool], list[Handler[Any]]] = {}
-        """Whom each of Zenoh's subscribers delivers to, by whole key and `every`."""
+        """Handlers of each Zenoh subscriber, by full key and `every`."""
         self._listeners: dict[str, list[Handler[Any]]] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
         self._session = open_session(config, mode or config.mode, name)
 
     @property
     def queue(self) -> Queue:
-        """Takes what `spin_once` is to call."""
+        """Queue of the functions that `spin_once` calls."""
         return self._queue
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return what publishes on a topic."""
+        """Return a publisher for a topic."""
         publisher = self._session.declare_publisher(
             topic.key,
             encoding=ENCODINGS[self._format],
@@ -93,7 +94,7 @@ class ZenohBus(Bus):
         return _ZenohPublisher(publisher, self._format, self.listeners(topic), self._queue)
 
     def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
-        """Return who in this process observes what it publishes on a topic; more may be added."""
+        """Return the handlers in this process of its own samples of a topic; callers add to it."""
         return self._listeners.setdefault(topic.key, [])
 
     def subscribe(
@@ -106,8 +107,8 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        Several subscriptions of a key share one of Zenoh's, which decodes a sample once; those
-        with `every` share another.
+        All subscriptions to a key share one Zenoh subscriber, which decodes each sample once.
+        Those with `every` share another one.
         """
         handlers = self._heard.setdefault((topic.key, every), [])
         handlers.append(handler)
@@ -122,13 +123,13 @@ class ZenohBus(Bus):
         every: bool,
         nothing: Nothing | None,
     ) -> None:
-        """Subscribe to what other processes publish on a topic."""
+        """Subscribe to a topic's samples of other processes."""
         key = topic.key
         refuse = partial(self._refusals.add, key)
 
         def decoded(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
             if str(sample.key_expr) != key:
-                # an expression that holds this key may be allowed to who may not put on it
+                # access rules may allow a wildcard to clients that may not publish on this key
                 raise RefusedError("put on another key expression")
             return decode_sample(topic, *_content(sample))
 
@@ -183,8 +184,8 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver every sample of a key expression as key, payload, encoding and attachment.
 
-        Samples on keys of a bridge are left out: they show others a second time. Samples that come
-        while more than `backlog_bytes` wait are refused.
+        Samples on keys of a bridge are left out, since they repeat other samples. Samples are
+        refused if more than `backlog_bytes` would wait.
         """
         refuse = partial(self._refusals.add, key)
         full = partial(refuse, f"more than {backlog_bytes:.0f} bytes wait")
@@ -199,7 +200,7 @@ class ZenohBus(Bus):
             if envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
                 refuse(TOO_LONG)
                 return
-            # a sample of Zenoh would keep all that has come in the same batch
+            # a Zenoh sample would keep the memory of its whole batch
             backlog.receive((name, *_content(sample)))
 
         self._declare_subscriber(key, receive, zenoh.Locality.ANY)
@@ -295,8 +296,9 @@ class ZenohBus(Bus):
     def declare_alive(self, name: str, robot: str = "") -> None:
         """Hold a service's liveliness token until the bus is closed.
 
-        Who takes part also watches who else does. Not before: Zenoh answers `alive` from
-        what a watching session has heard so far, which is nothing at first.
+        The first call also begins to watch the tokens of other services. An earlier watch would
+        falsify `alive`: Zenoh answers it from the tokens that a watching session has received so
+        far, and at first it has received none.
         """
         liveliness = self._session.liveliness()
         if not self._tokens:
@@ -306,16 +308,16 @@ class ZenohBus(Bus):
         self._tokens.append(liveliness.declare_token(token))
 
     def alive(self, timeout_s: float = 1.0) -> set[str]:
-        """Ask the network who holds a token; names that end in `/ready` are marks of readiness.
+        """Query the network for tokens; names that end in `/ready` mark ready services.
 
-        For clients, whom the router answers. A peer, which has `presence`, is sometimes told that
-        all have answered when some have not, by 6 in 1000 of Zenoh 1.10.2's answers.
+        This is for clients, which the router answers. A peer uses `presence`: 6 of 1000 queries of
+        a peer with Zenoh 1.10.2 end before all others have answered.
         """
         replies = self._session.liveliness().get(f"**/{LIVELINESS}/**", timeout=timeout_s)
         return {name_of(reply.ok) for reply in replies if reply.ok is not None}
 
     def spin_once(self, timeout_s: float | None = None) -> bool:
-        """Deliver one thing that arrived, on this thread."""
+        """Deliver one sample, query or event on this thread."""
         try:
             if timeout_s is None:
                 deliver_one = self._wait()
@@ -336,11 +338,11 @@ class ZenohBus(Bus):
                 continue
 
     def stop(self) -> None:
-        """Make a `spin_once` raise StoppedError, also one that waits."""
+        """Make the next `spin_once`, or one that waits, raise StoppedError."""
         self._queue.put(_raise_stopped)
 
     def close(self) -> None:
-        """Leave the bus; the tokens go with the session."""
+        """Close the session, which also drops the tokens."""
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
@@ -349,7 +351,7 @@ class ZenohBus(Bus):
 
 
 class _ZenohPublisher(Publisher[MessageT]):
-    """Publishes to other processes, and later to observers in this one."""
+    """Publishes to other processes, and through the queue to observers in this process."""
 
     def __init__(
         self,
@@ -374,19 +376,19 @@ class _ZenohPublisher(Publisher[MessageT]):
 
 
 def name_of(token: zenoh.Sample) -> str:
-    """Return the name of the service that holds a liveliness token, after that of its robot."""
+    """Return the name of the service that holds a liveliness token, with its robot's name."""
     robot, _, name = str(token.key_expr).rpartition(f"{LIVELINESS}/")
     return f"{robot}{name}"
 
 
 def bytes_of(sent: Sent) -> int:
-    """Return the bytes of a sample."""
+    """Return the size of a sample [bytes]."""
     key, payload, encoding, attachment = sent
     return len(key) + len(payload) + len(encoding) + len(attachment or b"")
 
 
 def _content(sample: zenoh.Sample) -> tuple[bytes, str, bytes | None]:
-    """Return the payload, the encoding and the attachment."""
+    """Return payload, encoding and attachment of a sample."""
     attachment = None if sample.attachment is None else sample.attachment.to_bytes()
     return sample.payload.to_bytes(), str(sample.encoding), attachment
 

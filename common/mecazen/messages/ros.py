@@ -18,8 +18,8 @@ from mecazen.geometry import Pose2D, Twist2D, of_three
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
 Int32 = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31 - 1)]
 Float32 = Annotated[float, msgspec.Meta(ge=-3.4028234663852886e38, le=3.4028234663852886e38)]
-"""A number that ROS holds in 32 bits: whoever makes it rounds it, so that a recording has the
-same bits."""
+"""A number that ROS stores in 32 bits. Its producer rounds it, so that a recording is
+bit-identical."""
 UInt8 = Annotated[int, msgspec.Meta(ge=0, le=255)]
 UInt32 = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]

@@ -1,1 +1,1 @@
-"""Runs nodes: joins their inputs, publishes their outputs, keeps time; in one process or many."""
+"""The runtime: joins inputs, publishes outputs and keeps time, in one process or several."""

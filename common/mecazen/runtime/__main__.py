@@ -22,7 +22,7 @@ def run(name: str, scenario: Scenario, robot: str = "", reporter: Reporter | Non
     """Run a service, several joined by `+`, or the router, until a signal.
 
     Raises:
-        MecazenError: There is no such service, or it failed.
+        MecazenError: The service does not exist, or it failed.
     """
     reporter = reporter or Reporter(None)
     if name == ROUTER:
@@ -32,7 +32,7 @@ def run(name: str, scenario: Scenario, robot: str = "", reporter: Reporter | Non
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a process as its command line says; what may go wrong ends in one line."""
+    """Run the process that the command line names; report errors in one line."""
     parser = argparse.ArgumentParser(description="Run a process of a mecazen scenario.")
     parser.add_argument("name", help="a service, several joined by +, or router")
     parser.add_argument("scenario", help="a scenario's name or its TOML file")
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 @contextmanager
 def ending_in_one_line(reporter: Reporter) -> Iterator[None]:
-    """End this process with what may go wrong, told to who has started it or to the user."""
+    """Exit on a `MecazenError`, after reporting it to the parent process or on standard error."""
     try:
         yield
     except MecazenError as error:

@@ -1,4 +1,4 @@
-"""Which parameters of a scenario have other values from which tick on."""
+"""Changes of parameters during a simulation: from the scenario's script or from queries."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from mecazen.programs import classes
 from mecazen.ticks import whole_ticks
 
 Settings = dict[str, str]
-"""Values in TOML by their keys, the last change last."""
+"""Values in TOML by key, in the order of the changes."""
 
 
 class Changing:
-    """The parameters of a simulation: of the scenario, of its script, and as they are set.
+    """The parameters of a simulation: from the scenario, from its script, and from queries.
 
-    What is set stays for the runs that follow; the script begins anew with each.
+    Values that a query sets stay in effect for the following runs. The script restarts with each
+    run.
 
     Args:
-        scenario: The whole one, as it was started.
-        check: Refuses a scenario that does not suit the service of some name: ConfigError.
+        scenario: The whole scenario, as started.
+        check: Raises ConfigError if a scenario does not suit the named service.
 
     Raises:
-        ConfigError: The script changes what can't be changed, or to what is not allowed.
+        ConfigError: The script changes a parameter that is not live, or to an invalid value.
 
     Attributes:
-        scenario: What counts now.
-        revision: How often that has changed.
-        settings: What differs from the start.
-        wanted: What will count when all that is asked for does.
+        scenario: The scenario that applies now.
+        revision: Number of changes so far.
+        settings: Parameters that differ from the start.
+        wanted: The scenario that applies once all requested changes are due.
     """
 
     def __init__(self, scenario: Scenario, check: Callable[[Scenario, str], None]) -> None:
@@ -54,10 +55,10 @@ class Changing:
             self._script[tick] = _laid(self._script.get(tick, {}), settings)
 
     def ask(self, settings: Settings) -> None:
-        """Let parameters have other values from the next tick on.
+        """Change parameters from the next tick on.
 
         Raises:
-            ConfigError: One can't be changed, or is not allowed: then nothing is changed.
+            ConfigError: A parameter is not live or a value is invalid; then nothing changes.
         """
         self.wanted = self._try(settings)
         self._asked = _laid(self._asked, settings)
@@ -71,7 +72,7 @@ class Changing:
         return scenario
 
     def take(self, tick: int) -> bool:
-        """Let what is due at a tick count; return whether anything differs from the tick before."""
+        """Apply the changes due at a tick; return whether a value differs from the tick before."""
         if tick and not self._asked and tick not in self._script:
             return False
         self._kept = _laid(self._kept, self._asked)
@@ -87,15 +88,15 @@ class Changing:
 
 
 def _laid(below: Settings, above: Settings) -> Settings:
-    """Return settings of which those `above` count, and are the last."""
+    """Return merged settings; those `above` override those `below` and come last."""
     return {key: value for key, value in below.items() if key not in above} | above
 
 
 def refuse_unsuitable(scenario: Scenario, service: str) -> None:
-    """Refuse a scenario that a node of a service does not take.
+    """Refuse a scenario that a node of a service rejects; accept it if none is installed.
 
     Raises:
-        ConfigError: The node's constructor says why; where it is not installed, nobody does.
+        ConfigError: The node's constructor rejects the scenario.
     """
     try:
         kinds = classes(service, scenario)

@@ -38,21 +38,21 @@ from mecazen.wire import NS_PER_S, Stamp
 logger = logging.getLogger(__name__)
 
 OBSERVERS_S = 1.0
-"""In real time, how long observers may come after all others are ready and miss nothing."""
+"""In real time, time to wait for observers once all other services are ready [s]."""
 PRESENCE_POLL_S = 0.25
-"""How long an answer may be missing before its service is looked for."""
+"""Time without an answer after which its service's liveliness is checked [s]."""
 ARRIVED_AT_MOST = 100
-"""Samples that are still taken when a tick is due: many more than make up a tick."""
+"""Maximum number of samples accepted when a tick is due: many more than a tick consists of."""
 
 
 class Clock:
-    """Drives the loop of the process that has the world, and answers `sim/…`.
+    """Drives the loop of the process that contains the world, and answers `sim/…` queries.
 
     Args:
-        host: The services, of which one has the world.
+        host: The services of the process, one of which contains the world.
 
     Raises:
-        ConfigError: None of them has it, or the script of changes can't be used.
+        ConfigError: No service contains the world, or the script of changes is invalid.
     """
 
     def __init__(self, host: Host) -> None:
@@ -73,7 +73,7 @@ class Clock:
         self.pace = Pace(bus, host.tick_ns, self.scenario.sim.answer_timeout_s)
         self._parameters = bus.publisher(keys.PARAMETERS)
         for service in {key.partition(".")[0] for key in parameters(self.scenario)}:
-            with suppress(ConfigError):  # to import it later would take many ticks
+            with suppress(ConfigError):  # a later import would take many ticks
                 classes(service, self.scenario)
         configuration = to_toml(self.scenario)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
@@ -85,23 +85,23 @@ class Clock:
         bus.serve(keys.SIM_SPEED, self._on_speed)
         bus.serve(keys.GET_PARAMETERS, self._on_get)
         bus.serve(keys.SET_PARAMETERS, self._on_set)
-        bus.presence.on_change.append(self._publish_parameters)  # for who comes after a change
+        bus.presence.on_change.append(self._publish_parameters)  # for services that start late
         host.service_of(host.world).reports.append(self.diagnostics)
         self.reset(self.scenario.seed)
 
     @property
     def stamp(self) -> Stamp:
-        """The stamp of the tick."""
+        """The stamp of the current tick."""
         return self.host.stamp
 
     def reset(self, seed: int) -> None:
-        """Begin a run: the world back at its start."""
+        """Begin a run: return the world to its initial state."""
         self.tick = self.missed_deadlines = 0
         self.host.begin(Stamp(0, secrets.randbits(32), seed, self.changing.revision))
         self.pace.begin(self.stamp.run)
 
     def run(self) -> None:
-        """Wait until every service of the scenario is ready; then advance until stopped."""
+        """Wait until every service of the scenario is ready, then advance until stopped."""
         self._await_services()
         self.begin()
         while True:
@@ -113,10 +113,10 @@ class Clock:
         self._make_tick()
 
     def step(self) -> None:
-        """Wait for the answers to this tick, and make the next.
+        """Wait for the answers to this tick, then make the next tick.
 
-        While time is held, it waits; on a bus within one process, where that would have no end,
-        it returns and nothing has happened.
+        While time is paused, it waits. On a bus within one process that wait would never end, so
+        it returns without a tick.
         """
         self._await_answers()
         if not self._hold():
@@ -135,7 +135,7 @@ class Clock:
                 self.step_reply = None
 
     def _make_tick(self) -> None:
-        """Advance the world to this tick, and take the turns of the services beside it."""
+        """Advance the world to this tick and run the other turns of the process."""
         host, now_ns = self.host, self.tick * self.host.tick_ns
         has_changed = self.changing.take(self.tick)
         stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.changing.revision)
@@ -149,26 +149,26 @@ class Clock:
         for slot in host.loop.step(self.tick, stamp):
             if not self._has_come(slot):
                 break
-        host.has_news = True  # a command may have come after the turn that takes it
+        host.has_news = True  # a command may have arrived after the turn that uses it
         host.report_if_due()
 
     def _await_answers(self) -> None:
-        """Deliver what arrives until the tick is answered (lockstep) or due (real time).
+        """Deliver samples until the tick is answered (lockstep) or the next is due (real time).
 
         Raises:
-            StepTimeoutError: A service that takes part is gone or silent, in lockstep.
+            StepTimeoutError: In lockstep, a service that takes part is gone or silent.
         """
         for slot in self.world.slots:
             slot.open(self.tick + 1, self.tick)
         if not any(slot.awaited is not None for slot in self.world.remote):
-            self.host.bus.drain()  # no other process is awaited: what has come is delivered
+            self.host.bus.drain()  # no wait below would deliver what has arrived
         self.host.revise()
         if self.lockstep or self.paused:
             self._await_all()
             if self.lockstep:
                 self.pace.keep(self.tick + 1)
         elif self.tick == 0:
-            # every first answer takes longer, and is not owed yet: time begins with it
+            # first answers take longer, so time starts only once they have arrived
             self._await_all()
             self.schedule.restart(self.tick)
         else:
@@ -176,11 +176,11 @@ class Clock:
 
     @property
     def _unanswered(self) -> list[Slot]:
-        """The world's inputs whose answers to this tick are still to come."""
+        """The world's inputs that lack an answer to this tick."""
         return [slot for slot in self.world.slots if slot.lacks]
 
     def _names(self, slots: list[Slot]) -> list[str]:
-        """Return the services that give some inputs."""
+        """Return the services that publish the inputs of slots."""
         givers = [self.host.plan.giver(slot.need) for slot in slots]
         return sorted({giver.service for giver in givers if giver is not None})
 
@@ -194,7 +194,7 @@ class Clock:
                 return
 
     def _has_come(self, slot: Slot) -> bool:
-        """Wait for a sample that a turn lacks; return whether the tick is to go on."""
+        """Wait for a sample that a turn lacks; return False if a reset ends the tick."""
         deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
         while slot.lacks:
             if self.asked_reset is not None:
@@ -210,10 +210,15 @@ class Clock:
         return True
 
     def _refuse_silence(self, missing: list[Slot], deadline: float) -> None:
-        """Raise an error in lockstep if a service that has not answered is gone, or silent."""
+        """Raise an error in lockstep if a service that has not answered is gone or silent.
+
+        Raises:
+            StepTimeoutError: A service is gone, the deadline has passed, or a turn of this process
+                gave no answer.
+        """
         names = self._names(missing)
         gone = [name for name in names if name not in self.host.bus.presence.names]
-        if any(not slot.is_remote for slot in missing):  # it has had its turn
+        if any(not slot.is_remote for slot in missing):  # its turn is over
             deadline = 0.0
         if self.lockstep and (gone or time.monotonic() > deadline):
             raise StepTimeoutError(
@@ -222,7 +227,7 @@ class Clock:
             )
 
     def _deliver(self, timeout_s: float | None) -> bool:
-        """Deliver one thing that arrives, and let a command count at once."""
+        """Deliver one sample, query or event, and apply a command at once."""
         has_come = self.host.bus.spin_once(timeout_s)
         self.host.revise()
         return has_come
@@ -231,7 +236,7 @@ class Clock:
         while self.asked_reset is None and not self.paused:
             wait_s = self.schedule.wait_s(self.tick, answered=not self._unanswered)
             if wait_s <= 0.0:
-                # what has arrived by now still counts, but a flood has no end
+                # use what has arrived by now, up to a limit, since a flood may not end
                 for _ in range(ARRIVED_AT_MOST):
                     if not self._unanswered or not self._deliver(0.0):
                         break
@@ -241,7 +246,7 @@ class Clock:
             self.missed_deadlines += 1
 
     def sim_state(self) -> SimState:
-        """Return what simulated time does."""
+        """Return the state of simulated time."""
         return SimState(
             clock=self.stamp.time,
             tick=self.tick,
@@ -254,7 +259,7 @@ class Clock:
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the real-time factor and missed deadlines."""
+        """Return mode, real-time factor, missed deadlines and whether time is paused."""
         return {
             "mode": self.scenario.sim.mode,
             "rtf": round(self.schedule.rtf, 3),
@@ -263,14 +268,14 @@ class Clock:
         }
 
     def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
-        """Hold simulated time at this tick."""
+        """Pause simulated time at this tick."""
         del request
         self._end_stepping("paused meanwhile")
         self.paused = True
         reply.answer(self.sim_state())
 
     def _on_resume(self, request: Empty, reply: Reply[SimState]) -> None:
-        """Let simulated time go on."""
+        """Resume simulated time."""
         del request
         self._end_stepping("resumed meanwhile")
         self.paused = False
@@ -278,7 +283,7 @@ class Clock:
         reply.answer(self.sim_state())
 
     def _on_step(self, request: StepRequest, reply: Reply[SimState]) -> None:
-        """Simulate some ticks while paused; the answer comes when they are done."""
+        """Simulate a number of ticks while paused; answer after the last one."""
         if not self.paused:
             reply.refuse("not paused: `sim/pause` first")
         elif self._at_the_end:
@@ -289,14 +294,14 @@ class Clock:
             self.steps_left, self.step_reply = request.ticks, reply
 
     def _on_reset(self, request: ResetRequest, reply: Reply[SimState]) -> None:
-        """Ask for a reset, done between two ticks; the answer comes when it is done."""
+        """Request a reset, which happens between two ticks; answer after it."""
         if self.asked_reset is not None:
             reply.refuse("already resetting")
         else:
             self.asked_reset = request, reply
 
     def _on_speed(self, request: SpeedRequest, reply: Reply[SimState]) -> None:
-        """Go on at another speed."""
+        """Continue at another speed."""
         if self.lockstep:
             reply.refuse("lockstep goes as fast as it can: there is no speed to set")
             return
@@ -305,7 +310,7 @@ class Clock:
         reply.answer(self.sim_state())
 
     def _on_get(self, request: ParameterNames, reply: Reply[ParameterDescriptors]) -> None:
-        """Tell what can be changed, and how it is."""
+        """Answer with the live parameters and their values."""
         found = parameters(self.changing.wanted)
         names = request.names or tuple(found)
         try:
@@ -317,7 +322,7 @@ class Clock:
             reply.answer(ParameterDescriptors(parameters=descriptors))
 
     def _on_set(self, request: Parameters, reply: Reply[Parameters]) -> None:
-        """Change parameters from the next tick on; the answer tells which that is."""
+        """Change parameters from the next tick on; answer with that tick's time."""
         try:
             self.changing.ask(settings_of(request))
         except ConfigError as error:
@@ -333,7 +338,7 @@ class Clock:
         )
 
     def _publish_parameters(self) -> None:
-        """Publish what has been changed, if anything was: now and then, for who comes late."""
+        """Publish the changed parameters, if any; repeated for services that start late."""
         if self.changing.revision:
             message = Parameters(
                 header=Header(stamp=self.stamp.time),
@@ -353,7 +358,7 @@ class Clock:
             logger.warning("msg=%r", f"going on without {', '.join(missing)}")
 
     def _await_ready(self, names: set[str], timeout_s: float) -> list[str]:
-        """Wait until services of each robot are ready, and return those that are not in time."""
+        """Wait for services of each robot to be ready; return those that are not in time."""
         deadline = time.monotonic() + timeout_s
         while True:
             missing = [
@@ -371,7 +376,7 @@ class Clock:
         return self.lockstep and self.tick >= self.scenario.sim.ticks - 1
 
     def _hold(self) -> bool:
-        """Deliver what arrives while simulated time is held; return whether it goes on."""
+        """Deliver what arrives while time is paused or at its end; return whether it continues."""
         while self.asked_reset is None and (
             (self.paused and not self.steps_left) or self._at_the_end
         ):

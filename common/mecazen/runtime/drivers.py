@@ -1,4 +1,4 @@
-"""Makes what drives the services of a process: the clock, a worker, or an observer."""
+"""Creation of a process's driver: the clock, a worker or an observer."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from mecazen.runtime.worker import Worker
 
 
 def drive(parts: Sequence[Part], bus: Bus, scenario: Scenario) -> Clock | Worker | Observer:
-    """Return what drives the services of a process, ready to run.
+    """Return the driver of a process's services, ready to run.
 
     Raises:
-        ConfigError: There is no such service, or the scenario does not suit it.
+        ConfigError: A service does not exist, or the scenario does not suit it.
     """
     if parts[0][0] in OBSERVERS:
         return observe(parts[0][0], bus, scenario)
@@ -29,7 +29,7 @@ def drive(parts: Sequence[Part], bus: Bus, scenario: Scenario) -> Clock | Worker
 def observe(service: str, bus: Bus, scenario: Scenario) -> Observer:
     """Return an observer, ready to run; raises as `drive`."""
     (kind,) = classes(service, scenario).values()
-    assert issubclass(kind, Observer)  # else `classes` refuses it
+    assert issubclass(kind, Observer)  # `classes` refuses other types
     observer = kind(service, bus, scenario)
     observer.reset(scenario.seed)
     return observer

@@ -1,4 +1,4 @@
-"""The health of a service, once a simulated second: rates and ages of its inputs, refusals."""
+"""Health reports of a service: rates and ages of inputs, and refusals, once a simulated second."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from mecazen.wire import NS_PER_S, Stamp
 
 
 class Heard(Protocol):
-    """An input: how many samples have come, and in which tick the newest one."""
+    """An input: the number of samples received and the tick of the newest one."""
 
     count: int
     heard: int
 
 
 class Health:
-    """Publishes what a service reports of itself, and how its inputs come.
+    """Publishes values that a service reports, and the state of its inputs.
 
     Args:
-        name: The service.
-        robot: Its robot, if there are several and it belongs to one.
-        bus: Where it publishes.
+        name: The service's name.
+        robot: The service's robot; empty for a single robot and for shared services.
+        bus: The bus to publish on.
         scenario: The whole scenario.
-        inputs: By the keys that the service knows them by.
+        inputs: The inputs, by the service's own keys.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Health:
         self._counts = {key: heard.count for key, heard in self._inputs.items()}
 
     def publish(self, stamp: Stamp, values: Mapping[str, object]) -> None:
-        """Publish values, and the state of the inputs as of a tick."""
+        """Publish values and the state of the inputs at a tick."""
         refused, ignored = self._bus.refused, self._bus.ignored
         values = {**values, **self._rates(stamp), "refused_payloads": refused.total()}
         values |= {f"refused/{key}": count for key, count in refused.items()}

@@ -26,17 +26,17 @@ from mecazen.runtime.nodes import Hosted
 from mecazen.wire import NS_PER_S, Stamp
 
 EARLY_AT_MOST = 16
-"""Maximum number of samples that are kept for a run that has not begun here."""
+"""Maximum number of samples kept for a run that has not begun in this process."""
 
 Part = tuple[str, str]
-"""A service, and its robot if there are several."""
+"""A service and its robot; the robot is empty for a single robot and for shared services."""
 
 
 def part_of(service: str, scenario: Scenario, robot: str) -> Scenario:
-    """Return the scenario as a service sees it: whole, or as one of several robots does.
+    """Return the scenario of a service: the whole scenario, or its robot's part.
 
     Raises:
-        ConfigError: There is no such robot, or a robot must be named, or none.
+        ConfigError: The robot does not exist, is missing, or is named for a shared service.
     """
     if service in SHARED and robot:
         raise ConfigError(f"--robot {robot}: there is one {service} for all robots")
@@ -47,17 +47,17 @@ def part_of(service: str, scenario: Scenario, robot: str) -> Scenario:
 
 @dataclass
 class Service:
-    """A service in its process: its nodes, and its health."""
+    """A service of a process: its nodes and its health."""
 
     name: str
     robot: str
     nodes: list[tuple[Hosted, Runner]]
     health: Health
     reports: list[Callable[[], Mapping[str, object]]] = field(default_factory=list)
-    """What others report with it."""
+    """Functions that return further values for its diagnostics."""
 
     def diagnostics(self) -> dict[str, object]:
-        """Return what its nodes report, and what their inputs have missed."""
+        """Return the nodes' diagnostics, and counts of late samples and missed ticks."""
         values = {name: value for report in self.reports for name, value in report().items()}
         for hosted, runner in self.nodes:
             values.update(hosted.diagnostics())
@@ -71,23 +71,23 @@ class Service:
 
 
 class Host:
-    """The services of a process, ready for whoever drives their loop.
+    """The services of a process, with their loop; a clock or a worker drives the loop.
 
     Args:
         parts: The services, each with its robot.
-        bus: What connects them with other processes and with tools.
+        bus: Connection to other processes and tools.
         scenario: The whole scenario.
-        kinds: Classes by the names of their nodes, if not all that the scenario names.
+        kinds: Classes by node name; None: all classes that the scenario names.
 
     Raises:
-        ConfigError: There is no such service, or the scenario does not suit a node.
+        ConfigError: A service does not exist, or the scenario does not suit a node.
 
     Attributes:
-        loop: Executes the plan.
-        stamp: The newest tick.
-        world: The turn of the world, if it is among them.
-        next_run: The stamp of a sample of a new run, which is to begin.
-        has_news: Whether a sample without a stamp has come since `revise`.
+        loop: The loop that executes the plan.
+        stamp: The stamp of the newest tick.
+        world: The turn of the world, if this process contains it.
+        next_run: The stamp of a sample of a new run that has to begin; None if there is none.
+        has_news: Whether a sample that may repeat a step has arrived since `revise`.
     """
 
     def __init__(
@@ -122,9 +122,9 @@ class Host:
             maxlen=EARLY_AT_MOST
         )
         self.revision = 0
-        """How often parameters have been changed, as far as it counts here."""
+        """Number of parameter changes that have been applied here."""
         self._changes: dict[int, tuple[Stamp, Scenario]] = {}
-        """Changes that were heard of, by revision: from which tick on, and what then counts."""
+        """Announced changes by revision: the first tick, and the scenario from then on."""
         self._reported_s = -1
         self._subscribe()
         self._serve()
@@ -132,10 +132,10 @@ class Host:
         self.begin(self.stamp)
 
     def begin(self, stamp: Stamp) -> None:
-        """Begin a run, with the samples that have come of it."""
+        """Begin a run, with the samples of it that have already arrived."""
         if stamp.run != self.stamp.run:
             self._ended.append(self.stamp.run)
-        if stamp.revision < self.revision:  # whoever owns time has started again
+        if stamp.revision < self.revision:  # the process that owns time has restarted
             self.configure(self._started, 0)
         self.stamp = self.loop.stamp = stamp
         self.next_run = None
@@ -154,7 +154,7 @@ class Host:
             runner.reset(seed_of(self.stamp.seed, hosted.turn.robot))
 
     def configure(self, scenario: Scenario, revision: int) -> None:
-        """Let parameters count from the next tick on."""
+        """Apply a scenario with changed parameters from the next tick on."""
         self.scenario, self.revision = scenario, revision
         self._changes = {at: one for at, one in self._changes.items() if at > revision}
         for hosted, runner in zip(self.hosted, self.loop.runners, strict=True):
@@ -165,7 +165,7 @@ class Host:
                     hosted.steps.reset(seed_of(self.stamp.seed, robot))
 
     def knows(self, stamp: Stamp) -> bool:
-        """Let the changes count that are due in a tick; return whether all of them are known."""
+        """Apply the changes due in a tick; return whether all changes of its stamp are known."""
         due = [
             revision
             for revision, (begins, _) in self._changes.items()
@@ -177,13 +177,13 @@ class Host:
         return stamp.revision <= self.revision
 
     def revise(self) -> None:
-        """Repeat steps for commands that have come after them."""
+        """Repeat steps for which a newer command has arrived."""
         if self.has_news:
             self.has_news = False
             self.loop.revise()
 
     def put(self, topic: Topic[Any], message: Message) -> None:
-        """Publish a message without a stamp, as an external program would, here and elsewhere."""
+        """Publish a message without a stamp, as an external program would, to all processes."""
         for slots in (self._by_key[topic.key],) if topic.key in self._by_key else ():
             self._arrive(slots, topic, message, None)
         self.bus.publisher(topic).put(message, None)
@@ -201,19 +201,19 @@ class Host:
         return next(s for s in self.services if runner in [other for _, other in s.nodes])
 
     def close(self) -> None:
-        """End the nodes' work."""
+        """Close the nodes."""
         for hosted in self.hosted:
             hosted.close()
 
     def _make(self, turn: Turn, kind: Kind) -> Hosted:
-        assert issubclass(kind, Computing)  # observers are no part of a plan
+        assert issubclass(kind, Computing)  # a plan contains no observers
         robot = turn.robot
         scenario = self.scenario.of(robot) if robot else self.scenario
         is_own = turn.row.name in scenario.programs
         return Hosted(turn, kind, scenario, is_own=is_own)
 
     def _loop(self) -> Loop:
-        """Return the loop, with each output joined to its takers."""
+        """Return the loop, with each output connected to its slots and its publisher."""
         runners = []
         for hosted in self.hosted:
             turn = hosted.turn
@@ -258,14 +258,14 @@ class Host:
         return Service(name, robot, nodes, Health(name, robot, self.bus, self.scenario, inputs))
 
     def _subscribe(self) -> None:
-        """Hear what other processes publish of the inputs."""
+        """Subscribe to the inputs that other processes publish."""
         for slots in self._by_key.values():
             need = slots[0].need
             if not slots[0].is_remote and (self.lockstep or self.bus.hears_itself):
-                continue  # in lockstep only the node of the graph is heard
+                continue  # in lockstep only the graph's node may publish an input
             take = partial(self._arrive, slots, need.on_bus)
             nothing = partial(self._of_run, slots, need.on_bus, None) if self.lockstep else None
-            # a node that no one waits for makes every step, however slow it is
+            # a node that no process waits for makes every step, however slow it is
             every = self.lockstep and need.giver is not None
             self.bus.subscribe(need.on_bus, take, every=every, nothing=nothing)
         if self.world is None:
@@ -274,14 +274,14 @@ class Host:
     def _arrive(
         self, slots: Sequence[Slot], topic: Topic[Any], message: Message, stamp: Stamp | None
     ) -> None:
-        """Take a sample of another process."""
+        """Process a sample of another process."""
         if stamp is not None:
             self._of_run(slots, topic, message, stamp)
             return
         for slot in slots:
             need = slot.need
             if self.lockstep and need.giver is not None:
-                continue  # an outsider does not speak for a node that takes part
+                continue  # no external program may publish in place of a node that takes part
             if need.rule != "every" or need.lag:
                 slot.give(message, self.stamp.time_ns // self.tick_ns)
                 self.has_news = True
@@ -289,13 +289,13 @@ class Host:
     def _of_run(
         self, slots: Sequence[Slot], topic: Topic[Any], message: Message | None, stamp: Stamp
     ) -> None:
-        """Take a sample with a stamp if it is of this run, and keep it if it is of a new one."""
+        """Receive a stamped sample of this run; keep one of a new run for later."""
         if stamp.run == self.stamp.run:
             self._receive(slots, message, stamp)
         elif self.world is None and stamp.run not in self._ended:
-            # another process may have heard of a new run, and answered, before this one
+            # another process may have begun a new run, and answered, before this process
             self._early.append((slots, message, stamp))
-            # whoever owns time says so with a message
+            # only a message of a node announces a run: no empty sample, no open topic
             if message is not None and not topic.open:
                 self.next_run = stamp
 
@@ -329,7 +329,7 @@ class Host:
                         self.bus.serve_files(join_key(prefix, robot), files)
 
     def _on_return(self, name: str) -> None:
-        """Let the nodes begin again that depend on a service that has come back."""
+        """Reset the nodes whose row requires it when a service has returned."""
         for hosted, runner in zip(self.hosted, self.loop.runners, strict=True):
             if name in [join_key(part, hosted.turn.robot) for part in hosted.turn.row.resets_with]:
                 self._reset(hosted, runner)

@@ -1,4 +1,4 @@
-"""Makes nodes for the loop: the world as a node, and user nodes whose mistakes are explained."""
+"""Nodes as the loop calls them: an adapter for worlds, and checks of user nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mecazen.plan import Turn
 
 @contextmanager
 def explaining(name: str) -> Iterator[None]:
-    """Raise a NodeError that names the node and the place for whatever goes wrong in user code."""
+    """Convert exceptions of user code into a NodeError that names the node and the line."""
     try:
         yield
     except (MecazenError, RefusedError):
@@ -31,10 +31,10 @@ class Hosted:
     """A node in its process.
 
     Args:
-        turn: Its place in the plan.
-        kind: Its class.
-        scenario: As its robot sees it.
-        is_own: Whether it is a user's: its mistakes are explained and its outputs are checked.
+        turn: The node's turn of the plan.
+        kind: The node's class.
+        scenario: The scenario of the node's robot.
+        is_own: Whether it is a user node, whose errors are explained and outputs checked.
     """
 
     def __init__(
@@ -57,29 +57,29 @@ class Hosted:
         return explaining(self.name) if self._is_own else nullcontext()
 
     def configure(self, scenario: Scenario) -> None:
-        """Continue with other parameters."""
+        """Continue with a scenario in which parameters have changed."""
         if scenario != self.scenario:
             self.scenario = scenario
             with self.calling():
                 self.node.configure(scenario)
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what the node reports of its health."""
+        """Return values on the node's health, by name."""
         with self.calling():
             return self.node.diagnostics()
 
     def close(self) -> None:
-        """End the node's work."""
+        """Close the node."""
         with self.calling():
             self.node.close()
 
 
 class WorldSteps:
-    """A world as the loop steps it: with whole keys for its robots' topics, and with time.
+    """Adapts a world to the loop: full keys for the robots' topics, and the clock as an output.
 
     Args:
         world: The world.
-        turn: Its place in the plan.
+        turn: The world's turn of the plan.
         robots: The robots' names.
     """
 
@@ -92,7 +92,7 @@ class WorldSteps:
             name: {
                 of_robot(i.topic, name): i.topic
                 for i in turn.row.inputs
-                # the first robot takes what all share
+                # the first robot receives the shared topics
                 if not i.topic.shared or name == robots[0]
             }
             for name in robots
@@ -103,7 +103,7 @@ class WorldSteps:
         self._world.reset(seed)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Advance the world with the answers to the tick before; return time and the new state."""
+        """Advance the world with the outputs of the tick before; return time and the new state."""
         parts = {name: inputs.renamed(topics) for name, topics in self._topics.items()}
         states = self._world.step(tick, parts)
         if not isinstance(states, Mapping) or set(states) != set(self._robots):
@@ -120,7 +120,7 @@ class WorldSteps:
 
 
 class OwnSteps:
-    """The steps of a user's node: explained where they fail, and checked where they do not."""
+    """Adapts a user node to the loop: explains its errors and checks its outputs."""
 
     def __init__(self, steps: Steps, turn: Turn) -> None:
         self._steps = steps
@@ -136,7 +136,7 @@ class OwnSteps:
         """Return the outputs of a tick.
 
         Raises:
-            NodeError: The node failed, or its outputs are not what its row says.
+            NodeError: The node failed, or its outputs do not match its row.
         """
         with explaining(self._name):
             outputs = self._steps.step(tick, inputs)

@@ -1,4 +1,4 @@
-"""What only observes: it takes everything, answers nothing, and no tick waits for it."""
+"""Observers: services that receive samples, answer nothing, and delay no tick."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mecazen.wire import NS_PER_S, Stamp
 
 
 class _Heard:
-    """What has come on one key."""
+    """The number of samples received on a key, and the tick of the newest one."""
 
     def __init__(self) -> None:
         self.count, self.heard = 0, -1
 
 
 class Observer(ABC):
-    """A service that shows or keeps what the nodes publish.
+    """A service that shows or records the samples of nodes.
 
-    Samples of a new run begin it again with `reset`; samples of ended runs are dropped.
+    The first sample of a new run calls `reset`. Samples of ended runs are dropped.
 
     Args:
         name: The service's name.
-        bus: What it observes.
+        bus: The bus to observe.
         scenario: The whole scenario.
     """
 
@@ -38,9 +38,9 @@ class Observer(ABC):
         self.bus = bus
         self.scenario = scenario
         self.stamp = Stamp(0, 0, scenario.seed)
-        """The newest tick that it has heard of."""
+        """Stamp of the newest tick received."""
         self.announce: Callable[[str], None] = lambda _: None
-        """Takes the address of a page that the service serves."""
+        """Function called with the address of a page that the service serves."""
         self._ended: deque[int] = deque(maxlen=16)
         self._heard: dict[str, _Heard] = {}
         self._health = Health(name, "", bus, scenario, self._heard)
@@ -50,23 +50,23 @@ class Observer(ABC):
         """Begin a run."""
 
     def run(self) -> None:
-        """Work until the bus is stopped."""
+        """Deliver samples until the bus is stopped."""
         while True:
             self.bus.spin_once()
 
     def close(self) -> None:  # noqa: B027  # some have nothing to do
-        """End the work, after the bus was stopped or a run is over."""
+        """Release resources, after the bus was stopped or a run is over."""
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return what it reports of its health, by name."""
+        """Return values on the service's health, by name."""
         return {}
 
     def subscribe(
         self, topic: Topic[MessageT], handler: Handler[MessageT], robot: str = ""
     ) -> None:
-        """Deliver the samples of a topic that belong to this run, or have no stamp.
+        """Deliver the samples of a topic that belong to this run or have no stamp.
 
-        A topic that anyone may publish on begins no run.
+        An open topic, on which any client may publish, begins no run.
         """
         on_bus = of_robot(topic, robot)
         heard = self._heard.setdefault(on_bus.key, _Heard())
@@ -81,7 +81,7 @@ class Observer(ABC):
         self.bus.subscribe(on_bus, take)
 
     def _is_current(self, stamp: Stamp, *, begins: bool) -> bool:
-        """Return whether a sample is of this run; one of a new run begins it."""
+        """Return whether a sample belongs to this run; begin a new run if `begins` allows it."""
         last = self.stamp
         if stamp.run != last.run:
             if stamp.run in self._ended or not begins:

@@ -1,8 +1,8 @@
-"""In lockstep the clock keeps pace with those who take every sample, so that none is lost.
+"""Flow control in lockstep: the clock waits for services that need every sample.
 
-A full link drops samples, since a slow observer must delay no tick. So a recorder, and a service
-that the world does not wait for, acknowledge what they have taken. The clock stays only a few ticks
-ahead of them: links hold so much.
+A full link drops samples. So a recorder, and a service that the world does not wait for,
+acknowledge the samples that they have received. The clock stays at most `TICKS_AHEAD` ticks ahead
+of them, and links can queue the samples of that many ticks.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from mecazen.keys import CLOCK, Topic, of_robot
 from mecazen.wire import Stamp
 
 EVERY = "every"
-"""A liveliness token `<name>/every` says that its holder takes every sample."""
+"""A liveliness token `<name>/every` means that its holder needs every sample."""
 TICKS_AHEAD = 16
-"""The clock goes so far ahead of the slowest of them."""
+"""Maximum number of ticks by which the clock is ahead of the slowest holder."""
 TICKS_APART = 4
-"""Ticks from one receipt to the next."""
+"""Number of ticks from one receipt to the next."""
 TAKERS_AT_MOST = 64
-"""Anyone may hold a token."""
+"""Maximum number of holders that the clock waits for, since any client may hold a token."""
 
 logger = logging.getLogger(__name__)
 
 
 def receipts(name: str, robot: str = "") -> Topic[m.Clock]:
-    """Return the topic on which a service acknowledges samples; `**` does not hold it."""
+    """Return the topic on which a service acknowledges samples; `**` does not match it."""
     return of_robot(Topic(f"@receipts/{name}", m.Clock, "until when all is taken"), robot)
 
 
 class Receipts:
-    """Acknowledges the samples of a service that takes all of them.
+    """Acknowledges samples for a service that needs all of them.
 
     Args:
-        bus: Where its subscriptions already are.
-        name: The service.
-        robot: Its robot, if there are several and it belongs to one.
-        tick_ns: The control period; 0 where it is unknown [ns].
+        bus: The bus, which already has the service's subscriptions.
+        name: The service's name.
+        robot: The service's robot; empty for a single robot and for shared services.
+        tick_ns: The control period; 0 if unknown [ns].
     """
 
     def __init__(self, bus: Bus, name: str, robot: str = "", tick_ns: int = 0) -> None:
@@ -50,13 +50,13 @@ class Receipts:
         bus.declare_alive(f"{name}/{EVERY}", robot)
 
     def reached(self, stamp: Stamp) -> None:
-        """Acknowledge, every few ticks, that all samples up to a tick are taken."""
+        """Acknowledge all samples up to a tick; send a receipt only every `TICKS_APART` ticks."""
         if stamp.run != self._told.run or stamp.time_ns >= self._told.time_ns + self._step_ns:
             self._told = stamp
             self._publisher.put(m.Clock(clock=stamp.time), stamp)
 
     def follow(self) -> None:
-        """Acknowledge the samples that have come before each of the clock's."""
+        """Acknowledge, at each sample of the clock, the samples that arrived before it."""
 
         def take(_: m.Clock, stamp: Stamp | None) -> None:
             if stamp is not None:
@@ -66,12 +66,12 @@ class Receipts:
 
 
 class Pace:
-    """Holds the clock back for those who take every sample.
+    """Makes the clock wait for services that need every sample.
 
     Args:
-        bus: Brings their receipts.
+        bus: The bus that delivers their receipts.
         tick_ns: The control period [ns].
-        patience_s: How long the clock waits for one of them [s].
+        patience_s: Maximum time that the clock waits for a service [s].
     """
 
     def __init__(self, bus: Bus, tick_ns: int, patience_s: float) -> None:
@@ -79,10 +79,10 @@ class Pace:
         self._run = 0
         self._tick = 0
         self._taken: dict[str, int] = {}
-        """The newest tick whose samples each has taken."""
+        """The newest acknowledged tick, by service."""
         self._heard: set[str] = set()
         self._ignored: set[str] = set()
-        """Those that were silent for too long, until their next receipt."""
+        """Services that were silent for too long, until their next receipt."""
         bus.presence.on_change.append(self._note_tokens)
 
     def begin(self, run: int) -> None:
@@ -91,7 +91,7 @@ class Pace:
         self._taken = dict.fromkeys(self._taken, 0)
 
     def keep(self, tick: int) -> None:
-        """Wait before a tick until nobody is too far behind; not longer than `patience_s`."""
+        """Wait before a tick while a service is too far behind, at most `patience_s`."""
         self._tick = tick
         end_s = time.monotonic() + self._patience_s
         while behind := self._behind():

@@ -1,4 +1,4 @@
-"""Runs services as a process: bus, liveliness, priority, signals."""
+"""Runs services as a process: opens the bus, declares liveliness, sets priority and signals."""
 
 from __future__ import annotations
 
@@ -88,25 +88,25 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
 
 
 def _put_nowhere(*_: object) -> None:
-    """Publish nothing: an observer takes no commands."""
+    """Do nothing: an observer receives no commands."""
 
 
 def _robots(
     service: str, process: Process, scenario: Scenario, *, all_robots: bool
 ) -> tuple[str, ...]:
     if service in SHARED:
-        # a robot that is named for what all share is refused, see `part_of`
+        # `part_of` refuses a robot's name for a shared service
         return (process.robot,)
     return scenario.names if all_robots else (process.robot,)
 
 
 def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
-    """Let a process of real time go before what else the machine does, where that is allowed.
+    """Give the process real-time priority and a fixed core, if the system permits it.
 
-    As ros2_control's controller manager does. The processes of a stack then share one core: they
-    take turns anyway, and to wake on another takes longer than to wait. Threads that are started
-    later do likewise. Faster than real time a process may never rest, and would lock out all
-    others.
+    ros2_control's controller manager does the same. The processes of a stack share one core: they
+    take turns anyway, and waking a process on another core takes longer than waiting. Threads
+    that start later inherit both settings. In lockstep, or faster than real time, a process may
+    never sleep and would block all others, so it gets no priority.
     """
     table = graph_of(scenario).services
     priority = max((row.priority for s in process.services for row in table.get(s, ())), default=0)
@@ -120,21 +120,25 @@ def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
 
 
 def _core_of(bus: BusConfig) -> int:
-    """Return the core of a stack: of several, each has one by chance, and always the same."""
+    """Return the core of a stack, chosen by a hash of its endpoints and namespace."""
     cores = sorted(os.sched_getaffinity(0))
     stack = f"{bus.router_endpoints} {bus.namespace}"
     return cores[zlib.crc32(stack.encode()) % len(cores)]
 
 
 def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None:
-    """Raise BusError if a service of one of these names is alive.
+    """Check that no service with one of these names is alive.
 
-    It asks as a client, since only a client's session begins with its link to the router.
+    The query uses a client session, since only a client's session begins with its link to the
+    router.
+
+    Raises:
+        BusError: A service with one of these names is alive.
     """
     try:
         bus = ZenohBus(config, "client", name=parts[0][0])
     except BusError:
-        return  # no router yet, so nobody is to be met there either
+        return  # without a router there is no other service
     try:
         alive = bus.alive()
         for name in (join_key(*part) for part in parts):
@@ -145,13 +149,13 @@ def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None
 
 
 def end_with_stdin() -> None:
-    """End this process as a signal does when standard input closes.
+    """Send SIGTERM to this process when standard input closes.
 
-    So it does when the process that has started this one dies, in whatever way.
+    Standard input also closes when the parent process dies, for any reason.
     """
 
     def wait() -> None:
-        # not through sys.stdin, whose lock a thread that waits would hold at the process's exit
+        # a thread that waits in sys.stdin would hold its lock at the process's exit
         while os.read(0, 4096):
             pass
         os.kill(os.getpid(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""Who is ready: a liveliness token of each service, once it has seen all others."""
+"""Readiness: a service declares a liveliness token once it has seen all other services."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from mecazen.robots import join_key
 def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -> None:
     """Declare `<service>/ready` once every other service of the scenario is seen alive.
 
-    In real time observers are not waited for: they are never needed.
+    In real time it does not wait for observers, since no service needs them.
 
-    A service that sees another's token has a link to it, and the other's subscriptions are
-    known on it. When all are ready, all links of the loop stand, so no first sample is lost.
+    A service that sees another's token has a link to it and knows its subscriptions. Once all
+    services are ready, all links exist, so no first sample is lost.
     """
     others = {join_key(*part) for part in scenario.parts} - {join_key(service, robot)}
     if scenario.sim.mode == "real_time":

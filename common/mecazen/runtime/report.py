@@ -1,4 +1,4 @@
-"""What a process tells the one that has started it, on a pipe of their own."""
+"""Reports from a process to its parent process, over a pipe."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import msgspec
 
 
 class Report(msgspec.Struct, frozen=True):
-    """A line on the pipe, in JSON."""
+    """A line on the pipe, as JSON."""
 
     kind: Literal["forked", "started", "serving", "failed", "ended"]
-    """It exists; it works; it serves a page at an address; it ends with an error; it has ended."""
+    """The process exists, works, serves a page at an address, ends with an error, or has ended."""
     text: str = ""
-    """The address, or the error in one line."""
+    """Address of the page, or the error in one line."""
     number: int = 0
-    """Of the process that was forked, or the exit code; that of a signal is negative."""
+    """Id of the forked process, or the exit code, which is negative after a signal."""
 
 
 class Reporter:
@@ -28,11 +28,11 @@ class Reporter:
 
     @property
     def log_level(self) -> int:
-        """The level of logs: warnings only where the starting process gets reports."""
+        """The log level: only warnings if the parent process receives reports."""
         return logging.INFO if self.descriptor is None else logging.WARNING
 
     def tell(self, report: Report) -> None:
-        """Write a report; where nobody reads any more, there is nobody to tell."""
+        """Write a report; stop reporting once the pipe is closed."""
         if self.descriptor is not None:
             try:
                 os.write(self.descriptor, msgspec.json.encode(report) + b"\n")

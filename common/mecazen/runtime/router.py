@@ -15,20 +15,20 @@ from mecazen.runtime.report import Report, Reporter
 logger = logging.getLogger(__name__)
 
 SAMPLES_PER_TICK = 10
-"""In real time a router takes so many from each of its links, on one key; more is a flood."""
+"""In real time, the number of samples per tick that a router accepts on a key from each link."""
 
 
 def run_router(scenario: Scenario, reporter: Reporter) -> None:
     """Run the router until a signal ends it.
 
     Raises:
-        BusError: Its port is taken, or strangers would get in.
+        BusError: The port is taken, or an endpoint is insecure.
     """
     log.set_up("router", lambda: 0.0, reporter.log_level)
     stopped = _StopFlag()
     stop_on_signals(stopped.set)
     sim = scenario.sim
-    # in lockstep nobody keeps time: what is lost there is waited for
+    # lockstep has no rate: ticks may be fast, and a dropped sample would be awaited in vain
     most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
     with open_session(scenario.bus, "router", "router", most_hz=most_hz, robots=scenario.names):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.router_endpoints or ()))
@@ -37,10 +37,9 @@ def run_router(scenario: Scenario, reporter: Reporter) -> None:
 
 
 class _StopFlag:
-    """Waits for signals without a poll.
+    """Waits for signals without polling.
 
-    A signal that comes just before `signal.pause` is not waited for by it; a byte in a pipe
-    stays there.
+    `signal.pause` would miss a signal that arrives just before it. A byte in a pipe stays there.
     """
 
     def __init__(self) -> None:
@@ -58,6 +57,6 @@ class _StopFlag:
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
-    """Call `stop` on Ctrl-C, and on the signals that end a process."""
+    """Call `stop` on SIGINT, SIGTERM and SIGHUP."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop())

@@ -1,37 +1,38 @@
-"""When a tick is due on the wall clock."""
+"""The schedule of ticks on the wall clock."""
 
 from __future__ import annotations
 
 import time
 
 MAX_LAG_S = 1.0
-"""Behind by more than this, the schedule begins anew instead of catching up."""
+"""Lag beyond which the schedule restarts instead of catching up [s]."""
 RTF_WINDOW_S = 1.0
+"""Minimum time over which the real-time factor is measured [s]."""
 
 
 class Schedule:
     """Ticks of `tick_s` simulated seconds at `speed` simulated seconds per wall second.
 
-    Dates are counted from one beginning, so waiting a little too long never adds up.
+    Due times are computed from one start time, so small delays do not accumulate.
     """
 
     def __init__(self, tick_s: float, speed: float) -> None:
         self.speed = speed
         self.rtf = 0.0
-        """Real-time factor over the last second or so."""
+        """Real-time factor over about the last second."""
         self._tick_s = tick_s
         self._period_s = tick_s / speed
         self.restart(0)
 
     def restart(self, tick: int) -> None:
-        """Let `tick` be due now."""
+        """Restart the schedule, with `tick` due now."""
         now = time.monotonic()
         self._begin_s, self._begin_tick = now, tick
         self._published_s = now
         self._window_s, self._window_tick = now, tick
 
     def published(self, tick: int) -> None:
-        """Note that the state of `tick` is out."""
+        """Note that the state of `tick` is published."""
         now = time.monotonic()
         self._published_s = now
         elapsed = now - self._window_s
@@ -42,10 +43,10 @@ class Schedule:
             self.restart(tick)
 
     def wait_s(self, tick: int, *, answered: bool) -> float:
-        """Return how long to wait before simulating on from `tick`; 0 or less is not at all.
+        """Return the time to wait before the tick after `tick` [s]; no wait if 0 or less.
 
-        A schedule that is behind goes on as soon as the tick is answered, but gives the
-        others at least half a period to answer.
+        A schedule that is behind continues as soon as the tick is answered, but gives the other
+        services at least half a period to answer.
         """
         due_s = self._due_s(tick + 1)
         if not answered:

@@ -1,4 +1,4 @@
-"""A worker: makes the ticks of a process whose time another process owns."""
+"""Workers: drivers of the services in a process that does not own simulated time."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from mecazen.wire import Stamp
 
 
 class _RunEnded(Exception):  # noqa: N818 - no error: it ends the tick in progress
-    """A sample of a new run has come."""
+    """A sample of a new run has arrived."""
 
 
 class Worker:
-    """Drives the loop of services by the samples that come.
+    """Drives the loop of services by the samples that arrive.
 
-    In lockstep a tick waits until all its samples have come. In real time it waits until a sample
-    of the next tick has come, and goes on with what is there.
+    In lockstep a tick waits until all its samples have arrived. In real time it waits until a
+    sample of the next tick arrives, and then continues without the missing ones.
 
     Args:
-        host: The services.
+        host: The services of the process.
     """
 
     def __init__(self, host: Host) -> None:
         self.host = host
         self._last = -1
-        """The newest tick that was begun in this run."""
+        """The newest tick begun in this run."""
         self._lacking: Iterator[Slot] | None = None
-        """The tick in progress ..."""
+        """The tick in progress, which yields slots that lack a sample."""
         self._slot: Slot | None = None
-        """... and what it waits for."""
-        # a turn that only turns of this process trigger is due when they are
+        """The slot that the tick in progress waits for."""
+        # turns that only turns of this process trigger are due together with them
         self._turns = [
             (runner.turn.period, slots)
             for runner in host.loop.runners
@@ -41,7 +41,7 @@ class Worker:
         ]
 
     def run(self) -> None:
-        """Work until the bus is stopped."""
+        """Make ticks until the bus is stopped."""
         host = self.host
         names = {join_key(*part) for part in host.parts}
         if not self.host.lockstep or names & host.plan.awaited():
@@ -55,9 +55,9 @@ class Worker:
                 receipts.reached(host.stamp._replace(time_ns=taken * host.tick_ns))
 
     def step(self) -> bool:
-        """Make a tick, or begin a run; return False if what it waits for can't come any more.
+        """Make a tick or begin a run; return False if an awaited sample can't arrive any more.
 
-        That is so on a bus within one process: a later call goes on where this one ended.
+        That happens on a bus within one process. A later call continues where this one ended.
         """
         try:
             return self._make_tick()
@@ -79,7 +79,7 @@ class Worker:
             k, stamp = trigger
             while not host.knows(stamp):
                 if any(later.revision < stamp.revision for _, later in self._later(k)):
-                    self._last = k  # the sample lied: a later one knows of fewer changes
+                    self._last = k  # the sample is invalid: a later one has fewer changes
                     return True
                 if not self._wait():
                     return False
@@ -93,29 +93,29 @@ class Worker:
                     return False
             self._slot = next(self._lacking, None)
         self._lacking = None
-        host.has_news = True  # a command may have come after the turn that takes it
+        host.has_news = True  # a command may have arrived after the turn that uses it
         host.revise()
         return True
 
     def _wait(self) -> bool:
-        """Deliver one thing that arrives; return False if nothing can arrive any more."""
+        """Deliver one sample, query or event; return False if nothing can arrive any more."""
         has_come = self.host.bus.spin_once()
         if self.host.next_run is not None:
             raise _RunEnded
         return has_come
 
     def _trigger(self) -> tuple[int, Stamp] | None:
-        """Return the tick to make, if a sample that triggers it has come, and its stamp."""
+        """Return the tick to make and its stamp, if a sample that triggers it has arrived."""
         if not self.host.lockstep or self._last < 0:
             return min(self._later(self._last), default=None)
         k, slots = self._due()
         for stamp, tick, _ in slots[0].waiting:
-            if tick >= k:  # where it is later, no sample of this tick will come
+            if tick >= k:  # if it is later, no sample of this tick will arrive
                 return (k, stamp) if tick == k else min(self._later(self._last))
         return None
 
     def _due(self) -> tuple[int, list[Slot]]:
-        """Return the tick in which a turn is due next, and what triggers the first such turn."""
+        """Return the next tick in which a turn is due, and the slots that trigger this turn."""
         k = self._last + 1
         while True:
             for period, slots in self._turns:
@@ -124,7 +124,7 @@ class Worker:
             k += 1
 
     def _later(self, k: int) -> Iterator[tuple[int, Stamp]]:
-        """Yield the next trigger after tick `k` that has come on each input."""
+        """Yield the first trigger after tick `k` that has arrived on each input."""
         for _, slots in self._turns:
             for slot in slots:
                 for stamp, tick, _ in slot.waiting:
@@ -133,5 +133,5 @@ class Worker:
                         break
 
     def _is_over(self, k: int) -> bool:
-        """Return whether tick `k` waits no longer: in real time, until the next one begins."""
+        """Return whether tick `k` stops waiting: in real time, once a later one is triggered."""
         return not self.host.lockstep and next(self._later(k), None) is not None

@@ -17,7 +17,7 @@ from mecazen_people.body.segments import Segments
 from mecazen_people.body.style import Style
 
 SAMPLES = 100
-"""Of the pelvis over the cycle; of a leg over its stance, and as many over its swing."""
+"""Number of samples of the pelvis over the cycle, of a leg over its stance, and over its swing."""
 _HARMONICS = 8  # of the pelvis
 _CLEARANCE = 0.007  # about the least in the middle of the swing [m]
 _TIED = 0.4  # share of the swing over which each end is tied to the stance
@@ -66,9 +66,9 @@ class Leg(NamedTuple):
     """A leg over its stance (SAMPLES + 1 values), or its swing."""
 
     pitch: Sequence[float]
-    """Of the foot, toes up [rad]."""
+    """Pitch of the foot, toes up [rad]."""
     lift: Sequence[float]
-    """Of the foot's lowest point [m]; 0 in stance."""
+    """Height of the foot's lowest point [m]; 0 in stance."""
     progress: Sequence[float]
     """In the world, from 0 where the foot stood to 1 where it will; 0 in stance."""
 
@@ -82,9 +82,9 @@ class Cycle(NamedTuple):
     """Forward places of the standing feet at half stance, from the path's pose [m]."""
     swings: Swings
     forward: Sequence[float]
-    """Of the pelvis from the path's pose over the left leg's phase, SAMPLES + 1 values [m]."""
+    """Offset of the pelvis ahead of the path's pose over the left leg's phase, SAMPLES + 1 [m]."""
     height: Sequence[float]
-    """Of the pelvis [m]."""
+    """Height of the pelvis [m]."""
     legs: tuple[tuple[Leg, Leg], tuple[Leg, Leg]]
     """Stance and swing of the left leg and of the right one."""
 

@@ -13,7 +13,7 @@ SLOWEST, FASTEST, _STEP = 0.2, 2.0, 0.2  # [m/s]
 
 
 class Foot(NamedTuple):
-    """What a cycle says of a foot: see `cycle.Leg`."""
+    """Values of a cycle for a foot: see `cycle.Leg`."""
 
     pitch: float
     lift: float

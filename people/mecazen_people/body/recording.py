@@ -21,7 +21,7 @@ _NAMES = {
     "toe": ("{}Toe", "{}ToeBase", "{}.Toe", "{}TOO", "{}TOE"),
     "asis": ("{}.ASIS", "{}ASIS", "{}ASI"),
 }
-"""Of points, as BVH, OpenSim and Plug-in Gait have them; {} is the side."""
+"""Names of points in BVH, OpenSim and Plug-in Gait; {} is the side."""
 _SIDES = (("Left", "L"), ("Right", "R"))
 _HEADING_S = 1.2  # about a stride: the mean heading of the pelvis is that of the walk
 _STRAIGHTEST = np.radians(3.0)  # knee

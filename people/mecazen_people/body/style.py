@@ -25,7 +25,7 @@ class Reference(NamedTuple):
     speed: float
     """[m/s]."""
     stance_shares: tuple[float, float]
-    """Of the left and the right leg, as all pairs."""
+    """Stance shares of the left and the right leg, in the order of all pairs."""
     stride: float | None
     """Stride length [m]; None is that of the walk ratio."""
     curves: tuple[Curves, Curves]

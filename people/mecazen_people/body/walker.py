@@ -71,7 +71,7 @@ class Walker:
         self.reset(Motion(Pose2D()))
 
     def twin(self) -> Walker:
-        """Return somebody else of the same body: the gait is found once."""
+        """Return another walker with the same body, which reuses its gait."""
         twin = copy(self)
         twin._gait = copy(self._gait)
         twin.reset(Motion(Pose2D()))

@@ -1,1 +1,1 @@
-"""Other people: on paths, or reacting to each other, to robots and to what stands there."""
+"""Other people: on paths, or reacting to each other, to robots and to obstacles."""

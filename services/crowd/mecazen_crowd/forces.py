@@ -1,4 +1,4 @@
-"""The social force: how people steer clear of each other, of robots and of what stands there.
+"""The social force: how people steer clear of each other, of robots and of obstacles.
 
 D. Helbing & P. Molnár, Social force model for pedestrian dynamics, Phys. Rev. E 51:4282, 1995,
 with their parameters: a drive towards the preferred velocity, a repulsion by potentials that are
@@ -23,18 +23,18 @@ RELAXATION_S = 0.5
 """Helbing & Molnár's τ, as the next five."""
 POTENTIAL_M2_S2, POTENTIAL_M = 2.1, 0.3
 STRIDE_S = 2.0
-"""Over this time the ellipse of somebody extends ahead."""
+"""Time over which a person's ellipse extends ahead [s]."""
 OBSTACLE_M2_S2, OBSTACLE_M = 10.0, 0.2
 COS_VIEW, BEHIND = math.cos(math.radians(100.0)), 0.5
-"""Of half the field of view, and the weight of what is behind."""
+"""Cosine of half the field of view, and the weight of forces from behind."""
 FASTEST = 1.3
-"""Of the preferred speed."""
+"""Maximum speed, as a multiple of the preferred speed."""
 CONTACT_M_S2, CONTACT_M = 25.0, 0.08
 """Helbing, Farkas & Vicsek's A/m and B."""
 FLUCTUATION_M_S2 = 0.1
-"""Standard deviation; Helbing & Molnár leave it open. Who meets head on needs a little."""
+"""Standard deviation; Helbing & Molnár leave it open. People who meet head on need a little."""
 STRONGEST_M_S2 = 8.0
-"""Nobody changes their velocity faster, whatever is near."""
+"""Maximum acceleration of a person."""
 LEAST_M = 0.05
 """Potentials are not taken nearer: their gradient grows without bounds."""
 
@@ -51,12 +51,12 @@ def repulsion(
     """Return the acceleration of each of n people by each of m others (n, m, 2) [m/s²].
 
     Args:
-        places: Of the people (n, 2) [m].
+        places: Places of the people (n, 2) [m].
         heading: Unit vectors of where they want to go (n, 2), or zeros.
         others: Places of the others (m, 2) [m].
         velocities: Theirs (m, 2) [m/s].
         touching: Distance of centres at which the bodies touch (n, m) [m]; infinite where there is
-            no force, as of oneself.
+            no force, such as from the person themselves.
     """
     apart = places[:, None] - others
     distance = np.maximum(_length(apart), 1e-9)

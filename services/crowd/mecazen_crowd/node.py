@@ -1,4 +1,4 @@
-"""The crowd: everybody in the world, of whom some walk here."""
+"""The crowd: all people in the world, including the walkers that this node simulates."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from mecazen_crowd.reactive import Errand, Other, Pedestrians, drawn
 ROBOT_MARGIN_M = 0.1
 """People keep farther from a robot's corners than from each other."""
 MISSED_AT_MOST = 50
-"""So many steps are made up for at once, where a process was held up."""
+"""Maximum number of missed steps that are made up for at once after a delay."""
 
 
 class CrowdNode(Node):
-    """Tells where everybody is: those whom robots follow, walkers, and the robots."""
+    """Publishes the poses of all people and robots: followed persons, walkers, and robots."""
 
     ROW = TABLE["crowd"]
 
@@ -63,7 +63,7 @@ class CrowdNode(Node):
         self.pedestrians: Pedestrians | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return everybody, in ticks in which bodies move."""
+        """Return all people and robots, in ticks in which bodies move."""
         for name in self.scenario.names:
             self.robots[name] = inputs[of_robot(GROUND_TRUTH, name)]
             if (odometry := inputs.get(of_robot(TARGET_ODOM, name))) is not None:
@@ -85,7 +85,7 @@ class CrowdNode(Node):
         return {PEOPLE: m.People(header, tuple(persons), tuple(robots))}
 
     def _walk(self, time: float, steps: int) -> list[Motion]:
-        """Return the walkers' motions at a time [s], so many steps after the last one."""
+        """Return the walkers' motions at a time [s], a number of steps after the last one."""
         on_paths = [None if path is None else path.at(time) for path in self.paths]
         others = [_other(motion, self.radius) for motion in on_paths if motion is not None]
         others += [_other(_motion(odometry), self.radius) for odometry in self.targets.values()]

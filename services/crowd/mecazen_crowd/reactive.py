@@ -1,4 +1,4 @@
-"""Walkers who give way: to each other, to all others, to robots and to obstacles."""
+"""Walkers who give way to each other, to all other people, to robots and to obstacles."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ ARRIVED_M = 0.3
 TURN_HZ = 5.0
 """Gain by which a body turns to where it goes."""
 CLEAR_M = 0.8
-"""Nobody begins nearer to anybody or anything."""
+"""Minimum distance of a start from all people and things [m]."""
 DRAWS = 200
-"""Places that are tried for somebody to begin at; an area may be full."""
+"""Number of start places tried for a walker, since an area may be full."""
 
 
 class Other(NamedTuple):
-    """Somebody or something else that moves: a disc."""
+    """Another person or thing that moves, as a disc."""
 
     x: float
     y: float
@@ -38,7 +38,7 @@ class Other(NamedTuple):
 
 
 class Errand(NamedTuple):
-    """Where somebody goes."""
+    """The goals of a walker."""
 
     start: Pose2D
     goals: tuple[tuple[float, float], ...]
@@ -50,7 +50,7 @@ class Errand(NamedTuple):
 
     @classmethod
     def of(cls, path: Goal) -> Errand:
-        """Return what a path says."""
+        """Return the errand of a path."""
         start = Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
         goals = (path.goal_m, (path.x_m, path.y_m)) if path.back_and_forth else (path.goal_m,)
         return cls(start, goals, path.back_and_forth, path.speed_m_s, path.start_after_s)
@@ -110,9 +110,9 @@ class Pedestrians:
 
     Args:
         errands: Where each goes.
-        obstacles: What stands there.
-        radius: Of each body [m].
-        seed: Of the fluctuations.
+        obstacles: The obstacles of the world.
+        radius: Radius of each body [m].
+        seed: Seed of the fluctuations.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Pedestrians:
         self._next = [0] * len(errands)
         self._random = [Generator(PCG64([seed, n, 1])) for n in range(len(errands))]
         self.motions = [Motion(one.start) for one in errands]
-        """Of each, now."""
+        """Current motion of each walker."""
 
     def step(self, time: float, dt: float, others: Sequence[Other]) -> None:
         """Advance to a time by `dt` [s] among others."""
@@ -160,7 +160,7 @@ class Pedestrians:
         self.motions = [self._motion(n, place, v, dt) for n, (place, v) in enumerate(rows)]
 
     def _preferred(self, number: int, time: float) -> tuple[float, float]:
-        """Return the velocity that somebody wants to have [m/s]."""
+        """Return the preferred velocity of a walker [m/s]."""
         errand = self._errands[number]
         if time < errand.start_after:
             return 0.0, 0.0
@@ -177,7 +177,7 @@ class Pedestrians:
         )
 
     def _motion(self, number: int, place: list[float], velocity: list[float], dt: float) -> Motion:
-        """Return somebody's motion: the body turns to where it goes, as fast as people do."""
+        """Return a walker's motion; the body turns to its direction of travel at a human rate."""
         (x, y), (vx, vy) = place, velocity
         speed, yaw = math.hypot(vx, vy), self._yaws[number]
         rate = 0.0

@@ -15,7 +15,7 @@ ROUNDING = 1e-12
 WORTHWHILE = 1e-6
 """An axis that turns less of its speed into distance than this is left alone."""
 DISTANCE_WEIGHT = 10.0
-"""Of a squared speed away from the person against one around them, while the robot accelerates.
+"""Weight of a squared speed away from the person against one around them, while accelerating.
 
 With all the weight on the distance, its noise would leave the bearing no acceleration.
 """
@@ -55,7 +55,7 @@ def allocate(
     the wheels are too slow for the step, its parts come in the same order.
 
     Args:
-        wanted: What the control law asks for.
+        wanted: The twist that the control law requests.
         direction: From the person to the robot, in base_link [rad].
         last: The twist before, within the limits.
         drive: The limits of wheels and axes.

@@ -1,7 +1,7 @@
 """Which of those seen is the person: a gate, the likeliest track, and doubt.
 
-People walk, they do not jump: whoever is seen outside the gate of the person's track is somebody
-else, and gets a track of their own, so that they are not taken for the person later.
+People walk and do not jump. So a detection outside the gate of the person's track is another
+person, who gets a separate track and is not mistaken for the person later.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.measurement import Measurement
 
 GATE = 25.0
-"""Of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
+"""Gate of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
 NAMELESS_GATE = 9.0
 """The same of who has no name where others have: a leg of each of two people, taken for a pair,
 stands between both. One in 90 is beyond by chance."""
@@ -25,17 +25,18 @@ APART_M = 0.5
 """Two people are not nearer to each other: whoever is so near to the person, or to the way that
 they are expected to have gone while out of sight, is the person."""
 SAME_ID = 6.0
-"""What an equal id is worth, as a squared distance: a hint, which can't open the gate."""
+"""Bonus of an equal id, as a squared distance: a hint, which can't open the gate."""
 CONFIRMED = 4
 """Frames after which the person's track is trusted more than who contradicts it."""
 DOUBT_S = 0.3
-"""What contradicts the track in every frame for so long, and for `CONFIRMED` frames, is right."""
+"""Time after which detections that contradict the track in every frame replace it [s]; they must
+also last for `CONFIRMED` frames."""
 FORGET_S = 1.0
-"""Time after which somebody else who is not seen is forgotten."""
+"""Time after which another person who is not seen is forgotten [s]."""
 OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
-"""Prior and random walk of the velocity of somebody else."""
+"""Prior and random walk of the velocity of other people."""
 CROWD = 30
-"""So many are told apart at most, the nearest to the person: the work grows as the square."""
+"""Maximum number of detections per frame, nearest first; the work grows with its square."""
 FLIP_PROBABILITY = 0.03
 """Chance of a tracker to take front for back."""
 
@@ -57,7 +58,7 @@ class Track:
         self._x, self._y = seen.pose.x, seen.pose.y
         self._vx = self._vy = 0.0
         self._variances = spread(seen.covariance), 0.0, OTHER_SPEED_STD_M_S**2
-        """Of the position, its covariance with the velocity, and of the velocity."""
+        """Variance of the position, its covariance with the velocity, variance of the velocity."""
         self._time = time
 
     def predict(self, time: float) -> None:
@@ -74,7 +75,7 @@ class Track:
         )
 
     def cost(self, seen: Measurement) -> float:
-        """Return the cost of somebody seen being this one; infinite outside the gate."""
+        """Return the cost of assigning a detection to this track; infinite outside the gate."""
         variance = self._variances[0] + spread(seen.covariance)
         distance = ((seen.pose.x - self._x) ** 2 + (seen.pose.y - self._y) ** 2) / variance
         if distance >= GATE:
@@ -97,7 +98,7 @@ class Track:
 class Association:
     """Chooses the person's measurement of every frame.
 
-    `patience` [s]: after so long without the person, somebody else who is seen is taken for them.
+    `patience` [s] is the time without the person after which another person replaces them.
     """
 
     def __init__(self, patience: float) -> None:
@@ -105,7 +106,7 @@ class Association:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everybody."""
+        """Forget all people."""
         self._others: list[Track] = []
         self._forget_person()
 
@@ -130,14 +131,14 @@ class Association:
         """Return the person's measurement; None if none of the frame is theirs.
 
         Args:
-            time: Of the frame's capture [s].
+            time: Time of the frame's capture [s].
             person: The person's estimate for it; None if they were never seen.
             expected: Where they would be if the robot were at its place: without an estimate,
                 the nearest to it is the person.
             seen: The frame's measurements, each with a known covariance.
             unseen: Time since the person was last seen [s].
             lost: Whether that is too long for the estimate to be more than a guess.
-            begins: Whether the frame may begin the person's track anew.
+            begins: Whether the frame may restart the person's track.
         """
         if not seen:
             return None
@@ -153,7 +154,7 @@ class Association:
             self._contradicted = Run()
             return self._accept(time, person, mine)
         if not rest:
-            return None  # all are known to be somebody else
+            return None  # all are known to be other people
         named = [one for one in rest if one.identity and one.identity == self._identity]
         found = nearest(named or rest, person.pose)
         self._contradicted = self._contradicted.again(time)
@@ -170,7 +171,7 @@ class Association:
     def _assign(
         self, time: float, person: Estimate, seen: Sequence[Measurement], gate: float
     ) -> tuple[Measurement | None, list[Measurement]]:
-        """Return the person's measurement, and those of nobody known; others are updated.
+        """Return the person's measurement and those of no known track; update other tracks.
 
         Pairs of track and measurement are taken in the order of their likelihood.
         """
@@ -183,7 +184,7 @@ class Association:
         for i, one in enumerate(seen):
             for j, track in enumerate(tracks):
                 if track is None and named and one.identity != self._identity:
-                    continue  # a sensor does not see somebody twice
+                    continue  # a sensor does not see a person twice
                 cost = self._cost(person, one, gate) if track is None else track.cost(one)
                 if cost < math.inf:
                     pairs.append((cost, i, j))
@@ -228,7 +229,7 @@ class Association:
         return Choice(seen._replace(pose=turned), restart=False)
 
     def _restart(self, seen: Measurement) -> Choice:
-        """Return a measurement that begins the person's track anew."""
+        """Return a measurement that restarts the person's track."""
         self._forget_person()
         self._others = [other for other in self._others if other.cost(seen) == math.inf]
         self._identity = seen.identity
@@ -238,7 +239,7 @@ class Association:
 
 
 def hint(identity: str, seen: Measurement) -> float:
-    """Return what the sensor's name for somebody is worth, given that of a track."""
+    """Return the bonus of a measurement's identity, given the identity of a track."""
     return SAME_ID if identity and seen.identity == identity else 0.0
 
 
@@ -262,7 +263,7 @@ def is_flipped(innovation: float, variance: float) -> bool:
 
     Args:
         innovation: Observed less predicted heading, wrapped [rad].
-        variance: Of the innovation of a heading seen rightly [rad²].
+        variance: Variance of the innovation if the heading is not flipped [rad²].
     """
     gain = innovation**2 - wrap(innovation + math.pi) ** 2
     return gain > 2.0 * variance * math.log((1.0 - FLIP_PROBABILITY) / FLIP_PROBABILITY)

@@ -21,7 +21,7 @@ from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 MAX_STEP = 0.5
 """A pose that changes by more than this [m, rad] in a tick ..."""
 MAX_SPEED = 10.0
-"""... and faster than this [m/s, rad/s] has jumped: somebody has set the odometry."""
+"""... and faster than this [m/s, rad/s] has jumped, because a client has set the odometry."""
 
 SEARCH = 1.0
 """Yaw rate at which a robot that does not see all around looks for a lost person [rad/s]."""
@@ -41,7 +41,7 @@ class Step(NamedTuple):
     goal: Pose2D = Pose2D()
     errors: Errors = Errors(0.0, 0.0, 0.0)
     plan: Plan | None = None
-    """What the planner does, where there is one, while the robot follows."""
+    """The planner's decision while the robot follows; None without a planner."""
 
 
 class Following:

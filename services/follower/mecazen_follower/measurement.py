@@ -1,4 +1,4 @@
-"""What a sensor reports of one person: a pose and its covariance."""
+"""A sensor's measurement of one person: a pose and its covariance."""
 
 from __future__ import annotations
 

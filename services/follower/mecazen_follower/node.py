@@ -30,7 +30,7 @@ from mecazen_follower.polar import View, kept_view
 from mecazen_follower.tracking import Frame
 
 HISTORY_S = 5.0
-"""For so long odometry is kept, besides the sensor's latency, for observations that come late."""
+"""Time beyond the sensor's latency for which odometry is kept for late observations [s]."""
 
 CLEARANCE_M = 0.1
 """Least distance to be kept between person and robot: as much as following may err."""
@@ -105,7 +105,7 @@ class FollowerNode(Node):
         """Return the state of a tick and its command."""
         period_s = tick.period_s
         if period_s > self.config.lost_after_s:
-            self.reset(0)  # what was known so long ago is worth no prediction
+            self.reset(0)  # the last estimate is too old for a prediction
             period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()

@@ -94,7 +94,7 @@ class PoseController:
         self._last = other._last
 
     def resume(self, twist: Twist2D) -> None:
-        """Begin anew: the integrals are not those of the twist that was commanded instead."""
+        """Reset the integrals, which do not belong to the twist that was commanded instead."""
         del twist
         self.stop()
 

@@ -24,13 +24,13 @@ BIAS_STD = {
     "fused": (0.018, math.radians(5.4)),
     "legs": (0.05, 0.0),
 }
-"""Of place [m] and heading [rad] by kind of sensor: errors that frames share, so that no filter
+"""Errors of place [m] and heading [rad] that frames share, by kind of sensor, so that no filter
 averages them out. With a camera they are the tracker's bias over the view (0.011 m of the trunk's
 joints, 3.6° of the lines through hips and shoulders) and the body's sway and twist of
 `perception.body`; legs stand behind the person's place, as the gait has it."""
 
 GUESS_RAD = math.radians(45.0)
-"""Standard deviation of the heading of somebody whose heading is not observed."""
+"""Standard deviation of a heading that is not observed."""
 
 
 class TrackingState(StrEnum):
@@ -80,7 +80,7 @@ class Tracker:
 
 
 class Frame(NamedTuple):
-    """A frame of the sensor: when it was captured [s], and everybody in it."""
+    """A frame of the sensor: its time of capture [s], and all persons in it."""
 
     captured: float
     measurements: Sequence[Measurement]
@@ -97,8 +97,8 @@ class PersonTracker:
     Args:
         config: The follower's.
         sensor: Its data sheet.
-        hold: For so long a frame is held back, so that those of several sensors are taken in the
-            order of their captures [s].
+        hold: Time for which a frame is held back, so that frames of several sensors are used in
+            the order of their captures [s].
     """
 
     def __init__(self, config: FollowerConfig, sensor: SensorConfig, hold: float = 0.0) -> None:
@@ -119,7 +119,7 @@ class PersonTracker:
         self._waiting: list[Frame] = []
 
     def forget(self) -> None:
-        """Discard the person: what was known is of another place."""
+        """Discard the person, since the estimate refers to another place."""
         self.estimator.reset()
         self._association.reset()
 
@@ -163,7 +163,7 @@ class PersonTracker:
             for one in measurements
         ]
         if not known or captured <= self._captured[begins] or captured < self._captured[not begins]:
-            return False  # nobody, or older than what is known
+            return False  # the frame is empty, or older than the estimate
         if not begins and (lost or self.estimator.estimate is None):
             return False
         self._captured[begins] = captured

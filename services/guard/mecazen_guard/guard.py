@@ -25,26 +25,26 @@ BRAKING = 0.9
 STEP_M = 0.04
 """No corner moves farther from one predicted pose to the next, as far as MOST_GROUPS allow."""
 SEARCHED = 3
-"""The search looks at each such pose only; what it finds is looked at anew, at all."""
+"""Step of the search through the poses; the result is then checked against all poses."""
 LEAST_GROUPS, MOST_GROUPS = 2, 8
 SHARES = np.array((0.04, 0.1, 0.2, 0.35, 0.5, 0.65, 0.78, 0.87, 0.93, 0.97, 1.0))
 """So much is tried of what may be let through; it mostly changes a little from tick to tick."""
 LEAST_SHARE = 1e-3
 """Less is rest."""
 FALLBACK = np.array((1.0, 0.96, 0.8))
-"""Shares of what the search has found that are looked at anew."""
+"""Shares of the search's result that are checked against all poses."""
 RECOVERY_S = 0.5
 """The share grows from 0 to 1 in no less time: noise of the lidar does not make it chatter."""
 TOLERANCE_M = 1e-6
 BESIDE_M = 0.15
-"""Points that the whole twist leaves so much more than they need are left out of the search."""
+"""The search ignores points whose clearance exceeds the required one by this much [m]."""
 UNLIMITED = 1e6
-"""[m/s²], [rad/s²]: what has no limit is as fast."""
+"""Acceleration of an axis without a limit [m/s², rad/s²]."""
 NONE = np.empty((0, 2))
 
 
 class Points(NamedTuple):
-    """What must not be touched, in one frame; N points."""
+    """N points that the robot must not touch, in one frame."""
 
     xy: Floats = NONE
     """Places, (N, 2) [m]."""
@@ -57,7 +57,7 @@ class Points(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What is let through, in base_link."""
+    """The twist that the guard lets through, in base_link."""
 
     twist: Twist2D
     factor: float = 1.0
@@ -65,11 +65,11 @@ class Verdict(NamedTuple):
     distance: float = math.inf
     """From the outline to the nearest point, or to the one in the way if some is [m]."""
     bearing: float = 0.0
-    """Of that point from the x axis [rad]."""
+    """Bearing of that point from the x axis [rad]."""
 
 
 class Guard:
-    """Decides tick by tick; it knows how the controller follows what it has let through.
+    """Decides tick by tick, with a model of how the controller follows the twist.
 
     Args:
         footprint: Half the length and half the width of the robot [m].
@@ -113,8 +113,8 @@ class Guard:
 
         Args:
             wanted: The commanded twist.
-            points: What must not be touched, in base_link.
-            age_s: For how long they have moved since they were measured.
+            points: The points that the robot must not touch, in base_link.
+            age_s: Time since the points were measured [s].
             dt: Time since the last tick.
         """
         if dt > 0.0:
@@ -221,7 +221,7 @@ class Guard:
         return past if np.any(np.abs(past) > 1e-3) else None
 
     def speeds(self, moving: Floats, hold: float, middles: Floats) -> tuple[Floats, ...]:
-        """Return the bounds of speeds at M times, and by what they are braked then; (3, M) each."""
+        """Return the bounds of speeds at M times and the braking by then; (3, M) each."""
         up, down = self._changes
         growing = np.minimum(middles, hold)
         low, high = bounds(moving[:, None], up * growing, down * growing)
@@ -289,7 +289,7 @@ class _Scene:
         self._rest, *least = self._least(np.array((np.zeros(3), *first)))
         self._wanted = np.minimum(points.margin, self._rest - TOLERANCE_M)
         self.first = [one - self._wanted for one in least]
-        """`spare` of the whole twist, and of what it has recovered to if that is less."""
+        """`spare` of the whole twist, and of the recovered share of it if that is less."""
 
     def _least(self, twists: Floats) -> Floats:
         poses = self._guard.poses(twists, self._envelope, self._step_s)
@@ -325,6 +325,6 @@ class _Scene:
         below = float((self._rest - self._wanted).min()), 0.0
         if first:
             below = float(spare[first - 1]), float(shares[first - 1])
-        # near enough to a straight line: what is found is looked at anew
+        # near enough to a straight line, since the result is checked again
         part = 0.9 * below[0] / (below[0] - float(spare[first]))
         return below[1] + (float(shares[first]) - below[1]) * part

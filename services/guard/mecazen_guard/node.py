@@ -21,7 +21,7 @@ from mecazen_guard.guard import Guard, Verdict
 from mecazen_guard.surroundings import Surroundings
 
 HISTORY_NS = 10**9
-"""For so long poses are kept: a scan that is older is refused."""
+"""Time for which poses are kept [ns]; older scans are refused."""
 JUMP_M = 0.5
 """Odometry that moves farther in a tick was set."""
 STOPPED = 0.02

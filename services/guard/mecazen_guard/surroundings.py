@@ -35,7 +35,7 @@ LEG_POINTS = 4
 SPACING_M = 0.03
 """Points of one thing that are nearer to each other are one."""
 FARTHEST_M = 5.0
-"""What is farther is nobody's concern: the fastest robots and people meet in no less than 1 s."""
+"""Points beyond this distance are ignored: even the fastest robot and person need 1 s to meet."""
 HIDDEN_BEAMS = 3
 """So many neighbouring beams without a measurement are something nearer than the least range."""
 
@@ -53,8 +53,8 @@ class Surroundings:
 
     Args:
         config: Margins, and how fast people are.
-        lidar: What the data sheet of the lidar promises.
-        mount: Of the lidar in base_link.
+        lidar: The lidar's data sheet.
+        mount: Pose of the lidar in base_link.
     """
 
     def __init__(self, config: GuardConfig, lidar: LidarConfig, mount: Pose2D) -> None:
@@ -62,14 +62,14 @@ class Surroundings:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: nothing is known."""
+        """Forget all points and tracks."""
         self._tracks = Tracks()
         self._points = Points()
         self.time: float | None = None
         """When the newest scan was taken [s]; None: there is none."""
 
     def implausible(self, scan: LaserScan, now: float) -> str:
-        """Return what is wrong with a scan that comes at `now` [s]; "" if nothing is."""
+        """Return the fault of a scan that arrives at `now` [s]; "" if it has none."""
         stamp, beams = scan.header.stamp.ns / 1e9, len(scan.ranges)
         if stamp > now + 1e-9:
             return f"a scan is of {stamp - now:.3g} s ahead"

@@ -17,7 +17,8 @@ GATE_M = 0.5
 FORGET_S = 0.5
 """Time unseen after which a track ends."""
 STILL_M_S = 0.3
-"""Who is slower stands: the middle of what is seen moves as fast while the robot goes round it."""
+"""Slower tracks count as standing, since the middle of the visible points of a standing thing also
+moves while the robot drives around it."""
 
 
 class Track(NamedTuple):
@@ -38,8 +39,8 @@ class Track(NamedTuple):
     def of(cls, places: tuple[tuple[float, float, float], ...], looked: float) -> Track:
         """Return the track through some places, by least squares.
 
-        Its velocity is 0 unless it is a person's: what is seen of a box moves as the robot goes
-        round it.
+        Its velocity is 0 unless it is a person's: the visible part of a box also moves as the
+        robot drives around it.
         """
         still = cls(places, looked)
         if len(places) < LEAST_SCANS or not still.is_person:
@@ -89,8 +90,8 @@ class Tracks:
         Two places may continue one track: legs that part are both as fast as their person.
 
         Args:
-            time: Of the scan [s].
-            seen: Where something is in odom [m], and whether it looks like a leg.
+            time: Time of the scan [s].
+            seen: Places of things in odom [m], each with whether it looks like a leg.
         """
         new, continued = [], set()
         for place, is_leg in seen:

@@ -1,4 +1,4 @@
-"""What a body tracker knows of bodies: which limbs show a joint, and how legs can be confused."""
+"""A body tracker's model of bodies: limbs that show a joint, and legs that can be confused."""
 
 from __future__ import annotations
 

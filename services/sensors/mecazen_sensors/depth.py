@@ -29,9 +29,9 @@ class DepthCamera:
     As many numbers are drawn for each picture, whatever it shows.
 
     Args:
-        config: Its figures.
-        mount: Where it sits on the robot, which is `CARRIER` in the scene.
-        seed: Of its noise.
+        config: The camera's parameters.
+        mount: Pose of the camera on the robot, which is `CARRIER` in the scene.
+        seed: Seed of the noise.
     """
 
     def __init__(self, config: DepthConfig, mount: Mount, seed: int) -> None:

@@ -35,9 +35,9 @@ class Lidar:
     here). As many numbers are drawn for each scan, whatever it sees.
 
     Args:
-        config: Its figures.
-        mount: Where it sits on the robot, which is `CARRIER` in the scene.
-        seed: Of its noise.
+        config: The lidar's parameters.
+        mount: Pose of the lidar on the robot, which is `CARRIER` in the scene.
+        seed: Seed of the noise.
     """
 
     def __init__(self, config: LidarConfig, mount: Attachment, seed: int) -> None:

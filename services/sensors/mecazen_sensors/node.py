@@ -1,4 +1,4 @@
-"""The nodes of the sensors: what is where becomes what is seen."""
+"""The nodes of the sensors: true poses become measurements."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mecazen_sensors.tracker import Tracker
 
 
 class _Sensor(Node):
-    """What sees people, other robots, obstacles and the ground from the robot."""
+    """A sensor on the robot that sees people, other robots, obstacles and the ground."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
@@ -37,10 +37,10 @@ class _Sensor(Node):
         self.robots = [scenario.robot, *scenario.others.values()]
         self.scene = Scene(scenario.world, self.robots)
         self.around = m.People()
-        """Everybody, as last known."""
+        """All people and robots, as last received."""
 
     def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
-        """Put everybody where they are; return the robot's pose, and the joints of all people.
+        """Place all people and robots; return the robot's pose and the joints of all people.
 
         The robot's own person is the first of them, and the others keep their order.
         """

@@ -6,12 +6,12 @@ where its kinematics would write them, into `geom_xpos` and `geom_xmat`, and len
 
 `mj_multiRay` first rules out bodies and geoms by bounds that the compiler has made of each
 geom's size, `geom_aabb` and `bvh_aabb`. A limb that is longer than at first would stick out of
-them and let rays through. So what moves has no bounds (`body_bvhadr` = -1): its geoms are
-tested exactly. What stands keeps them, which makes a scan a third cheaper.
+them and let rays through. So moving bodies have no bounds (`body_bvhadr` = -1): their geoms are
+tested exactly. Standing bodies keep their bounds, which makes a scan a third cheaper.
 
 `cutoff` rules out by bounds as well, so what it leaves may be hit beyond it. Where a scan of 12 m
 differed from a closed form, in one of some hundred hits, it was by such hits alone: here they
-are none. What is left is a ray that grazes a silhouette, closer to it than rounding is exact.
+are none. The remaining case is a ray that grazes a silhouette within the rounding error.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class Scene:
         Args:
             person: Its number.
             joints: Positions in the world in the order of `mecazen.skeleton.JOINTS` (20, 3) [m].
-            height: Of the body, which its limbs' radii are shares of [m].
+            height: Height of the body; the limbs' radii are shares of it [m].
         """
         geoms = self._people[person]
         along = product(_ALONG, joints)
@@ -148,7 +148,7 @@ class Scene:
         """Return the distance to the first thing that each ray hits, and its number.
 
         Args:
-            origin: Of all rays, in the world (3,) [m].
+            origin: Origin of all rays, in the world (3,) [m].
             directions: In the world (n, 3), of length 1.
             robot: The robot that carries the sensor, which its rays pass through.
             max_range: Distance beyond which nothing is hit [m].

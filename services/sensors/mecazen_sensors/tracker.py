@@ -43,12 +43,12 @@ from mecazen_sensors.camera import Camera
 from mecazen_sensors.scene import CARRIER, Floats, Scene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
-"""Of white noise and drift, by joint; 1 for others. Far from the trunk less is certain."""
+"""Factors of white noise and drift, by joint; 1 for others. They grow away from the trunk."""
 BIAS_SCALE = {"pelvis": 1.5, "hip": 2.2, "knee": 0.8, "ankle": 1.0, "heel": 0.8, "foot": 0.8}
-"""Of the bias, tuned: pelvis and hips, which no landmark shows, are placed worst."""
+"""Factors of the bias, tuned: pelvis and hips, which no landmark shows, have the largest."""
 GUESSED_STD_M = {"knee": 0.2, "ankle": 0.28, "heel": 0.4, "foot": 0.4}
-"""What a joint of a leg that is not seen has more of reported deviation, per `hidden_pull`; tuned
-for lag and pull together."""
+"""Additional reported deviation of a hidden joint of a leg, per `hidden_pull`; tuned for lag and
+pull together."""
 BEHIND_RAD = math.radians(60.0)
 """Bearing from straight behind a person within which it may be taken for the front."""
 RESOLUTION = 4
@@ -59,7 +59,7 @@ _LEFT_HIP, _RIGHT_HIP = INDEX["left_hip"], INDEX["right_hip"]
 
 
 class _Track:
-    """What the tracker remembers of one person, of whom its errors are drawn by `random`."""
+    """The tracker's state for one person, whose errors are drawn from `random`."""
 
     def __init__(self, random: Generator, bias_weights: Floats) -> None:
         self.random = random
@@ -74,7 +74,7 @@ class _Track:
 
 
 class _Rays(NamedTuple):
-    """What is seen of one person's joints."""
+    """The rays to one person's joints."""
 
     vectors: Floats
     """From the camera in base_link (20, 3) [m]."""
@@ -84,7 +84,7 @@ class _Rays(NamedTuple):
     reached: list[bool]
     """Whether nothing is before them."""
     limbs: list[int]
-    """What is hit, as a number of `LIMBS` if it is of this person."""
+    """Numbers of the limbs that are hit, as in `LIMBS` if they are of this person."""
 
 
 class Tracker:
@@ -94,9 +94,9 @@ class Tracker:
     themselves: one more changes nothing of the others'.
 
     Args:
-        config: Its figures.
-        mount: Where its camera sits on the robot, which is `CARRIER` in the scene.
-        seed: Of its errors.
+        config: The tracker's parameters.
+        mount: Pose of its camera on the robot, which is `CARRIER` in the scene.
+        seed: Seed of the errors.
         tick_s: The control period.
 
     Raises:
@@ -139,11 +139,11 @@ class Tracker:
     ) -> m.Skeletons | None:
         """Return the frame that arrives at `tick`; None at ticks without one.
 
-        A frame whose capture was missed, or was before the start, shows nobody.
+        A frame whose capture was missed, or was before the start, shows no person.
 
         Args:
             tick: The tick.
-            scene: With everybody in place if a frame is taken now.
+            scene: The scene; all people are in place if a frame is taken now.
             robot: True pose in the world.
             people: The joints of each person in the world (20, 3) [m], as in the scene.
         """
@@ -188,7 +188,7 @@ class Tracker:
         return m.Skeletons(header=header, skeletons=tuple(skeletons))
 
     def _report(self, track: _Track, rays: _Rays, header: m.Header) -> m.Skeleton | None:
-        """Return what is told of a person; None if nothing is, as its pelvis is not seen."""
+        """Return the reported joints of a person; None if the pelvis is not seen."""
         config = self._config
         normals: Floats = track.random.standard_normal((2, COUNT, 3))
         chances = track.random.random(2).tolist()

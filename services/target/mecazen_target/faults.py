@@ -1,4 +1,4 @@
-"""What a real tracker of people does wrong: `SensorFaults` applied to frames."""
+"""Faults of real person trackers: `SensorFaults` applied to frames."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def in_ticks(intervals_s: Sequence[tuple[float, float]], tick_s: float) -> list[
 
 
 class _Drawn(NamedTuple):
-    """What chance decides, with a row for each frame."""
+    """Random numbers of the faults, with a row for each frame."""
 
     offsets: Floats
-    """Of outliers (n, 2) [m]; 0 of other frames."""
+    """Offsets of outliers (n, 2) [m]; 0 for other frames."""
     flipped: npt.NDArray[np.bool_]
     other_noise: Floats
-    """Of the second person (n, 3)."""
+    """Noise of the second person (n, 3)."""
     other_first: npt.NDArray[np.bool_]
     """Whether a frame names the second person before the first."""
 
@@ -48,7 +48,7 @@ class Faults:
 
     @cached_property
     def _drawn(self) -> _Drawn:
-        """What chance decides: megabytes, which a sensor without such faults does without."""
+        """The random numbers; they take megabytes, so only sensors with such faults have them."""
         faults, frames = self._config, self._frames
         random = Generator(PCG64([self._seed, FAULTS_STREAM]))
         outlying = random.random(frames) < faults.outlier_probability

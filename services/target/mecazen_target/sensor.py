@@ -96,7 +96,7 @@ class Sensor:
         return Frame(capture, first, other, other_first)
 
     def _seen(self, tick: int, robot: Pose2D, person: Pose2D | None) -> Pose2D | None:
-        """Return a person in `SensorConfig.frame`; None if nobody, or not seen at that tick."""
+        """Return a person in `SensorConfig.frame`; None if absent or not seen at that tick."""
         if person is None:
             return None
         relative = robot.between(person)

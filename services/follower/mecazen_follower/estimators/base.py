@@ -49,7 +49,7 @@ class Estimator(ABC):
 
     registry: ClassVar[dict[str, type[Estimator]]] = {}
     predicts: ClassVar[bool] = True
-    """Whether its covariance grows with time, so that it tells who can't be the person."""
+    """Whether its covariance grows with time, so that a gate can reject other people."""
 
     def __init_subclass__(cls, name: str | None = None, params: type[Params] = Params) -> None:
         if name is not None:

@@ -80,7 +80,7 @@ class ModeBank:
         """Transition rates to each of the other modes [1/s]."""
         walks = zip(*(mode.walks for mode in modes), strict=True)
         self._variances = [[walk * walk for walk in of_modes] for of_modes in walks]
-        """Of each random walk, by mode."""
+        """Variance of each random walk, by mode."""
         self._fading = [mode.fading for mode in modes]
         self.probabilities = [1.0 / n] * n
         self._filters = [Gaussian(tuple(state.tolist()), triangle(covariance))] * n

@@ -17,10 +17,10 @@ _LINES = tuple((INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]) for joint in ("
 """Joints that lie across the direction in which the person faces."""
 
 SWAY_STD_M = 0.015
-"""Of a trunk about the way that its owner walks: M. S. Orendurff et al., J. Rehabil. Res. Dev. 41,
-2004, 4 to 7 cm from side to side."""
+"""Sway of a trunk about the person's path: M. S. Orendurff et al., J. Rehabil. Res. Dev. 41, 2004,
+4 to 7 cm from side to side."""
 TWIST_STD_RAD = math.radians(4.0)
-"""Of pelvis and shoulders about the direction of walking, once a stride and against each other."""
+"""Twist of pelvis and shoulders about the walking direction: once a stride, in opposition."""
 LEAST_STD_M = 1e-4
 """A tracker that says it has no error has one of its resolution."""
 PLACE_CORRELATED, HEADING_CORRELATED = 25.0, 25.0
@@ -75,6 +75,6 @@ def _heading(body: Skeleton) -> tuple[float, float]:
 
 
 def poses_of(bodies: Sequence[Skeleton]) -> list[tuple[Pose2D, PlanarCovariance, str]]:
-    """Return pose, covariance and identity of everybody whose trunk is in view."""
+    """Return pose, covariance and identity of each person whose trunk is in view."""
     found = ((pose_of(body), body.id) for body in bodies)
     return [(*pose, identity) for pose, identity in found if pose is not None]

@@ -20,7 +20,7 @@ LEAST_POINTS, LEAST_M = 3, 0.03
 DEPTH_M = 0.035
 """From the mean of the points on a shank to its axis."""
 PAIR_STD_M, SINGLE_STD_M = 0.07, 0.15
-"""Of the middle of two legs, and of one leg, about the person's place: gait, not noise."""
+"""Deviation of the middle of two legs, and of one leg, from the person's place, due to gait."""
 
 
 def things_of(scan: LaserScan) -> Things:

@@ -23,7 +23,7 @@ class Body(Node):
         """Do nothing: each frame stands for itself."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return everybody whose trunk is in view."""
+        """Return all persons whose trunk is in view."""
         del tick
         frame = inputs[SKELETONS]
         found = poses_of(frame.skeletons)

@@ -1,4 +1,4 @@
-"""What a way costs: what is given up of the place beside the person, and how near things are."""
+"""Costs of ways: deviations from the place beside the person, and proximity to things."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Body(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What is around the robot, from its place on.
+    """Surroundings of the robot, from its place on.
 
     `person` and `goals` (steps, 3) have x, y and yaw, `movers` (steps, n, 2) and `standing` (n, 2)
     places.
@@ -64,11 +64,11 @@ class Costs:
     """Costs of ways by these weights.
 
     Args:
-        priorities: What is given up last comes first.
+        priorities: Priorities, the highest first; the lowest is given up first.
         standoff: The distance to keep [m].
-        clearance: To be kept to everything [m].
-        body: Of robot and person.
-        sight: Of the sensor that sees the person.
+        clearance: Distance to keep from everything [m].
+        body: Sizes of robot and person.
+        sight: Field of view of the sensor that sees the person.
     """
 
     def __init__(

@@ -67,7 +67,7 @@ class Shadows:
 
     Args:
         person: Their places (steps, 2).
-        points: What hides them (steps, n, 2).
+        points: Points that hide them (steps, n, 2).
         radius: Half the width of each of the n [m].
     """
 

@@ -12,13 +12,13 @@ import numpy.typing as npt
 ALPHA, BETA = 0.5, 0.15
 """Gains of place and velocity: legs swing about the person by as much as PAIR_STD_M."""
 GATE_M = 0.5
-"""Who is seen farther from where they should be is somebody else."""
+"""A detection farther from the predicted place belongs to another person."""
 FORGET_S = 0.5
-"""Time unseen after which somebody is forgotten."""
+"""Time unseen after which a track is forgotten [s]."""
 SCANS = 5
-"""Somebody seen less often may be an edge that comes into view."""
+"""Minimum number of detections; fewer may be an edge that comes into view."""
 SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
-"""Who is slower stands; who is faster is no person."""
+"""Slower tracks stand; faster tracks are no persons."""
 
 Floats = npt.NDArray[np.float64]
 

@@ -32,20 +32,20 @@ LOYALTY = 0.5
 
 
 class Problem(NamedTuple):
-    """What a way is sought for."""
+    """The problem for which the search finds a way."""
 
     nominal: Array
     """Commands of each mode (STEPS, 3, modes)."""
     roll: Callable[[Array], Rollout]
     """Where commands (STEPS, 3, n) lead."""
     cost: Callable[[Rollout], Array]
-    """What ways cost (n)."""
+    """Costs of ways (n)."""
     loyal: bool
     """Whether the last mode is the last plan, to be kept to."""
 
 
 class Search(Protocol):
-    """What finds ways."""
+    """A search for ways."""
 
     def plan(self, problem: Problem) -> tuple[Rollout, Array]:
         """Return ways (n) and their costs."""

@@ -1,4 +1,4 @@
-"""What surrounds the robot: from scans to points that stand, and to people who walk."""
+"""The robot's surroundings: from scans to standing points and walking people."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VOXEL_M = 0.1
 MOST_POINTS = 60
 """The nearest ones count."""
 MEMORY_S = 1.5
-"""For so long a point is remembered that something hides."""
+"""Time for which a hidden point is remembered [s]."""
 BEHIND_M = 0.15
 """A point is hidden by what is nearer by at least this."""
 OWN_M = 0.5

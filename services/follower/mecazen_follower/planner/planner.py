@@ -35,16 +35,16 @@ class Planner:
     Args:
         config: Its config.
         standoff: The place to keep beside the person.
-        gains: Of the polar law.
-        drive: What wheels and controller can do.
-        max_speed: Of base_link in any direction [m/s].
+        gains: Gains of the polar law.
+        drive: Limits of wheels and controller.
+        max_speed: Maximum speed of base_link in any direction [m/s].
         body: Sizes of robot and person.
-        sight: Of the sensor that sees the person.
-        seed: Of the samples.
+        sight: Field of view of the sensor that sees the person.
+        seed: Seed of the samples.
 
     Attributes:
-        plan: What it does, and why.
-        search: What finds the best way.
+        plan: The current plan, with its reason.
+        search: The search for the best way.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Planner:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: odom is another."""
+        """Forget everything, since odom has changed."""
         self.rest()
         self.surroundings = Surroundings()
         self._trail = Trail(self._standoff.distance)
@@ -104,10 +104,10 @@ class Planner:
 
         Args:
             time: Now [s].
-            dt: Since the last call [s].
+            dt: Time since the last call [s].
             person: The estimate, in odom.
             robot: Its pose in odom.
-            nominal: What the polar law commands.
+            nominal: The command of the polar law.
         """
         self._person = person.pose
         self._trail.add(person.pose)

@@ -1,4 +1,4 @@
-"""What a plan gives up, in a word and a reason."""
+"""The verdict on a plan: the priority that it gives up, and the reason."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from mecazen_follower.planner.rollout import Rollout
 GIVEN_UP_M, GIVEN_UP_RAD = 0.3, math.radians(30.0)
 """Errors at the end of a plan of a distance and of an angle that is given up."""
 STILL_M = 0.15
-"""Who gets no farther in a whole plan waits."""
+"""A robot that gets no farther in a whole plan is waiting."""
 
 Floats = npt.NDArray[np.float64]
 
 
 class Plan(NamedTuple):
-    """What the planner does: open, avoiding, gave_up_<priority> or waiting; and why."""
+    """The planner's state: open, avoiding, gave_up_<priority> or waiting; and the reason."""
 
     state: str
     reason: str = ""
@@ -71,7 +71,7 @@ def verdict(
 ) -> Plan:
     """Return what a single way is, that is taken because of an obstacle.
 
-    What the last plan gave up or waited for is so until it is regained by half.
+    A state of the last plan remains until half of the error is regained.
     """
     x, y = way.x - scene.person[:, :1], way.y - scene.person[:, 1:2]
     distance = np.hypot(x, y)
