@@ -1,4 +1,4 @@
-"""Who may publish, answer and ask what: Zenoh's access rules, from the graph."""
+"""Zenoh's access rules, derived from the graph: permissions to publish, answer and query."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ HEADER = """\
 """
 
 LATCHED = "**/@adv/**"
-"""Keys that tell late subscribers of latched samples; `**` does not hold them."""
+"""Keys that announce latched samples to late subscribers; `**` does not match them."""
 ANYONE, ROUTER = "anyone", "router"
 """Any certificate; the router's."""
 RECORD, TELEOP = "record", "teleop"
@@ -67,7 +67,7 @@ def secure_json5() -> str:
 
 
 def access_table() -> str:
-    """Return who may do what, by the plain keys, in Markdown."""
+    """Return the permissions of each certificate as a Markdown table of plain keys."""
     reads, rules = _queries()
     lines = [
         "| certificate | may put | may answer | may query |",
@@ -94,13 +94,13 @@ def _line(who: str, *cells: Sequence[str]) -> str:
 
 
 def _queries() -> tuple[list[keys.Call[Any, Any]], list[keys.Call[Any, Any]]]:
-    """Return the queries that only tell, and those that change something."""
+    """Return the queries that only read, and the queries that change something."""
     calls = [call for row in GRAPH for call in row.calls]
     return [c for c in calls if not c.changes], [c for c in calls if c.changes]
 
 
 def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
-    """Yield each rule with the subject that it is for."""
+    """Yield each rule with its subject."""
     reads, rules = _queries()
     tokens = [bridge.tokens() for bridge in installed()]
     everything = ["**", *tokens, LATCHED]
@@ -132,7 +132,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         *(key for row in rows for topic in row.outputs for key in _given(row, topic)),
         *_given(Row(service), keys.diagnostics(service)),
         f"**/{receipts(service).key}",
-        # what it takes from ROS it hands on to all others
+        # samples from ROS that it passes on to all others
         *(f"**/{topic.key}" for row in rows for topic in _handed_on(row)),
     ]
     calls = [call for row in rows for call in row.calls]
@@ -170,7 +170,7 @@ def _handed_on(row: Row) -> list[keys.Topic[Any]]:
 
 
 def _others(given: Sequence[str]) -> list[str]:
-    """Return what a rule for keys holds as well: `**/odom` holds `target/odom`."""
+    """Return other known keys that a rule for keys matches: `**/odom` matches `target/odom`."""
     given_by = ((row, topic) for row in GRAPH for topic in row.outputs)
     known = dict.fromkeys(key for row, topic in given_by for key in _given(row, topic))
     known |= dict.fromkeys(

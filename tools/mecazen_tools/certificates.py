@@ -1,4 +1,4 @@
-"""A certificate authority of one's own: one certificate for each service, and for an operator."""
+"""A private certificate authority: one certificate for each service and for the operator."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ NO_USE = (
     *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment"),
     *("key_agreement", "encipher_only", "decipher_only"),
 )
-"""Of the authority's key: it only signs certificates."""
+"""Key usages that the authority's key does not have: it only signs certificates."""
 
 
 def create(folder: Path, hosts: Sequence[str] = ()) -> None:
     """Write the authority's certificate, and a certificate and a private key for each name.
 
     The common name of a certificate is the service's name; it is valid for loopback and for
-    `hosts`. The authority's own key is written nowhere, so nobody can add to what it has
-    signed: who needs another host, or has lost a key, creates all of them anew.
+    `hosts`. The private key of the authority is not written, so no one can sign further
+    certificates. To add a host or to replace a lost key, create all certificates again.
 
     Raises:
-        MecazenError: The folder is there already, a host is none, or the library is missing.
+        MecazenError: The folder exists, a host is invalid, or the library is missing.
     """
     try:
         from cryptography import x509  # noqa: PLC0415  # needed by nothing else
@@ -97,7 +97,7 @@ def create(folder: Path, hosts: Sequence[str] = ()) -> None:
 
 
 def _place(host: str) -> x509.GeneralName:
-    """Return a host as a certificate names it.
+    """Return a host as a name in a certificate.
 
     Raises:
         MecazenError: It is neither an address nor a name.

@@ -1,4 +1,4 @@
-"""How every figure looks, and how it becomes a file. Matplotlib is imported when one is drawn."""
+"""Style and output of all figures. Matplotlib is imported when a figure is drawn."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BLUE, ORANGE = "#0072B2", "#E69F00"
-"""Of Okabe and Ito's palette, which the colour-blind can tell apart: a dark and a light one."""
+"""A dark and a light colour of Okabe and Ito's palette, which is safe for the colour-blind."""
 PALETTE = (BLUE, "#D55E00", "#009E73", "#CC79A7", "#56B4E9", ORANGE)
-"""More of it, where there are more than two."""
+"""Colours of the palette for more than two lines."""
 DASHES = (0.0, (4.0, 1.5))
 
 COLUMN_IN = 85.0 / 25.4
@@ -45,25 +45,25 @@ STYLE: list[Any] = [
         "svg.hashsalt": "mecazen",
     },
 ]
-"""Matplotlib's own defaults, whatever the user's are, and what print needs."""
+"""Matplotlib's defaults, independent of the user's settings, adapted to print."""
 
 METADATA: dict[str, dict[str, None]] = {
     ".png": {},
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
-"""What each format would say of the time of drawing, left out."""
+"""Metadata of each format, without the time of drawing."""
 
 
 def refuse_undrawable(path: Path, option: str) -> None:
     """Check, before the work, that a figure can be drawn into a file.
 
     Args:
-        path: The file, whose suffix tells the format.
-        option: What the user asked for it with, for the message.
+        path: The file, whose suffix selects the format.
+        option: The command-line option, for the message.
 
     Raises:
-        MecazenError: The format is another, the folder is not there, or Matplotlib is not.
+        MecazenError: The format is unknown, or the folder or Matplotlib is missing.
     """
     if path.suffix not in METADATA:
         allowed = ", ".join(METADATA)
@@ -80,7 +80,7 @@ def save(figure: Figure, path: Path, option: str = "") -> None:
     Raises:
         MecazenError: It can't be written.
     """
-    from matplotlib import style  # noqa: PLC0415  # needed by figures alone
+    from matplotlib import style  # noqa: PLC0415  # only figures need it
 
     with style.context(STYLE):
         write_with(path, partial(figure.savefig, metadata=METADATA[path.suffix]), option)

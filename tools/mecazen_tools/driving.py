@@ -1,9 +1,9 @@
-"""Driving by hand: what is held of keys and sticks, to a velocity. No terminal, no bus, no clock.
+"""Driving by hand: held keys and sticks to a velocity, without terminal, bus and clock.
 
-Most terminals tell no release. Of a key that is held they tell the press, after half a second or
-so the first repeat, and then some tens a second, and only of the key that was pressed last. So a
-key counts as held until its next repeat is overdue. Terminals with the keyboard protocol of kitty
-tell releases; there several keys can be held at once.
+Most terminals do not report releases. For a held key they report the press, the first repeat after
+about half a second, and then some tens of repeats a second. Only the key that was pressed last
+repeats. A key therefore counts as held until its next repeat is overdue. Terminals with kitty's
+keyboard protocol report releases; there several keys can be held at once.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import math
 from mecazen.geometry import Twist2D
 
 FIRST_S = 0.7
-"""From a press to the first repeat at most: X has 0.66 s, most desktops 0.5 s."""
+"""Maximum time from a press to the first repeat [s]: 0.66 s in X, 0.5 s on most desktops."""
 REPEAT_S = 0.25
-"""From one repeat to the next at most: 0.04 s, and what a network adds."""
+"""Maximum time between two repeats [s]: 0.04 s, and the delay of a network."""
 SILENCE_S = 2.0
-"""Where releases are told, keys are let go after so long without a word: the line may be cut."""
+"""If releases are reported, keys count as released after this silence [s]: the line may be cut."""
 
 _AHEAD, _BACK = Twist2D(x=1.0), Twist2D(x=-1.0)
 _LEFT, _RIGHT = Twist2D(y=1.0), Twist2D(y=-1.0)
@@ -32,25 +32,25 @@ DIRECTIONS = {
     "u": Twist2D(x=1.0, yaw=1.0),
     "o": Twist2D(x=1.0, yaw=-1.0),
 }
-"""What each key means, as shares of the speeds."""
+"""Direction of each key, as shares of the speeds."""
 SLOWER, FASTER = -10, 10
 SPEEDS = {**dict.fromkeys("-_", SLOWER), **dict.fromkeys("+=", FASTER)}
-"""By how many percent each key changes the speeds."""
+"""Change of the speeds by each key [%]."""
 LEAST_PERCENT, MOST_PERCENT = 10, 300
 STOP = "space"
 HELP = "w a s d or ↑ ↓ move · ← → or j l turn · u o curve · + - speed · space stops · q ends"
 
 DEAD_ZONE = 0.15
-"""A stick that is let go rests so far from its middle at most, as a share of its way."""
+"""Maximum deflection of a released stick, as a share of its full deflection."""
 
 
 class Hand:
-    """What a hand wants.
+    """The velocity commanded by hand.
 
     Args:
-        speed_m_s: Along the ground, at 100 %.
-        turn_rad_s: About the vertical, at 100 %.
-        tells_release: Whether the terminal tells when a key is let go.
+        speed_m_s: Speed along the ground at 100 % [m/s].
+        turn_rad_s: Yaw rate at 100 % [rad/s].
+        tells_release: Whether the terminal reports the release of a key.
     """
 
     def __init__(self, speed_m_s: float, turn_rad_s: float, *, tells_release: bool) -> None:
@@ -59,10 +59,10 @@ class Hand:
         self._turn = turn_rad_s
         self._tells_release = tells_release
         self._held: dict[str, float] = {}
-        """Until when each key counts as held [s]."""
+        """Time until which each key counts as held [s]."""
 
     def press(self, key: str, now_s: float, *, repeated: bool = False) -> None:
-        """Take a key that is pressed or repeats; other keys than those of the table do nothing."""
+        """Process a press or repeat of a key; keys outside the tables have no effect."""
         if key == STOP:
             self._held = {}
         elif key in SPEEDS:
@@ -77,15 +77,15 @@ class Hand:
                 self._held = dict.fromkeys((*self._held, key), now_s + SILENCE_S)
 
     def release(self, key: str) -> None:
-        """Take a key that is let go."""
+        """Process the release of a key."""
         self._held.pop(key, None)
 
     def command(self, now_s: float, stick: Twist2D | None = None) -> Twist2D:
-        """Return the velocity that is wanted [m/s, m/s, rad/s].
+        """Return the commanded velocity [m/s, m/s, rad/s].
 
         Args:
-            now_s: The time, by the clock of `press`.
-            stick: What a gamepad adds, as shares of the speeds.
+            now_s: The time on the clock of `press` [s].
+            stick: Contribution of a gamepad, as shares of the speeds.
         """
         self._drop_overdue(now_s)
         parts = [DIRECTIONS[key] for key in self._held] + ([stick] if stick else [])
@@ -100,7 +100,7 @@ class Hand:
 
 
 def stick_twist(left_x: float, left_y: float, right_x: float) -> Twist2D:
-    """Return what the sticks of a gamepad mean, as shares of the speeds.
+    """Return the velocity of a gamepad's sticks, as shares of the speeds.
 
     Each is from -1 to 1, to the right or towards the hand; the left stick moves, the right one
     turns.

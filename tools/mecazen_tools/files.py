@@ -20,8 +20,8 @@ def write_with(path: Path, save: Callable[[Path], object], option: str = "") -> 
 
     Args:
         path: The file.
-        save: Writes the file that it is told; its suffix is that of `path`.
-        option: What the user asked for it with, for the message.
+        save: Function that writes the file at its argument, which has the suffix of `path`.
+        option: The command-line option, for the message.
 
     Raises:
         MecazenError: It can't be written, as on a full disk.

@@ -1,10 +1,10 @@
 """Processes that are forked from one parent.
 
-The parent has imported what they run, and has opened nothing. Its forks begin at once, share its
-memory, and have the same code at the same addresses, which is what a processor's predictions go
-by. It has a single thread, since a lock that another one holds would stay locked in a fork. So it
-imports only services of the table, and no observer: all else, such as a node of one's own, is
-imported after the fork.
+The parent has imported the code of its forks, and has opened nothing. Forks begin at once and share
+its memory. They have the same code at the same addresses, on which a processor bases its
+predictions. The parent has a single thread, since a lock held by another thread would stay locked
+in a fork. It imports only services of the table, and no observer. All other code, such as a user
+node, is imported after the fork.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Start(msgspec.Struct, frozen=True, tag=True):
     process: Process
     cores: tuple[int, ...]
     policy: int
-    """Of scheduling, and with which priority."""
+    """The scheduling policy; `priority` belongs to it."""
     priority: int
 
 
@@ -66,15 +66,15 @@ class Child:
     """A process that was forked.
 
     Args:
-        reports: From it, and of its end from the parent.
-        errors: Its standard error.
+        reports: Pipe with its reports, and with the parent's report of its end.
+        errors: Pipe with its standard error.
     """
 
     def __init__(self, reports: int, errors: int) -> None:
         self.reports = open(reports, "rb")  # noqa: SIM115  # until it ends
         self.errors = open(errors, encoding="utf-8", errors="replace")  # noqa: SIM115
         self.code: int | None = None
-        """Its exit code, once it has ended, if the parent has told it."""
+        """Its exit code after its end, if the parent has reported it."""
         self.ended = threading.Event()
         first = self.next_report()
         if first is None or first.kind != "forked":
@@ -86,7 +86,7 @@ class Child:
         self.pid = first.number
 
     def next_report(self) -> Report | None:
-        """Wait for what it reports next; None: it has ended."""
+        """Wait for its next report; None if it has ended."""
         line = self.reports.readline()
         report = msgspec.json.decode(line, type=Report) if line else None
         if report is not None and report.kind == "ended":
@@ -99,14 +99,14 @@ class Child:
 
 
 class Parent:
-    """The parent, and what asks it. It ends with whoever holds this, and its forks with it.
+    """A client of the parent. The parent and its forks end with the process that holds this object.
 
-    It is forked from this process, if that has no threads, and shares its imports.
+    The parent is forked from this process, if this has no threads, and shares its imports.
 
     Args:
         path: The scenario's file.
         settings: Its overrides.
-        scenario: Both loaded, if that has not imported nodes of one's own: then no fork need do so.
+        scenario: Both loaded, so that no fork has to; None if that has imported user nodes.
     """
 
     def __init__(self, path: Path, settings: Sequence[str], scenario: Scenario | None) -> None:
@@ -152,7 +152,7 @@ class Parent:
         self._ask(Signal(pid, number))
 
     def _ask(self, request: Start | Signal, *descriptors: int) -> None:
-        with suppress(BrokenPipeError, ConnectionResetError):  # what has ended is told by its pipes
+        with suppress(BrokenPipeError, ConnectionResetError):  # the pipes report its end
             socket.send_fds(self._requests, [msgspec.json.encode(request)], descriptors)
 
     def close(self) -> None:
@@ -164,7 +164,7 @@ class Parent:
 
 
 class _Forked(NamedTuple):
-    """What a new process begins with."""
+    """The inputs of a new process."""
 
     start: Start
     errors: int
@@ -175,8 +175,8 @@ class _Forks:
     """The processes that were forked.
 
     Args:
-        requests: What to do.
-        services: What will be asked for after the first: imported while nothing is to be done.
+        requests: Socket with requests.
+        services: Services of later requests, which are imported while no request waits.
     """
 
     def __init__(self, requests: socket.socket, services: Sequence[str]) -> None:
@@ -185,10 +185,10 @@ class _Forks:
         self._ready = selectors.DefaultSelector()
         self._ready.register(requests, selectors.EVENT_READ)
         self._running: dict[int, tuple[int, int]] = {}
-        """Process and where to report its end, by the descriptor that can be read then."""
+        """Process, and pipe for the report of its end, by the descriptor that is readable then."""
 
     def serve(self) -> _Forked | None:
-        """Fork as asked; return in each fork what it begins with, and here None, at the end."""
+        """Fork on request; return the inputs in each fork, and None here when the socket closes."""
         while True:
             ready = self._ready.select(0.0 if self._running and self._to_import else None)
             if not ready:
@@ -236,7 +236,7 @@ class _Forks:
         os.close(reports)
 
     def _leave(self) -> None:
-        """Close in a fork what is its parent's."""
+        """Close in a fork the descriptors of its parent."""
         self._ready.close()
         self._requests.close()
         for ended, (_, reports) in self._running.items():
@@ -245,12 +245,12 @@ class _Forks:
 
 
 def _threads() -> int:
-    """Return how many threads this process has, Python's and others."""
+    """Return the number of threads of this process, Python's and others."""
     return len(list(Path("/proc/self/task").iterdir()))
 
 
 def _end_after(work: Callable[[], None]) -> NoReturn:
-    """Work, and end this process without a return to what it was forked from."""
+    """Run the work, then end this process without a return to the code before the fork."""
     code = 0
     try:
         work()
@@ -266,7 +266,7 @@ def _end_after(work: Callable[[], None]) -> NoReturn:
 
 
 def _import(wanted: Sequence[str]) -> None:
-    """Import what services run; what can't be imported is told by the fork that needs it."""
+    """Import the nodes of services; a fork that needs a node reports its failed import."""
     table, installed = graph.services(), installed_nodes()
     for row in (row for name in wanted for row in table.get(name, ())):
         if row.name in installed and not row.observes:
@@ -275,11 +275,11 @@ def _import(wanted: Sequence[str]) -> None:
 
 
 def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
-    """Fork as asked on standard input, a socket, until it closes; run in each fork what was asked.
+    """Fork on requests from standard input, a socket, until it closes; run the service in the fork.
 
     Args:
-        load: Returns the scenario; called in each fork.
-        services: Of which most will be asked for.
+        load: Function that returns the scenario; called in each fork.
+        services: Services that will probably be requested.
     """
     # else NumPy starts threads when it is imported; its products here are too small for them
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -288,7 +288,7 @@ def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     gc.disable()
-    # forks end with their standard input, and nobody else has the other end of it
+    # forks end with their standard input; only this process holds the other end
     alive, living = os.pipe()
     forked = _Forks(socket.socket(fileno=0), services).serve()
     if forked is None:

@@ -1,4 +1,4 @@
-"""A gamepad, by SDL, which knows where the sticks are of most that there are."""
+"""A gamepad, read by SDL, which knows the sticks of most models."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Gamepad:
         self.name = str(pad.name)
 
     def twist(self) -> Twist2D:
-        """Return what its sticks mean, as shares of the speeds; nothing once it is pulled out."""
+        """Return the velocity of its sticks, as shares of the speeds; zero once it is unplugged."""
         game = self._pygame
         game.event.pump()
         if not self._pad.attached():
@@ -38,7 +38,7 @@ class Gamepad:
 
 
 def find() -> tuple[Gamepad | None, str]:
-    """Return the gamepad, if there is one, and what to say of it in one line."""
+    """Return the gamepad, if there is one, and a line for the user."""
     os.environ.update(SDL)
     try:
         import pygame  # noqa: PLC0415  # an extra

@@ -28,9 +28,9 @@ STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
 
 STEADY_S = 1.0
-"""A process that has not worked for so long before it ends has failed: its restart waits ..."""
+"""A process that ends after less time of work has failed, and its restart waits [s]."""
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
-"""... so long at first, twice as long each time it is so again, and at most so long."""
+"""Pauses before repeated restarts [s]: the first, which doubles each time, and the longest."""
 
 
 ROUTER = Process(("router",))
@@ -38,7 +38,7 @@ ROUTER = Process(("router",))
 
 
 class Line(NamedTuple):
-    """A line for the user: what a process has logged, or what has become of it."""
+    """A line for the user: the log of a process, or its change of state."""
 
     name: str
     text: str
@@ -47,7 +47,7 @@ class Line(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What a process has reported."""
+    """A report of a process."""
 
     name: str
     report: Report
@@ -58,29 +58,29 @@ class Ended(NamedTuple):
 
     name: str
     code: int | None
-    """None: it has ended because the parent of all has."""
+    """None if it ended because the parent of all processes ended."""
     last_line: str
-    """Of what it has logged."""
+    """The last line of its log."""
 
 
 @dataclass
 class _Part:
-    """A process, and what it takes to start it again."""
+    """A process, and the data for its restart."""
 
     child: Child
     process: Process
-    """Which it is."""
+    """Its services and robot."""
     needed: bool
     error: str = ""
-    """By which it said that it ends."""
+    """The error that it reported before its end."""
     has_run: bool = False
-    """Whether it has ever got so far as to work."""
+    """Whether it has ever reported that it works."""
     begin_s: float = math.inf
-    """Since when it works, now."""
+    """Begin of its present work [s]; infinite while it does not work."""
     failures: int = 0
-    """How often in a row it ended before it had worked for a while."""
+    """Number of consecutive ends before `STEADY_S` of work."""
     restart_s: float | None = None
-    """When it is to be started again."""
+    """Time of its restart [s]."""
 
 
 class ProcessError(MecazenError):
@@ -94,7 +94,7 @@ class Supervisor:
     reaches only this process, which then ends them; and end by themselves if this process dies.
 
     With `restart` a process that has ended is started again, at once, or after a pause that grows
-    while it keeps ending. What fails before it has ever run is an error still.
+    while it keeps ending. A process that fails before it has ever run is still an error.
 
     Args:
         path: The scenario's file.
@@ -125,7 +125,7 @@ class Supervisor:
         return {name: part.child.pid for name, part in self._parts.items()}
 
     def works(self, name: str) -> bool:
-        """Return whether a process has reported, as of the last `poll`, that it works."""
+        """Return whether a process had reported by the last `poll` that it works."""
         return self._parts[name].begin_s < math.inf
 
     def start(self, process: Process, *, needed: bool = True) -> None:
@@ -205,7 +205,7 @@ class Supervisor:
 
     def _take_end(self, event: Ended) -> Line:
         part = self._parts[event.name]
-        # what a node says of itself begins with its name
+        # the report of a node begins with its name
         how = _how(event, part.error).removeprefix(f"{event.name}: ")
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
         # an observer that says why it can't go on, as on a full disk, would say it again
@@ -225,7 +225,7 @@ class Supervisor:
     def stop(self) -> list[str]:
         """End all processes; return the names of those that had to be killed.
 
-        Who observes ends after all others, with what they have published to the last.
+        Observers end after all others, so that they receive all samples.
         """
         last = {ROUTER.name, *OBSERVERS}
         killed = [*self._stop(self._parts.keys() - last), *self._stop(self._parts.keys() & last)]

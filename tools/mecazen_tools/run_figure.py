@@ -24,7 +24,7 @@ from mecazen_tools.trajectory import POSE, TWIST, Trajectory
 Floats: TypeAlias = npt.NDArray[np.float64]
 
 ARROWS = 12
-"""On the way of each robot."""
+"""Number of arrows along the path of each robot."""
 WANTED: dict[str, Any] = {
     "color": "black",
     "linestyle": DASHES,
@@ -35,14 +35,14 @@ WANTED: dict[str, Any] = {
 ACTUAL: dict[str, Any] = {"linewidth": 0.7}
 ERRORS = {"distance\nerror [m]": 0.05, "heading\nerror [°]": 2.0}
 VELOCITIES = {"vx [m/s]": 0.1, "vy [m/s]": 0.1, "wz [rad/s]": 0.1}
-"""The panels over time, and how far their axes reach at least: rounding is no motion."""
+"""The panels over time with the minimum range of their axes: rounding must not look like motion."""
 
 
 class Course(NamedTuple):
-    """What a robot and its person did: an array each, with a row for each sample."""
+    """Motion and commands of a robot and its person: arrays with a row for each sample."""
 
     name: str
-    """Of the robot; empty where there is one."""
+    """Name of the robot; empty if there is only one."""
     robot: Floats
     """(n, 7): t [s], true x [m], y [m] and yaw [rad] in world, vx, vy [m/s], wz [rad/s] in
     base_link."""
@@ -53,7 +53,7 @@ class Course(NamedTuple):
 
 
 def courses(trajectory: Trajectory, scenario: Scenario) -> list[Course]:
-    """Return what the robots of a run in lockstep did."""
+    """Return the courses of the robots of a lockstep run."""
     table = trajectory.to_numpy()
 
     def rows(robot: str, *names: str) -> Floats:
@@ -73,10 +73,10 @@ def courses(trajectory: Trajectory, scenario: Scenario) -> list[Course]:
 
 
 def draw(ways: Sequence[Course], scenario: Scenario, title: str) -> Figure:
-    """Return the figure of a run: what is wanted is dashed, what was done is drawn through.
+    """Return the figure of a run, with goals as dashed and motion as solid lines.
 
-    The wanted place and the errors are there where a follower takes part; as in the scores they
-    are those of the scenario, whatever parameters have been changed since.
+    Goals and errors are drawn if a follower takes part. As in the scores, they use the settings of
+    the scenario, without later changes of parameters.
     """
     follows = "follower" in scenario.services and any(len(way.person) for way in ways)
     names = {**(ERRORS if follows else {}), **VELOCITIES}
@@ -116,7 +116,7 @@ def draw_arrows(
 
 
 def _draw_world(axes: Axes, scenario: Scenario) -> None:
-    """Draw what stands in the world, from above."""
+    """Draw the obstacles of the world from above."""
     grey: dict[str, Any] = {"facecolor": "#cccccc", "edgecolor": "#888888", "linewidth": 0.3}
     for solid in scenario.world.solids:
         if isinstance(solid, Box):
@@ -152,7 +152,7 @@ def _draw_way(axes: Axes, way: Course, scenario: Scenario, colour: str, *, follo
 def _draw_errors(
     distance: Axes, heading: Axes, way: Course, scenario: Scenario, colour: str
 ) -> None:
-    """Draw what the scores are the means of, with their signs."""
+    """Draw the signed errors; the scores are the means of their magnitudes."""
     wanted_m, _, wanted_rad = scenario.follower.standoff
     t, of_robot, of_person = np.intersect1d(way.robot[:, 0], way.person[:, 0], return_indices=True)
     robot, person = way.robot[of_robot], way.person[of_person]

@@ -38,11 +38,11 @@ PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
 """How long to wait for a sample before asking whether all processes still live."""
 GATHER_S = 0.005
-"""The trajectory is written down by so much later than it happens: nobody waits for it."""
+"""Delay of samples for the trajectory [s]; no process waits for them."""
 
 
 class Result(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What `mecazen simulate --json` prints."""
+    """The output of `mecazen simulate --json`."""
 
     scenario: str
     seed: int
@@ -53,7 +53,7 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     """Real-time factor: simulated over wall time, without the start."""
     d_err_m: float | None
     theta_err_deg: float | None
-    """Both measures of several robots are their means."""
+    """With several robots, both measures are means over the robots."""
     trajectory_sha256: str
     robots: dict[str, Scores] = {}
     """The measures of each of several robots, by its name."""
@@ -200,7 +200,7 @@ def simulate_distributed(
             for process in scenario.process_plan:
                 if COLLECTOR in process.services:
                     continue
-                # who no tick waits for keeps off the core of those that it does
+                # observers, for which no tick waits, keep off the core of the others
                 observes = process.services[0] in OBSERVERS
                 with beside_that_core() if observes else on_one_core():
                     supervisor.start(process)
@@ -214,10 +214,10 @@ def simulate_distributed(
 def collect(
     scenario: Scenario, name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
-    """Write down a lockstep run of services that somebody else has started with this scenario.
+    """Collect a lockstep run of services that were started elsewhere with this scenario.
 
     Raises:
-        MecazenError: The scenario is another, or a service has gone before the end.
+        MecazenError: The services run another scenario, or one of them ended too early.
     """
     if scenario.sim.mode != "lockstep" or COLLECTOR not in scenario.services:
         raise ConfigError(
@@ -265,7 +265,7 @@ def _collect(
 ) -> float:
     """Take samples until the run is whole; return the wall time since its first tick [s].
 
-    Again and again it calls `check`, which raises where the run can't go on.
+    It calls `check` repeatedly, which raises if the run can't continue.
     """
     begin, reported = time.perf_counter(), 0
     while not trajectory.complete:

@@ -29,7 +29,7 @@ RECORDER, VIEWER = "recorder", "viewer"
 
 
 class State(NamedTuple):
-    """Where a robot and its person are, at a tick; None where nobody has said it yet."""
+    """State of a robot and its person at a tick; None for values not published yet."""
 
     time_s: float
     robot: Pose2D
@@ -41,7 +41,7 @@ class State(NamedTuple):
     person_twist: Twist2D | None
     """In the person's own frame: x forward, y left."""
     odom: Pose2D | None
-    """Where the robot believes to be, in odom."""
+    """The robot's own estimate of its pose, in odom."""
     command: Twist2D | None
     """The newest `cmd_vel`, in base_link."""
     follower: FollowerState | None
@@ -51,15 +51,15 @@ class Simulation:
     """A scenario in this process, in lockstep, tick by tick.
 
     The same scenario, seed and commands give the same trajectory to the last bit, and the same
-    as `mecazen simulate`. It is begun at once; close it, or use it in a `with` statement.
+    as `mecazen simulate`. The run begins at once; close it, or use it in a `with` statement.
 
     Args:
         scenario: A name, a TOML file, or a loaded scenario.
-        seed: Of the noise; the scenario's if left out.
-        duration_s: Simulated seconds; the scenario's if left out.
+        seed: Seed of the noise; by default the scenario's.
+        duration_s: Simulated seconds; by default the scenario's.
         record: An MCAP file for everything that is published.
         view: Whether the run is drawn for `view`, which takes as long as the run itself.
-        settings: What differs from the scenario, by key: `**{"follower.standoff_m": 1.5}`.
+        settings: Overrides of the scenario by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
         ConfigError: A setting can't be used; one line says what is allowed.
@@ -96,7 +96,7 @@ class Simulation:
         self._graph = graph_of(loaded)
         self._latest: dict[str, Message] = {}
         self._held: dict[Topic[Twist], Twist] = {}
-        """What is commanded before each tick."""
+        """Commands that are published before each tick."""
         for robot in loaded.names:
             for topic in self._graph.topics:
                 self._listen(topic, robot)
@@ -118,13 +118,13 @@ class Simulation:
         return self._run.clock.tick >= self.scenario.sim.ticks - 1
 
     def reset(self, seed: int | None = None) -> State:
-        """Begin anew, with the noise of a seed or of the last run; return the first state.
+        """Restart with the noise of a seed or of the last run; return the first state.
 
-        What follows has the bits of a new simulation, which takes longer to make. The trajectory
-        begins anew, nothing is commanded any more, and a recording goes on with the new run.
+        The run is bit-identical to that of a new simulation, which takes longer to create. The
+        trajectory and the commands are cleared. A recording continues with the new run.
 
         Raises:
-            ConfigError: It is no seed.
+            ConfigError: The seed is out of range.
         """
         seed = self.scenario.seed if seed is None else index(seed)
         if not 0 <= seed < 2**32:
@@ -154,8 +154,8 @@ class Simulation:
         """Simulate some seconds, or all that are left; return the state after them.
 
         Raises:
-            ConfigError: It is no time that passes.
-            MecazenError: As of `step`.
+            ConfigError: The time is negative or not finite.
+            MecazenError: As in `step`.
         """
         if seconds is not None and not 0.0 <= seconds < math.inf:
             raise ConfigError(f"seconds = {seconds} must be a finite number >= 0")
@@ -170,7 +170,7 @@ class Simulation:
     ) -> None:
         """Drive a robot by hand from now on: its velocity in base_link [m/s, m/s, rad/s].
 
-        It is `cmd_vel` from outside, before each tick; guard and limits hold as for anyone.
+        It is published as `cmd_vel` before each tick; guard and limits apply as to any command.
 
         >>> with Simulation("teleop", duration_s=1.0) as sim:
         ...     sim.command(wz=0.5)
@@ -246,7 +246,7 @@ class Simulation:
         return self.trajectory.scores(self.scenario.of(name).follower.standoff, name)
 
     def view(self) -> Any:
-        """Return Rerun's notebook widget, which shows the run from its start and as it goes on.
+        """Return Rerun's notebook widget, which shows the run from its start and follows it live.
 
         Raises:
             MecazenError: The widget is not installed, or the run was begun without `view=True`.

@@ -1,8 +1,8 @@
-"""Samples on keys that nobody takes, but that are like one on which anyone may drive.
+"""Samples on keys that no service takes, but that resemble the key of an open topic.
 
-Who mistypes a key with a tool such as `zenoh-cli` is told nothing: the sample goes nowhere. To hear
-of all keys would cost each publisher of the loop another recipient, so only such expressions are
-heard on which no node publishes: what is an `open` topic but for a slip.
+A client that mistypes a key, as with `zenoh-cli`, gets no error: the sample has no recipient. A
+subscription to all keys would cost each publisher of the loop another recipient. So this module
+subscribes only to misspelt keys of `open` topics, on which no node publishes.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from mecazen.robots import join_key, split_key
 from mecazen.text import shortened
 
 BACKLOG_BYTES = 1 << 16
-"""So much waits at most on each expression."""
+"""Maximum size of waiting samples on each expression [bytes]."""
 KEYS = 20
-"""So many keys are told of, since a stranger can make up any number."""
+"""Maximum number of reported keys; any client can invent keys."""
 AFFIX = 3
-"""So many characters at the begin or at the end tell what a name was to be."""
+"""Number of first or last characters that identify a misspelt name."""
 
 OPEN = tuple(topic.key for topic in TOPICS if topic.open)
 
 
 class Strays:
-    """Hears them, and tells of each key once.
+    """Receives such samples, and reports each key once.
 
     Args:
-        bus: That of all robots.
+        bus: The bus of all robots.
         robots: Their names.
         given: The open keys that nodes of the scenario publish on.
-        tell: Takes a line that says which key it is, and which one may be meant.
+        tell: Function for a line with the key and a similar known key.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ def slips(key: str) -> Iterator[str]:
 
 
 def likes(key: str) -> Iterator[str]:
-    """Yield expressions of the keys of which a part begins or ends as that of a key does."""
+    """Yield expressions for keys with a part that begins or ends like a part of this key."""
     parts = key.split("/")
     for at, part in enumerate(parts):
         for like in (f"{part[:AFFIX]}$*", f"$*{part[-AFFIX:]}"):
@@ -79,10 +79,10 @@ def likes(key: str) -> Iterator[str]:
 
 
 def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
-    """Return in a line that no node of ours takes or gives a key, and which one is like it.
+    """Return a line with an unknown key and a similar known one.
 
-    None where one does, or may, of a robot of any name. It may be a key of somebody's own, so it
-    is no error.
+    None if a node takes or publishes the key, for a robot of any name. A user may have keys of
+    their own, so an unknown key is not an error.
     """
     known = [topic.key for topic in TOPICS] + [call.key for call in CALLS]
     parts = key.split("/")
@@ -96,7 +96,7 @@ def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
 
 
 def asked_only(key: str) -> str | None:
-    """Return in a line that a key answers queries and carries no samples; None where it does."""
+    """Return a warning if a key only answers queries and carries no samples; None otherwise."""
     if all(call.key != key for call in CALLS):
         return None
     asks = "`mecazen sim`, `mecazen param` or a Zenoh tool's get"

@@ -1,4 +1,4 @@
-"""What a run did, tick by tick, and how well the robot followed."""
+"""The trajectory of a run, tick by tick, and its measures of following."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ class Trajectory:
     """Collects the samples of a run from a bus into one row a tick.
 
     Args:
-        bus: Where the services publish.
+        bus: The bus on which the services publish.
         tick_ns: The control period [ns].
         ticks: The number of rows of a whole run.
-        services: Who takes part; columns of those who do not stay empty.
-        ticks_per_odom: From one odometry, and the command that answers it, to the next; by the
-            names of the robots, each in its own namespace.
+        services: Services of the run; columns of other services stay empty.
+        ticks_per_odom: Ticks from one odometry, and the command that answers it, to the next; by
+            the names of the robots, each in its own namespace.
     """
 
     def __init__(
@@ -86,34 +86,34 @@ class Trajectory:
             if "target" in services:
                 follow(keys.TARGET_ODOM, _motion)
             if "follower" in services:
-                # a follower of one's own need not tell its state; ours does so before it commands
+                # a user's follower may publish no state; ours does so before it commands
                 follow(keys.FOLLOWER_STATE, _estimate, None)
                 follow(keys.CMD_VEL, Twist.to_planar, every)
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The names of what a row holds: `COLUMNS`; of several robots, those of each."""
+        """The names of the columns: `COLUMNS`, with several robots those of each robot."""
         time, *others = COLUMNS
         return time, *(join_key(name, robot) for robot in self._robots for name in others)
 
     @property
     def complete(self) -> bool:
-        """Whether every row is there."""
+        """Whether all rows are complete."""
         return self.done >= self._ticks
 
     @property
     def done(self) -> int:
-        """Rows of which all is there that must be."""
+        """Number of rows that have all required samples."""
         rows = (len(self._columns[key]) * every for key, every in self._needed.items())
         return min(self._ticks, *rows)
 
     def reset(self) -> None:
-        """Forget every row: a run begins anew."""
+        """Clear all rows for a new run."""
         for column in self._columns.values():
             column.clear()
 
     def rows(self) -> list[Row]:
-        """Return the rows in the order of `columns`; None where there is nothing."""
+        """Return the rows in the order of `columns`; None for missing values."""
         columns = [
             (self._columns.get((robot, key), {}), (None,) * len(names))
             for robot in self._robots
@@ -138,7 +138,7 @@ class Trajectory:
     def to_numpy(self) -> Any:
         """Return the rows as a structured array: `trajectory.to_numpy()["robot_x_m"]`.
 
-        Numbers are float64, NaN where there is nothing; `tracking` is text.
+        Numbers are float64, NaN for missing values; `tracking` is text.
         """
         import numpy as np  # noqa: PLC0415 - a command needs none
 
@@ -161,7 +161,7 @@ class Trajectory:
         return hashlib.sha256(self.csv()).hexdigest()
 
     def scores(self, standoff: Standoff, robot: str = "") -> Scores:
-        """Return the measures of a robot that is to keep this place."""
+        """Return the measures of a robot with this standoff."""
         robots = self._columns[robot, keys.GROUND_TRUTH.key]
         persons = self._columns.get((robot, keys.TARGET_ODOM.key), {})
         pairs = [

@@ -38,7 +38,7 @@ class WheelSpeeds(NamedTuple):
 class MecanumKinematics:
     """The ideal relation of body twist and wheel speeds, without slip.
 
-    A roller whose axis is at γ to the axle resists along it alone. With a wheel's centre moving
+    A roller with its axis at γ to the axle resists only along it. With a wheel's centre moving
     at (v_x, v_y), its rim at ωR, that is (v_x - ωR)·sin γ ∓ v_y·cos γ = 0, with the upper sign
     for front left and rear right wheels in the arrangement X.
 
@@ -114,5 +114,5 @@ class DeadReckoning:
         return self.pose
 
     def set(self, pose: Pose2D) -> None:
-        """Go on from `pose`, as `set_odometry` asks; the twist stays."""
+        """Continue from `pose`, as `set_odometry` requests; the twist stays."""
         self.pose = pose

@@ -31,7 +31,7 @@ from mecazen_controller.kinematics import DeadReckoning, MecanumKinematics, Whee
 
 
 class OdometryNode(Node):
-    """Where the robot is: from its wheels' measured speeds, or from the simulator's truth."""
+    """Odometry from the measured wheel speeds, or the ground truth of the simulator."""
 
     ROW = TABLE["odometry"]
 
@@ -43,7 +43,7 @@ class OdometryNode(Node):
         self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(self.config.twist_covariance_diagonal)
         self.wheels_known = False
-        """Whether joint_states has ever named the wheels: then the names are right."""
+        """Whether a sample of joint_states has named the wheels, so that the names are right."""
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
@@ -60,7 +60,7 @@ class OdometryNode(Node):
         self.dead_reckoning.set(self.scenario.start.pose)
         self.time = m.Time()
         self.measured_ns: int | None = None
-        """When the wheels were last measured: the pose is as of then."""
+        """Time of the newest wheel measurement [ns]; the pose belongs to this time."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the odometry of a tick, in ticks that bring one."""
@@ -84,7 +84,7 @@ class OdometryNode(Node):
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
 
     def answer(self, call: Call[Any, Any], request: m.Message) -> m.Odometry:
-        """Let the odometry go on from the pose of a request."""
+        """Continue the odometry from the pose of a request."""
         assert isinstance(request, m.OdometryRequest)
         if self.config.odometry != "wheel":
             raise RefusedError("controller.odometry is ground_truth: there is nothing to set")
@@ -106,9 +106,9 @@ class OdometryNode(Node):
 
 
 class ControllerNode(Node):
-    """Wheel speeds for the newest commanded twist, within limits; at rest where it is stale.
+    """Wheel speeds for the newest commanded twist, within limits; zero if it is stale.
 
-    The limits hold once a tick, however many commands come in it.
+    The limits apply once per tick, independent of the number of commands in it.
     """
 
     ROW = TABLE["controller"]
@@ -122,7 +122,7 @@ class ControllerNode(Node):
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
     def configure(self, scenario: Scenario) -> None:
-        """Take other limits from now on."""
+        """Use the limits of a changed scenario from now on."""
         super().configure(scenario)
         self.limits = axis_limits(self.config.limits)
 

@@ -22,7 +22,7 @@ GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
 DEPTH_M = 1e-5
-"""So deep do wheels stand in DART's ground [m], which is as much above z = 0.
+"""Depth of the wheels in DART's ground [m]; the ground is raised above z = 0 by the same depth.
 
 Hulls of 81 spheres are up to 0.4 µm out of round, and contacts end at their edges: no contact of a
 wheel that stands is missed."""
@@ -140,8 +140,8 @@ def build_robot(
     anything.
 
     The front wheels are on an axle that swings about its middle, as in platforms of this
-    kind. Of a rigid robot, two diagonally opposite wheels would carry the whole weight: their
-    rollers are parallel, and it would glide along across them with all wheels at rest.
+    kind. If the robot were rigid, two diagonally opposite wheels would carry the whole weight.
+    Their rollers are parallel: the robot would glide across them with all wheels at rest.
     """
     links, lumped = tree
     skeleton = dart.dynamics.Skeleton("robot")

@@ -18,10 +18,10 @@ from mecazen_physics.scene import Layers, Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
 
 Drive = Literal["speed", "servo", "torque"]
-"""What the wheels' motors hold: a speed, whatever it takes; a speed within their torque; a torque.
+"""Quantity that the motors hold: a speed with any torque, a speed with limited torque, a torque.
 
-A speed that is held whatever it takes belongs to DART's forward dynamics. A servo is four more
-constraints, a tenth of a tick's time, and does the same as long as its limit is not reached.
+A speed with any torque is part of DART's forward dynamics. A servo adds four constraints, a tenth
+of a tick's time, and gives the same result while its torque stays below the limit.
 """
 _ACTUATORS = {
     "speed": dart.dynamics.VELOCITY,
@@ -35,7 +35,7 @@ LIFT_M_S = 0.02
 DEEPEST_M = 1e-3
 """A wheel that is deeper was not set onto the ground by its own weight."""
 ALIGNED_RAD = math.radians(2.0)
-"""So far DART's axes may be from those of the rollers: friction is 1/cos 2° = 1.0006 of its own."""
+"""Maximum angle between the axes of DART and rollers: friction is 1/cos 2° = 1.0006 of its own."""
 
 
 class RobotBody(ABC):
@@ -74,7 +74,7 @@ class RobotBody(ABC):
         base = self.skeleton.getBodyNode(0)
         self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self._rollers}
         self.drive: Drive = "torque"
-        """What the wheels' motors hold now."""
+        """Quantity that the motors hold now."""
         scene.add(self.skeleton, self._layers)
         scene.check_detector(self.skeleton)
 
@@ -103,9 +103,9 @@ class RobotBody(ABC):
         """Turn the scene's axes along the rollers' if the robot is alone, else to the world's.
 
         Args:
-            yaw: Of the robot in the world [rad].
-            yaw_rate: Its rate [rad/s]: the axes are turned ahead.
-            alone: Whether nothing but the ground can touch the robot.
+            yaw: Heading of the robot in the world [rad].
+            yaw_rate: Rate of the heading [rad/s]; the axes are turned ahead.
+            alone: Whether only the ground can touch the robot.
         """
         off, heading = self.scene.alignment(yaw), 0.0
         if alone and off is not None:
@@ -119,7 +119,7 @@ class RobotBody(ABC):
             self._turn(motion.in_axes_at(heading))
 
     def _turn(self, motion: Motion) -> None:
-        """Take over a motion that differs from the present one by its axes alone."""
+        """Take over a motion that differs from the present one only by its axes."""
         root = self.skeleton.getRootJoint()
         root.setPositions(motion.position[:ROOT_DOFS])
         root.setVelocities(motion.velocity[:ROOT_DOFS])

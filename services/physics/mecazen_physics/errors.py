@@ -1,4 +1,4 @@
-"""What can go wrong in the simulated world."""
+"""Errors of the simulated world."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from mecazen.errors import MecazenError
 
 
 class DivergedError(MecazenError):
-    """The simulated state makes no sense any more."""
+    """The simulated state is no longer plausible."""
 
 
 class UnsupportedError(MecazenError):
-    """The installed dartpy would simulate something else than was asked for."""
+    """The installed dartpy would not simulate what the scenario specifies."""

@@ -19,14 +19,14 @@ from mecazen_physics.state import RobotState
 TORQUE_HEADROOM = 0.8
 """Motors that need less than this share of their torque are simulated without its limit."""
 SLOW_DOWN_S = 1.0
-"""Over this time the wheels are brought to rest when commands have stopped."""
+"""Time to bring the wheels to rest when commands have stopped."""
 
 Push = Callable[[], object]
 """Sets the wheels' commands before a step."""
 
 
 class WheelCommand(NamedTuple):
-    """What the motors are to do: speeds [rad/s], or torques [N·m], in the order of `WHEELS`."""
+    """A command for the motors: speeds [rad/s] or torques [N·m], in the order of `WHEELS`."""
 
     values: Sequence[float]
     is_effort: bool = False
@@ -44,7 +44,7 @@ class Watchdog:
     def command(
         self, new: WheelCommand | None, silent_s: float, speeds: Sequence[float]
     ) -> WheelCommand:
-        """Return the command to obey.
+        """Return the command that the motors obey.
 
         Args:
             new: A command that has come, if any.

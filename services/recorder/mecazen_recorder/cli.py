@@ -250,7 +250,7 @@ def plot(
     recording = Recording(file)
     target = file.with_suffix(".png") if output is None else output
     drawing.refuse_undrawable(target, "-o")
-    from mecazen_recorder.plot import figure  # once it is known that there is Matplotlib
+    from mecazen_recorder.plot import figure  # after the check that Matplotlib is installed
 
     drawn = figure(recording, run)
     _tell_of_damage(recording)
@@ -259,7 +259,7 @@ def plot(
 
 
 def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:
-    """Say that the end is missing; a recording without a sample is an error, damaged or not."""
+    """Report that the end is missing; a recording without a sample is an error, damaged or not."""
     if not any_samples:
         cut = ", and its end is missing" if recording.is_cut_off else ""
         raise MecazenError(f"{recording.path}: no sample in it{cut}")

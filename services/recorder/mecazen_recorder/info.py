@@ -44,7 +44,7 @@ class RunInfo(msgspec.Struct, frozen=True):
     has_scenario: bool
     """Whether the file holds the run's configuration."""
     changes: tuple[str, ...]
-    """Of parameters: when, and to what; first those that had been set before the run."""
+    """Changes of parameters with time and value, after the values set before the run."""
 
 
 class Info(msgspec.Struct, frozen=True):

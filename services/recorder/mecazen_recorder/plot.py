@@ -24,18 +24,18 @@ DRAWN = {topic.key: topic for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM, key
 
 
 class Run(NamedTuple):
-    """What is drawn of a run."""
+    """The drawn data of a run."""
 
     seed: int
     rows: dict[str, Rows]
-    """By key, with the robot's name in it."""
+    """Rows by key, which includes the robot's name."""
 
 
 def figure(recording: Recording, number: int | None) -> Figure:
-    """Return the figure of a run, of the last one where none is named.
+    """Return the figure of a run, by default of the last one.
 
     Raises:
-        RecordingError: There is no such run, or not all of it is recorded that is drawn.
+        RecordingError: There is no such run, or a key that the figure needs was not recorded.
     """
     runs = _read(recording)
     if not runs:
@@ -66,17 +66,17 @@ def figure(recording: Recording, number: int | None) -> Figure:
 
 
 def _scenario(recording: Recording, run: int) -> Scenario:
-    """Return the configuration of a run, with the follower's where it is of ours."""
+    """Return the configuration of a run, with the follower's section if it can be read."""
     try:
         return recording.scenario(run, FOLLOWER)
-    except ConfigError:  # that of somebody's own follower, which is not imported
+    except ConfigError:  # the section of a user's follower, which is not imported
         return recording.scenario(run)
 
 
 def _read(recording: Recording) -> dict[int, Run]:
-    """Return what is drawn of each run.
+    """Return the drawn data of each run.
 
-    A sample without a stamp, such as a command by hand, belongs to the run that goes on.
+    A sample without a stamp, such as a command by hand, belongs to the current run.
 
     Raises:
         RecordingError: A sample is not what its key carries.

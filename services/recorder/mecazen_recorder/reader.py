@@ -84,7 +84,7 @@ class Sample(NamedTuple):
 
 
 class UntrustedError(ConfigError):
-    """A recording names programs, which would run."""
+    """A recording names programs that would run."""
 
 
 class Recording:
@@ -92,7 +92,7 @@ class Recording:
 
     Args:
         path: Its file.
-        trusted: Whether programs that its configurations name may be imported: they are code.
+        trusted: Whether to import programs that its configurations name. They are code.
 
     Raises:
         RecordingError: It can't be read, or is not a file of `mecazen record`.
@@ -117,7 +117,7 @@ class Recording:
             )
 
     def samples(self, begin_ns: float = 0, end_ns: float = math.inf) -> Iterator[Sample]:
-        """Return the samples in the order of recording, of these simulated times in each run."""
+        """Return the samples in recorded order, between two simulated times of each run."""
         schemas: dict[int, type[Message] | None] = {}
         channels: dict[int, tuple[str, Stamp | None, str, type[Message] | None]] = {}
         with self._open() as file:
@@ -167,8 +167,8 @@ class Recording:
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run, with defaults for some sections unless they are named.
 
-        Those are `WITH_FILES`, since such a file need not exist any more, and the sections of user
-        nodes. Where the recording is not trusted, programs that are not installed are left out.
+        These are the sections `WITH_FILES`, whose files may no longer exist, and the sections of
+        user nodes. If the recording is not trusted, programs that are not installed are left out.
 
         Raises:
             RecordingError: It is not in the recording.
@@ -198,14 +198,15 @@ class Recording:
         return from_tables({**wanted(tables), "robots": robots}, self.path)
 
     def refuse_code(self) -> None:
-        """Check that no program of the recording would run that is not installed.
+        """Check that the recording would run only installed programs.
 
         Raises:
-            UntrustedError: One would; call it once `samples` has read the configurations.
+            UntrustedError: It would run another one; call this after `samples` has read the
+                configurations.
         """
         found: dict[str, None] = {}
         for text in () if self.trusted else self.scenarios.values():
-            with suppress(ValueError):  # a damaged one is told of where it is needed
+            with suppress(ValueError):  # a damaged one is reported when it is needed
                 found |= dict.fromkeys(_code(tomllib.loads(text)).values())
         if found:
             names = printable(", ".join(found))
@@ -234,7 +235,7 @@ class Recording:
 
     def _note_run(self, record: Metadata) -> None:
         run = record.metadata
-        # metadata has no checksum: what is invalid in it is ignored
+        # metadata has no checksum: ignore invalid values
         if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
             self.scenarios[int(run["run"])] = run["scenario"]
             self._robots[int(run["run"])] = robots_in(run["scenario"])

@@ -25,7 +25,7 @@ from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError
 
 PERIODIC = {topic.key for row in GRAPH for topic in row.outputs} - {PARAMETERS.key}
-"""Keys whose last sample tells how far a recording goes."""
+"""Keys whose last sample marks the end of a recording."""
 
 
 class Difference(NamedTuple):
@@ -53,11 +53,11 @@ class Comparison(NamedTuple):
 
 
 Outputs = list[tuple[int, Message]]
-"""What was published on a key, with the times [ns]."""
+"""Messages on a key with their times [ns]."""
 
 
 def recompute(recording: Recording, program: str, robot: str = "") -> Comparison:
-    """Re-compute a service, a node, or `file.py:Class` of a node in the place of one.
+    """Re-compute a service, a node, or a user node `file.py:Class` that takes a node's place.
 
     Runs that are not recorded from their first tick, or without configuration, are skipped.
     Diagnostics are not compared.

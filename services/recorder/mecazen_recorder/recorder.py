@@ -34,26 +34,26 @@ BYTES_PER_MIB = 1 << 20
 ANSWER_S = 1.0
 """Timeout of queries, during which samples wait."""
 MAX_RUNS = 1000
-"""A file holds so many, each with its configuration."""
+"""Maximum number of runs in a file, each with its configuration."""
 MAX_OTHER_RUNS = 100
-"""Beyond so many only samples on `GUARDED` keys begin another."""
+"""Number of runs after which only samples on `GUARDED` keys begin another run."""
 GUARDED = [topic for topic in keys.TOPICS if not topic.open and "*" not in topic.key]
-"""What access control lets only one service put."""
+"""Topics on which access control allows only one service to publish."""
 
 logger = logging.getLogger(__name__)
 
 
 class _Answer(NamedTuple):
-    """What somebody says of a run."""
+    """The answer to queries about a run."""
 
     scenario: str | None
-    """In TOML."""
+    """The configuration in TOML, if known."""
     descriptions: dict[str, RobotDescription]
-    """Of robots that have not been described before, by name."""
+    """Descriptions of robots not described before, by name."""
 
 
 class Recorder:
-    """Records every sample of some keys, as docs/recording.md says.
+    """Records every sample of some keys, as docs/recording.md specifies.
 
     On a bus within a process the diagnostics of `services` are recorded. `scenario` returns the
     configuration of a new run in TOML, or None; the names in it replace those of `robots`.
@@ -80,16 +80,16 @@ class Recorder:
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
-        self._firsts = FirstSamples(lambda key: bus.refuse(key, "of a run of nobody else"))
+        self._firsts = FirstSamples(lambda key: bus.refuse(key, "no second sample of its run"))
         self._asking = ThreadPoolExecutor(1)
         self._answer: Future[_Answer] | None = None
-        """What somebody will have said of the newest run; meanwhile samples wait here."""
+        """The pending answer about the newest run; until it arrives, samples wait here."""
         self._waiting: deque[Sent] = deque()
         self._waiting_bytes, self._most_bytes = 0, config.backlog_mib * BYTES_PER_MIB
         self._described: set[str] = set()
         for key in config.keys:
             includes(key, key)  # a wrong key is an error before the file exists
-        # without what was changed nothing can be computed anew
+        # re-computation needs the changes of parameters
         recorded = (*config.keys, keys.PARAMETERS.key)
         self.writer = RecordingWriter(Path(config.file), config.encoding)
         if isinstance(bus, ZenohBus):
@@ -115,8 +115,8 @@ class Recorder:
             self.writer.sync_if_due()
 
     def close(self) -> None:
-        """Record what waits, and finish the file."""
-        self._most_bytes = 0.0  # nobody is asked any more
+        """Record the waiting samples, and finish the file."""
+        self._most_bytes = 0.0  # later runs begin without a query to another process
         while self._answer is not None:
             wait([self._answer])
             self._go_on()
@@ -133,7 +133,7 @@ class Recorder:
         attachment: bytes | None,
     ) -> None:
         if any(includes(expression, key) for expression in others):
-            return  # another subscription brings it too
+            return  # another subscription receives it as well
         self._go_on()
         sample = key, payload, encoding, attachment
         if self._answer is None:
@@ -145,7 +145,7 @@ class Recorder:
             self._bus.refuse(key, f"more than {self._most_bytes:.0f} bytes wait")
 
     def _go_on(self) -> None:
-        """Record what has waited for an answer, once that is there."""
+        """Record the samples that wait for an answer, once it has arrived."""
         while self._answer is not None and self._answer.done():
             self._begin(self._answer.result())
             self._answer = None
@@ -160,7 +160,7 @@ class Recorder:
             topic = self._topic_of(key)
             stamp = None
             with suppress(RefusedError) if topic is None else nullcontext():
-                # on keys outside the table it may be anything
+                # on keys outside the table the attachment may be anything
                 stamp = None if attachment is None else Stamp.unpack(attachment)
             if stamp is not None and stamp.run not in self._runs:
                 self._meet(stamp, sample, guarded=topic in GUARDED)
@@ -173,7 +173,7 @@ class Recorder:
             self._bus.refuse(key, str(refusal))
 
     def _meet(self, stamp: Stamp, sample: Sent, *, guarded: bool) -> None:
-        """Begin a run with its second sample; what comes waits until somebody has told of it."""
+        """Begin a run with its second sample; later samples wait for the answer about the run."""
         first = self._firsts.second(stamp.run, sample)
         if first is None:
             return
@@ -206,7 +206,7 @@ class Recorder:
         """Note the newest tick, and write the record of a new run."""
         if stamp is None:
             return
-        if stamp.run not in self._runs:  # within a process there is nobody to doubt
+        if stamp.run not in self._runs:  # within a process every publisher is trusted
             self._runs.add(stamp.run)
             self.now = stamp
             self._begin(self._ask())
@@ -214,7 +214,7 @@ class Recorder:
             self.now = max(self.now, stamp)
 
     def _begin(self, answer: _Answer) -> None:
-        """Write the record of the newest run, and attach what robots look like, once each."""
+        """Write the record of the newest run, and attach each robot's description once."""
         self.writer.write_run(self.now, answer.scenario)
         if answer.scenario is not None:
             self._robots = robots_in(answer.scenario)
@@ -223,12 +223,12 @@ class Recorder:
             self._described.add(robot)
 
     def _ask(self) -> _Answer:
-        """Ask what is simulated; over Zenoh on a thread of its own, since it may take long."""
+        """Query scenario and robots; over Zenoh in a thread, since answers may take long."""
         scenario = self._scenario()
         robots = self._robots if scenario is None else robots_in(scenario)
         descriptions = {}
         for robot in [one for one in robots if one not in self._described]:
-            with suppress(BusError):  # nobody simulates, as in a replay of another recording
+            with suppress(BusError):  # no simulation runs, as in a replay of another recording
                 descriptions[robot] = ask_description(self._bus, robot, ANSWER_S)
         return _Answer(scenario, descriptions)
 
@@ -240,7 +240,7 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
         try:
             return bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data
         except BusError:
-            return None  # nobody simulates, as in a replay
+            return None  # no simulation runs, as in a replay
 
     log.set_up("recorder", lambda: recorder.now.time_ns / NS_PER_S)
     recorder = Recorder(bus, config, (), scenario)

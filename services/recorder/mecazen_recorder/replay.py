@@ -27,15 +27,15 @@ def publish(
     """Publish the samples of some keys with their original stamps; return their number.
 
     `speed` is in simulated seconds per wall second; for the times see `Recording.samples`.
-    `turn`, how often it was published before, is added to the numbers of the runs, since services
-    drop ticks older than the newest of a run.
+    `turn`, the number of times it was published before, is added to the numbers of the runs, since
+    services drop ticks older than the newest of a run.
 
     Raises:
-        RecordingError: Nothing in the recording is on these keys and in this time, or a
-            sample is not what its key carries.
+        RecordingError: The recording has no sample on these keys within these times, or the
+            type of a sample does not match its key.
     """
     published, run = 0, None
-    start_s, start_ns = 0.0, math.nan  # of the run
+    start_s, start_ns = 0.0, math.nan  # begin of the run
     for sample in recording.samples(begin_ns, end_ns):
         if not any(includes(expression, sample.key) for expression in keys):
             continue

@@ -1,4 +1,4 @@
-"""Runs that are not known yet, of which a stranger can make up any number."""
+"""Runs that are not known yet; any client can invent run numbers."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.zenoh_bus import Sent, bytes_of
 
 FIRST_BYTES = 1 << 22
-"""So much waits at most of runs of which nothing else has come yet."""
+"""Maximum size of the first samples that wait for a second sample of their run [bytes]."""
 
 
 class FirstSamples:
     """Keeps the first sample of each run until the second one comes, up to a number of bytes.
 
-    Who makes up a run for each sample begins none: a node says more than one thing in a run.
+    A node publishes more than one sample in a run. A client that invents a run number for each
+    sample therefore begins no run.
 
     Args:
         refuse: Called with the key of a sample that has waited too long.
@@ -27,7 +28,7 @@ class FirstSamples:
         self._bytes = 0
 
     def second(self, run: int, sample: Sent) -> Sent | None:
-        """Return the first sample of a run that this is the second of, or keep this one."""
+        """Return the first sample of a run if this is the second one; keep this one otherwise."""
         first = self._samples.pop(run, None)
         if first is not None:
             self._bytes -= SAMPLE_BYTES + bytes_of(first)
@@ -39,7 +40,7 @@ class FirstSamples:
         return None
 
     def close(self) -> None:
-        """Refuse what waits."""
+        """Refuse all waiting samples."""
         while self._samples:
             self._drop()
 

@@ -1,4 +1,4 @@
-"""The recorder: everything that is published, into an MCAP file."""
+"""The recorder: writes all published samples to an MCAP file."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ SYNC_S = 0.5
 
 MAX_CHANNELS = 2**16 - 1
 MAX_OTHER_CHANNELS = 2**13
-"""Of diagnostics, and of keys outside the table: of both a stranger can make up any number."""
+"""Maximum number of channels for diagnostics and unknown keys, which any client can invent."""
 _RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpack"}
 
 

@@ -78,7 +78,7 @@ class Health:
 
 
 def _as_text(sent: str) -> str:
-    """Return what somebody has sent as Markdown that shows it."""
+    """Return text from the bus with all Markdown characters escaped."""
     return re.sub(r"([\\`*_{}\[\]<>()#+!|~&$^])", r"\\\1", printable(sent))
 
 

@@ -14,7 +14,7 @@ BACKGROUND = (206, 211, 218)
 PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
 LEGEND_SHARE = 0.25
-"""Of the width of a plot: its legend's place, right of the newest values."""
+"""Share of a plot's width that the legend takes, right of the newest values."""
 
 
 def application(robots: Sequence[str]) -> str:

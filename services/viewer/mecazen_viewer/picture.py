@@ -139,7 +139,7 @@ class Picture:
             yield from plots.errors(self._standoff, pose.between(robot))
 
     def on_people(self, people: m.People, time_ns: int) -> Iterator[Entity]:
-        """Move those whom no robot follows."""
+        """Move the people whom no robot follows."""
         del time_ns
         followed = {name or "target" for name in self._scenario.names}
         yield senses.people([one for one in people.persons if one.id not in followed])

@@ -24,7 +24,7 @@ from mecazen_viewer.rerun_process import SERVES, SHOWS, RerunProcess, free_port,
 from mecazen_viewer.service import FRAME_NS, ViewerService
 
 MAGIC = b"\x89MCAP0\r\n"
-"""With this an MCAP file begins; Rerun shows an empty page of what doesn't."""
+"""First bytes of an MCAP file; Rerun shows an empty page for a file without them."""
 SECTIONS = ("physics", "follower")
 """Sections of a scenario that the scene needs."""
 

@@ -1,4 +1,4 @@
-"""What sensors see, and the body that they look at, as entities of the scene."""
+"""Entities of the scene for sensor data, and for the body that the sensors observe."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def body(skeleton: m.Skeleton) -> Entity:
 
 
 def skeletons(seen: Sequence[m.Skeleton], robot: Pose2D) -> Entity:
-    """Return the bones of everybody seen, of whom joints are in view, in world."""
+    """Return the bones of all detected skeletons between joints in view, in world."""
     strips: list[Array] = []
     for one in seen:
         joints = _placed(_joints(one), robot)
@@ -68,7 +68,7 @@ def skeletons(seen: Sequence[m.Skeleton], robot: Pose2D) -> Entity:
 
 
 def people(persons: Sequence[m.Person]) -> Entity:
-    """Return the true bones of people, in world; who has no body is a line as tall as they are."""
+    """Return people's true bones in world; a person without joints is a line of their height."""
     strips: list[Array] = []
     for one in persons:
         if one.joints:

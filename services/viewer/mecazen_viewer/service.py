@@ -102,7 +102,7 @@ class ViewerService(Observer):
                 self.end()
 
     def widget(self) -> Viewer:
-        """Return what shows this run in a notebook, from its start and as it goes on.
+        """Return a notebook widget that shows this run from its start and follows it live.
 
         Raises:
             MecazenError: Rerun's widget is not installed, or nothing has been published yet.
@@ -187,12 +187,12 @@ class ViewerService(Observer):
             self.recording.flush()  # a widget has all of it then
         self.recording, self.logged_ns = None, -1
         # an orphaned recording keeps its threads until this call, which raises if any recording of
-        # this process has lost its server: `run` says so of its own
+        # this process has lost its server: `run` reports the loss of its own server
         with suppress(RuntimeError):
             rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
     def robot(self, name: str) -> Iterable[Entity]:
-        """Return the static entities of a robot; none if nobody describes it."""
+        """Return the static entities of a robot; none if no service describes it."""
         try:
             description = ask_description(self.bus, name, DESCRIPTION_TIMEOUT_S)
             return self.pictures[name].robot_shapes(description)

@@ -81,7 +81,7 @@ def ground(centre: tuple[int, int]) -> Entity:
 
 
 def arrow(height: float) -> Entity:
-    """Return the red arrow of a person of a height [m], which tells where they face."""
+    """Return the red arrow of a person of a height [m], which shows where they face."""
     return f"{e.PERSON}/arrow", _arrow(PERSON_ARROW_M, e.RED, ARROW * height, 2.0 * ARROW_RADIUS)
 
 

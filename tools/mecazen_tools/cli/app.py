@@ -30,7 +30,7 @@ from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
 ELSEWHERE = {"experiment": "mecazen-experiments", "bench": "mecazen-bench"}
-"""Projects that bring a command, and that running does without."""
+"""Optional projects that provide a command."""
 
 TrajectoryFile = Annotated[
     Path | None,
@@ -64,7 +64,7 @@ app.command()(talk.echo)
 app.command()(talk.pub)
 app.command()(teleop.teleop)
 for entry in entry_points(group="mecazen.commands"):
-    # what is installed beside the SDK brings its own commands: one, or a group of them
+    # other installed packages provide their own commands: one, or a group of them
     command = entry.load()
     if isinstance(command, typer.Typer):
         app.add_typer(command, name=entry.name)
@@ -200,7 +200,7 @@ def collect_command(
 
 
 def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
-    """Check, before the run, where its files are to be written."""
+    """Check before the run that its files can be written."""
     if trajectory is not None and not trajectory.absolute().parent.is_dir():
         raise MecazenError(f"--trajectory {trajectory}: no such folder")
     if plot is not None:
@@ -209,7 +209,7 @@ def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
 
 @contextmanager
 def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar meanwhile; yield what tells it how many ticks are done."""
+    """Show a progress bar; yield a function that sets the number of finished ticks."""
     terminal = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"),
@@ -225,7 +225,7 @@ def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
 
 
 def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool) -> None:
-    """Tell the scores, then write the file: what a full disk refuses must not cost the scores."""
+    """Print the scores, then write the file, so that a full disk does not cost the scores."""
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
     else:
@@ -252,7 +252,7 @@ def _draw(run: Trajectory, scenario: Scenario, result: Result, file: Path, *, qu
 
 
 def _measures(of: Result | Scores) -> tuple[str, str]:
-    """Return the measures of following as one reads them."""
+    """Return the measures of following as readable text."""
     return (
         "-" if of.d_err_m is None else f"{of.d_err_m:.4f} m",
         "-" if of.theta_err_deg is None else f"{of.theta_err_deg:.2f}°",
@@ -295,7 +295,7 @@ def create(
 
 
 def main(commands: typer.Typer = app) -> None:
-    """Run a command line; what may go wrong ends in one line."""
+    """Run a command line; print an expected error in one line."""
     try:
         for argument in sys.argv[1:]:
             if argument != argument.encode(errors="replace").decode():
@@ -310,11 +310,11 @@ def main(commands: typer.Typer = app) -> None:
 
 
 def _usage_error(error: typer.TyperException) -> str:
-    """Return what is wrong with a command line in one line; nothing where help was shown."""
+    """Return the error of a command line in one line; empty if help was shown."""
     told = one_line(error.format_message().strip()).rstrip(".")
     if not told:
         return ""
-    context = getattr(error, "ctx", None)  # of an error in how a command is used
+    context = getattr(error, "ctx", None)  # set for an error in the usage of a command
     hint = "" if context is None else f"; `{context.command_path} --help` tells what is allowed"
     for name, project in ELSEWHERE.items():
         if told == f"No such command '{name}'":

@@ -59,7 +59,7 @@ Namespace = Annotated[
 
 
 def console(width: int) -> Console:
-    """Return the terminal, or for tables of a `width` [characters] what is none."""
+    """Return the terminal, or else a console of a `width` [characters] for tables."""
     terminal = Console()
     return terminal if terminal.is_terminal else Console(width=width)
 
@@ -73,7 +73,7 @@ def load(scenario: str, settings: list[str] | None) -> Scenario:
 def tool_bus(
     connect: str | None = None, namespace: str | None = None, tls: Path | None = None
 ) -> Iterator[ZenohBus]:
-    """Open a bus as a client of a router; Ctrl-C ends what is done with it quietly."""
+    """Open a bus as a client of a router; Ctrl-C ends the context quietly."""
     try:
         config = msgspec.convert(
             {

@@ -34,7 +34,7 @@ def _ask(
         try:
             return bus.call(call, request)
         except BusError as error:
-            # the reason says by itself what it is about
+            # the reason names its subject
             raise ConfigError(one_line(str(error).removeprefix(f"{call.key}: "))) from None
 
 

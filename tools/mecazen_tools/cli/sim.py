@@ -17,7 +17,7 @@ from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 STEP_TIMEOUT_S = 3600.0
 
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
-"""So that -3 is a number out of range, not an option that does not exist."""
+"""Makes -3 a number out of range, not an unknown option."""
 
 app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or speed up a simulation.")
 

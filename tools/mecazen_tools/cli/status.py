@@ -1,4 +1,4 @@
-"""`mecazen status`: how all services are, in one screen."""
+"""`mecazen status`: the state of all services on one screen."""
 
 from __future__ import annotations
 
@@ -29,57 +29,58 @@ from mecazen_tools.strays import Strays
 
 REFRESH_S = 0.5
 ANSWER_S = 0.5
-"""How long simulated time may take to say how it is; a physics that is gone says nothing."""
+"""Timeout of queries to the clock; a physics that is gone does not answer [s]."""
 SCREEN_WIDTH = 120
-"""Where it is shown in no terminal [characters]."""
+"""Width of the output outside a terminal [characters]."""
 PATIENCE_S = 3.0
-"""How long what is shown once waits for every service's report; one comes each simulated second."""
+"""Timeout for a report of every service, in output that is shown once [s]. A service reports every
+simulated second."""
 
 REPORTS = 1000
-"""The reports of so many services are kept, since a stranger can make up any number."""
+"""Maximum number of services whose reports are kept; any client can invent names."""
 
 IGNORED = "ignored/"
 WARNINGS = 20
-"""So many are told."""
+"""Maximum number of warnings shown."""
 
 ALL_DIAGNOSTICS = keys.diagnostics("*").key
 
 
 class Input(msgspec.Struct, frozen=True):
-    """What a service hears on one key."""
+    """Statistics of the samples that a service receives on one key."""
 
     hz: float
     """Samples per simulated second."""
     age_s: float | None
-    """Simulated time since the newest; None where none has come in this run."""
+    """Simulated time since the newest sample; None if there is none in this run."""
 
 
 class ServiceStatus(msgspec.Struct, frozen=True):
-    """How one service is."""
+    """The state of one service."""
 
     state: str
     """`gone`, `alive` while it waits for the others, or `ready`."""
     inputs: dict[str, Input] = {}
     refused: int = 0
-    """Payloads that were not what their key carries."""
+    """Number of payloads whose type does not match their key."""
     missed: int = 0
-    """Deadlines that were missed, by physics; by others, ticks that they never heard of."""
+    """Number of missed deadlines of physics; of other services, ticks that they did not receive."""
     restarts: int = 0
-    """How often it has gone and come back, as the others have seen."""
+    """Number of times it has gone and come back, as reported by other services."""
 
 
 class Status(msgspec.Struct, frozen=True):
-    """What `mecazen status --json` prints."""
+    """The output of `mecazen status --json`."""
 
     sim: SimState | None
-    """None where nobody simulates."""
+    """None if no simulation runs."""
     services: dict[str, ServiceStatus]
     warnings: tuple[str, ...] = ()
-    """What somebody has sent for nothing: an unknown field, or on a key that is like another."""
+    """Samples without effect: an unknown field, or a key that resembles another one."""
 
 
 Reports = dict[str, dict[str, str]]
-"""What each service has said of itself last, by name."""
+"""The newest report of each service, by name."""
 
 
 def status_of(
@@ -89,10 +90,10 @@ def status_of(
     reports: Reports,
     strays: Iterable[str] = (),
 ) -> Status:
-    """Return how everybody is, of whom the services `parts` should be there.
+    """Return the state of the expected services `parts`, and of all others.
 
-    `alive` are liveliness tokens, of which `<name>/ready` is a mark of readiness; `strays` is
-    what is said of samples on keys that nobody takes.
+    `alive` are liveliness tokens; a token `<name>/ready` marks readiness. `strays` are warnings
+    about samples on keys that no service takes.
     """
     here = {name for name in alive if not name.endswith("/ready")}
     names = [*parts, *sorted(here | reports.keys())]
@@ -105,7 +106,7 @@ def status_of(
     return Status(
         sim,
         {name: _service(name, alive, reports) for name in dict.fromkeys(names)},
-        tuple(dict.fromkeys((*strays, *ignored)))[:WARNINGS],  # several services hear one key
+        tuple(dict.fromkeys((*strays, *ignored)))[:WARNINGS],  # several services receive one key
     )
 
 
@@ -128,7 +129,7 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
 
 
 def number(said: Mapping[str, str], name: str) -> float | None:
-    """Return a value, or None where it is no number, as of an input that never came."""
+    """Return a value, or None if it is not a number, as for an input that never came."""
     try:
         number = float(said[name])
     except (KeyError, ValueError):
@@ -141,7 +142,7 @@ def _count(said: dict[str, str], name: str) -> int:
 
 
 def screen(status: Status) -> Group:
-    """Return a status as one sees it."""
+    """Return a status as a table with a headline."""
     hears = Column("hears [Hz]", overflow="fold")  # else a narrow terminal cuts keys off
     table = Table("service", "state", hears, r"oldest \[s]", "refused", "missed", "restarts")
     for name, service in status.services.items():
@@ -172,7 +173,7 @@ def _headline(sim: SimState | None) -> str:
 
 
 class _Listener:
-    """Asks and hears how everybody is."""
+    """Queries and collects the state of all services."""
 
     def __init__(self, bus: ZenohBus) -> None:
         self._bus = bus
@@ -184,18 +185,18 @@ class _Listener:
         self._hear("")
 
     def listen(self, duration_s: float) -> None:
-        """Take reports for a while."""
+        """Receive reports for a duration [s]."""
         end = time.monotonic() + duration_s
         while (left_s := end - time.monotonic()) > 0:
             self._bus.spin_once(left_s)
 
     @property
     def awaited(self) -> set[str]:
-        """Who is alive, takes part, and has not said yet how it is."""
+        """Services of the scenario that are alive but have not reported yet."""
         return (set(self._parts) & self._alive) - self.reports.keys()
 
     def status(self) -> Status:
-        """Return how everybody is now."""
+        """Return the present state of all services."""
         self._alive = self._bus.alive()
         sim = None
         if "physics" in self._alive:
@@ -206,11 +207,11 @@ class _Listener:
                     self._take_part(tomllib.loads(toml))
                     return self.status()
             except BusError:
-                pass  # it is just starting, or just gone, or frozen
+                pass  # physics is starting, gone or frozen
         return status_of(sim, self._parts, self._alive, self.reports, self._strays)
 
     def _take_part(self, scenario: dict[str, Any]) -> None:
-        """Learn from a scenario's tables who takes part."""
+        """Read robots and services from a scenario's tables."""
         self._robots = tuple(robot["name"] for robot in scenario["robots"])
         self._parts = tuple(
             join_key(part, robot)
@@ -235,7 +236,7 @@ class _Listener:
         except RefusedError as refusal:
             self._bus.refuse(key, str(refusal))
             return
-        # whom it is of says the key, which access control guards, not the report
+        # the key names the service, not the report: access control guards keys
         name = join_key(key.removeprefix(join_key(ALL_DIAGNOSTICS, robot)[:-1]), robot)
         if name in self.reports or len(self.reports) < REPORTS:
             self.reports[name] = {

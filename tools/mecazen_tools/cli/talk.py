@@ -1,4 +1,4 @@
-"""Commands that show the graph, look at the bus and talk on it."""
+"""Commands that show the graph, and read and write samples on the bus."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def graph(
             if process.robot in ("", loaded.names[0])
         ]
         turns = [turn.row.name for turn in compile_plan(loaded, nodes).turns]
-        # who owns time begins each tick; observers take no turn
+        # the owner of time begins each tick; observers take no turn
         first = [row.name for row in nodes.rows if row.owns_time]
         last = [row.name for row in nodes.rows if row.observes]
         order = list(dict.fromkeys([*first, *turns, *last]))
@@ -97,12 +97,12 @@ def topics(
             end = time.monotonic() + LIVE_S
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
-    # a narrow terminal folds cells: what is cut off can't be read
+    # a narrow terminal folds cells instead of cutting them off
     names = ["key", "message", "rate", "from", "meaning", *(["Hz now"] if live else [])]
     table = Table(*(Column(name, overflow="fold") for name in names))
     for cells in graph_views.topic_rows(nodes):
         now = [f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []
-        table.add_row(*map(Text, (*cells, *now)))  # a unit in brackets is no markup
+        table.add_row(*map(Text, (*cells, *now)))  # Text: a unit in brackets is not markup
     table.add_section()
     for cells in graph_views.call_rows(nodes):
         table.add_row(*map(Text, cells))
@@ -189,13 +189,13 @@ def pub(
 
 
 def _read(key: str, payload: bytes, encoding: str) -> Any:
-    """Return what is on a key: a message of its type where the table has it, else any JSON."""
+    """Decode a payload: a message if the table has the key, else any JSON."""
     topic = topic_of(key)
     return msgspec.json.decode(payload) if topic is None else decode(payload, topic.type, encoding)
 
 
 def _warn_of_typo(key: str) -> None:
-    """Say on standard error that nothing comes or goes on a key, and what may be meant."""
+    """Warn on standard error of a key without samples, and suggest a similar key."""
     told = None if "*" in key else asked_only(key) or unknown_key(key)
     if told is not None:
         typer.echo(f"warning: {told}", err=True)

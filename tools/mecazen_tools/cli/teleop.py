@@ -37,15 +37,15 @@ if TYPE_CHECKING:
     from blessed.keyboard import Keystroke
 
 PERIOD_S = 0.05
-"""Of commands while a key is held: ten times as often as the controller's watchdog needs them."""
+"""Period of commands while a key is held [s]: a tenth of the controller's watchdog timeout."""
 STALE_S = 1.0
-"""What has not come for so long is not shown."""
+"""Age at which a message is no longer shown [s]."""
 OTHERS_S = 0.5
-"""For so long after a command of somebody else, they drive as well."""
+"""Time after a command of another client during which that client counts as driving [s]."""
 ANSWER_S = 0.5
-"""How long a terminal, or simulated time, may take to answer."""
+"""Timeout of answers from the terminal and from the simulation [s]."""
 KITTY = 0b1011
-"""Keys that are told apart, their releases, and all keys so: flags of kitty's keyboard protocol."""
+"""Flags of kitty's keyboard protocol: distinct keys, releases, and both for all keys."""
 OTHER = "other"
 A_NODE = "a follower (`mecazen up teleop` has none)"
 QUIT = {"q", "ctrl_c"}
@@ -53,12 +53,12 @@ NAMES = {" ": "space", "equals": "=", "plus": "+", "minus": "-", "underscore": "
 
 
 class Role(NamedTuple):
-    """Who is driven."""
+    """The driven body: a robot or its person."""
 
     command: Topic[Twist]
     odometry: Topic[Odometry]
     service: str
-    """Obeys the commands."""
+    """The service that obeys the commands."""
 
 
 ROBOT = Role(keys.CMD_VEL, keys.ODOM, "controller")
@@ -66,7 +66,7 @@ PERSON = Role(keys.TARGET_CMD_VEL, keys.TARGET_ODOM, "target")
 
 
 class Press(NamedTuple):
-    """What the terminal tells of a key."""
+    """A key event from the terminal."""
 
     key: str
     released: bool = False
@@ -74,15 +74,15 @@ class Press(NamedTuple):
 
 
 class Driven:
-    """Commands a robot or a person, and knows how they do.
+    """Commands a robot or a person, and collects their state.
 
     Args:
-        bus: That of all robots.
-        role: Who is driven.
-        robot: Of several, which.
+        bus: The bus of all robots.
+        role: Whether the robot or the person is driven.
+        robot: Name of the robot, if there are several.
 
     Raises:
-        ConfigError: There is none of this name.
+        ConfigError: There is no robot of this name.
     """
 
     def __init__(self, bus: ZenohBus, role: Role, robot: str) -> None:
@@ -92,7 +92,7 @@ class Driven:
         self._publisher = bus.publisher(of_robot(role.command, robot))
         self._sent: Twist | None = None
         self._last: dict[str, tuple[float, Any]] = {}
-        """By key: when it came, and what."""
+        """Arrival time [s] and content of the newest message, by key."""
         bus.subscribe(of_robot(role.command, robot), self._hear_other)
         heard = (role.odometry, keys.GUARD_STATE) if role is ROBOT else (role.odometry,)
         for topic in heard:
@@ -101,7 +101,7 @@ class Driven:
         self._presence = bus.presence
         self._obeys = ""
         self._is_new = True
-        """Whether it is to be asked who takes part."""
+        """Whether to query the scenario again."""
         bus.presence.on_change.append(self._on_change)
         self._ask()
 
@@ -116,18 +116,18 @@ class Driven:
         return self._sent is not None and self._sent != Twist()
 
     def end(self) -> None:
-        """Have who was driven rest."""
+        """Stop the driven body."""
         if self._sent is not None:
             self.send(Twist2D())
 
     def update(self) -> None:
-        """Take what has come."""
+        """Process received samples."""
         self._bus.drain()
         if self._is_new:
             self._ask()
 
     def text(self) -> str:
-        """Return where who is driven is and how fast, and what the guard does."""
+        """Return pose and speed of the driven body, and the state of the guard."""
         odometry = self._recent(self._role.odometry.key, STALE_S)
         if odometry is None:
             return f"no {self._role.odometry.key}"
@@ -138,7 +138,7 @@ class Driven:
         return where if guard is None else f"{where}  guard: {printable(guard.state)}"
 
     def note(self) -> str:
-        """Return what keeps commands from being obeyed; empty if nothing does."""
+        """Return the reason why commands are not obeyed; empty if they are."""
         key = join_key(self._role.command.key, self._robot)
         if join_key(self._role.service, self._robot) not in self._presence.names:
             return f"nobody listens to {key}: is `mecazen up teleop` running?"
@@ -161,14 +161,14 @@ class Driven:
         self._last[what] = time.monotonic(), message
 
     def _hear_other(self, message: Twist, stamp: Stamp | None) -> None:
-        if message is not self._sent:  # one's own comes back as it was sent
+        if message is not self._sent:  # an own command returns as the same object
             self._last[OTHER] = time.monotonic(), stamp is not None
 
     def _on_change(self) -> None:
         self._is_new = True
 
     def _ask(self) -> None:
-        """Learn who takes part, where anybody simulates."""
+        """Query the scenario, and check that the robot exists and obeys."""
         self._is_new, self._obeys = False, ""
         try:
             tables = tomllib.loads(self._bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data)
@@ -231,10 +231,10 @@ def _drive(
     read: Callable[[float], Press | None],
     show: Callable[[Group], None],
 ) -> None:
-    """Publish what is held until it is to end."""
+    """Publish the velocity of the held keys and sticks until a key quits."""
     due = time.monotonic()
     while True:
-        due = max(due + PERIOD_S, time.monotonic())  # after a Ctrl-Z nothing is made up for
+        due = max(due + PERIOD_S, time.monotonic())  # periods missed during a Ctrl-Z are skipped
         stops = False
         while (left_s := due - time.monotonic()) > 0.0:
             press = read(left_s)
@@ -261,7 +261,7 @@ def _drive(
 
 @contextmanager
 def _live(head: str) -> Iterator[Callable[[Group], None]]:
-    """Show a head; yield what shows lines below it, in the place of those before."""
+    """Show a head; yield a function that replaces the lines below it."""
     typer.echo(head)
     with Live(console=Console(), auto_refresh=False) as live:
         yield partial(live.update, refresh=True)
@@ -269,8 +269,8 @@ def _live(head: str) -> Iterator[Callable[[Group], None]]:
 
 @contextmanager
 def _keyboard() -> Iterator[tuple[Callable[[float], Press | None], bool]]:
-    """Yield what waits for a key, at most so long [s], and whether it tells releases."""
-    from blessed import Terminal  # noqa: PLC0415  # nothing else needs it
+    """Yield a function that waits for a key up to a time [s], and whether it reports releases."""
+    from blessed import Terminal  # noqa: PLC0415  # only teleop needs it
 
     # with styles it asks the terminal what it can draw, and waits 10 s for one that does not answer
     terminal = Terminal(force_styling=None)
@@ -297,6 +297,6 @@ def _read(terminal: Terminal, timeout_s: float) -> Press | None:
 
 
 def _name(key: Keystroke) -> str:
-    """Return what a key is called in `driving`: in capitals or not, in either protocol."""
+    """Return the name of a key in `driving`, equal for capitals and for both protocols."""
     name = (key.key_name or str(key)).removeprefix("KEY_").removeprefix("SHIFT_").lower()
     return NAMES.get(name, name)

@@ -1,4 +1,4 @@
-"""`mecazen up`: all processes of a scenario, and what they do, in one terminal."""
+"""`mecazen up`: all processes of a scenario, and their state, in one terminal."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ from mecazen_tools.strays import Strays
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
-"""Simulated time between two lines of status where the output is no terminal."""
+"""Simulated time between two lines of status if the output is not a terminal [s]."""
 REPORTING = {"physics", "target", "follower"}
-"""Parts of whose health the status tells."""
+"""Services whose health the status shows."""
 
 VIEWER = "viewer"
 
@@ -73,9 +73,9 @@ def up(
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
 
-    A router for them and for tools listens on tcp/127.0.0.1:7447. When one process fails,
-    all are ended and its error is shown, unless it is to --restart; without the viewer or
-    the recorder the rest goes on.
+    A router for them and for tools listens on tcp/127.0.0.1:7447. If a process fails, its
+    error is shown and all processes end. With --restart it is started again. The other
+    processes continue without the viewer or the recorder.
 
     Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
@@ -94,7 +94,7 @@ def up(
         loaded = load_scenario(path, overrides)
     for part in loaded.services:
         refuse_missing(part, loaded)
-    bridge_of(loaded.bus)  # the one that is asked for is installed
+    bridge_of(loaded.bus)  # raises if the bridge is not installed
     console = Console()
     supervisor = Supervisor(path, overrides, loaded, restart=restart)
     interrupts = Interrupts()
@@ -125,8 +125,8 @@ def up(
 class Interrupts:
     """Raises KeyboardInterrupt at each signal that asks this process to end, and remembers it.
 
-    Python drops an exception that is raised in a destructor or in a callback: a Ctrl-C that comes
-    just then is only remembered.
+    Python drops an exception that is raised in a destructor or a callback. `check` raises the
+    KeyboardInterrupt of such a Ctrl-C again.
     """
 
     def __init__(self) -> None:
@@ -174,10 +174,10 @@ def _watch(
 
 
 class Status:
-    """What the simulation does, from its services' health: a line, or one for each robot.
+    """The state of the simulation from its services' health: one line for each robot.
 
-    What they say of themselves once a second is enough for it: each sample of the loop on its way
-    here, through the router, costs its publisher as much as one to another service.
+    It needs only the health that services publish once a second. A subscription to samples of the
+    loop, through the router, would cost their publishers as much as another service does.
     """
 
     def __init__(self, bus: ZenohBus, scenario: Scenario) -> None:
@@ -192,7 +192,7 @@ class Status:
 
     @property
     def text(self) -> str:
-        """The lines."""
+        """The lines as Rich markup."""
         physics = self._health.get("physics", {})
         first, *others = [self._of(robot) for robot in self._robots]
         if physics:
@@ -209,7 +209,7 @@ class Status:
         return True
 
     def _of(self, robot: str) -> list[str]:
-        """Return what a robot, its person and its follower do."""
+        """Return the state of a robot, its person and its follower."""
         physics, person, follower = (
             self._health.get(part, {})
             for part in ("physics", join_key("target", robot), join_key("follower", robot))
@@ -235,7 +235,7 @@ class Status:
 
 
 def _work(process: str, scenario: Scenario) -> str:
-    """Return what a process does, by the nodes of its services."""
+    """Return a summary of a process from the nodes of its services."""
     if process == "router":
         return "connects processes and tools"
     features = scenario.sensor.features
