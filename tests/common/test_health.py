@@ -1,8 +1,11 @@
-"""The health of a service: rates and ages of its inputs, and what it has refused."""
+"""The health of a service: what it reports once a second, and whether it is alive."""
 
 import pytest
 from harness import forward
 from mecazen.bus import LocalBus
+from mecazen.config import BusConfig
+from mecazen.errors import MecazenError
+from mecazen.health import health
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
 from mecazen.messages import Clock, KeyValue
 from mecazen.runtime.observer import Observer
@@ -123,3 +126,14 @@ def test_who_has_gone_and_come_back_is_counted_and_told(bus, put, reports):
     assert back == ["controller", "controller", "tool"]
     said = {key: value for key, value in reports[0][1].items() if "restarts" in key}
     assert said == {"restarts/controller": "2"}  # who takes part, not every tool
+
+
+def test_a_service_is_healthy_while_it_holds_its_token(open_bus, router):
+    config = BusConfig(connect=(router,), namespace="healthy")
+    bus = open_bus(namespace="healthy")
+    assert health("router", config) == "listens"
+    with pytest.raises(MecazenError, match=r"^target is not on the bus$"):
+        health("target", config)
+    for token, said in (("target", "waiting for others"), ("target/ready", "ready")):
+        bus.declare_alive(token)
+        assert health("target", config) == said

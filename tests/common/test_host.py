@@ -8,7 +8,7 @@ from harness import Rig, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario, SimConfig
-from mecazen.errors import BusError, ConfigError, NodeError
+from mecazen.errors import BusError, ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
 from mecazen.node import Node
@@ -61,29 +61,6 @@ class Renamed(Toy):
     @classmethod
     def row(cls, scenario):
         return replace(cls.ROW, remap={keys.ODOM.key: f"odom{scenario.seed}"})
-
-
-class Careless(Toy):
-    """Gives what it is told to, or raises it where it is told to."""
-
-    def __init__(self, scenario):
-        super().__init__(scenario)
-        self.run("__init__")
-
-    def run(self, where):
-        if WRONG.get("where") == where:
-            raise WRONG["error"]
-
-    def reset(self, seed):
-        self.run("reset")
-
-    def step(self, tick, inputs):
-        self.run("step")
-        return WRONG["outputs"]
-
-
-WRONG = {}
-"""What `Careless` does."""
 
 
 @pytest.fixture
@@ -185,38 +162,6 @@ def test_a_row_may_hang_on_the_configuration(rig):
     rig.bus.put_bytes("odom", b"{}", "", rig.at(5).pack())
     rig.bus.put_bytes("odom5", b'{"header":{"stamp":{"nanosec":50000000}}}', "", rig.at(5).pack())
     assert [sample.message.linear.x for sample in rig.take()] == [5.0]
-
-
-@pytest.mark.parametrize(
-    ("outputs", "expected"),
-    [
-        (None, "follower: step must return messages by their topics, not None"),
-        ({keys.FOLLOWER_STATE: m.FollowerState()}, "follower gives follower/state, which is not"),
-        ({"cmd_vel": m.Twist()}, "follower: step returns 'cmd_vel' with a wrong message"),
-        ({keys.CMD_VEL: m.Odometry()}, "follower: step returns Topic.*'cmd_vel'.* with a wrong"),
-        (
-            {keys.CMD_VEL: m.Twist.planar(Twist2D(x=float("nan")))},
-            "follower gives cmd_vel whose linear velocity nan is out of range",
-        ),
-    ],
-)
-def test_what_others_would_refuse_is_refused_from_a_node_of_ones_own(
-    rig, monkeypatch, outputs, expected
-):
-    monkeypatch.setitem(WRONG, "outputs", outputs)
-    with pytest.raises(NodeError, match=f"^{expected}"):
-        put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
-
-
-@pytest.mark.parametrize("where", ["__init__", "reset", "step"])
-def test_a_mistake_in_a_node_of_ones_own_is_told_in_one_line_with_its_place(
-    rig, monkeypatch, where
-):
-    monkeypatch.setitem(WRONG, "where", where)
-    monkeypatch.setitem(WRONG, "error", ZeroDivisionError("by\nzero"))
-    said = rf"^follower: ZeroDivisionError: by zero \(.*test_host.py:\d+ {where} > .*:\d+ run\)$"
-    with pytest.raises(NodeError, match=said):
-        put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
 
 
 def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
