@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from mecazen.config import BusConfig, ControllerConfig, Scenario, SimConfig
+from mecazen.config import BusConfig, ControllerConfig, Scenario, SensorsConfig, SimConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
@@ -63,3 +63,28 @@ def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario):
     for key in ("sensor.rate", "sim.mode", "nobody.rate_hz"):
         with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no number"):
             scenario.ticks_per(key)
+
+
+def test_every_setting_of_sensors_can_be_left_out():
+    config = msgspec.convert({"lidar": {"beams": 360}}, SensorsConfig)
+    assert config.lidar.beams == 360
+    assert config.tracker == SensorsConfig().tracker
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        {"lidar": {"beams": 4}},
+        {"lidar": {"fov_deg": 361.0}},
+        {"lidar": {"min_range_m": 2.0, "max_range_m": 1.0}},
+        {"lidar": {"std_m": 0.01}},
+        {"tracker": {"horizontal_fov_deg": 180.0}},
+        {"tracker": {"hidden_lag_s": 0.0}},
+        {"tracker": {"max_range_m": 0.4}},
+        {"depth": {"max_range_m": 66.0}},
+        {"depth": {"edge_probability": 0.6}},
+    ],
+)
+def test_a_setting_of_sensors_out_of_its_range_is_refused(section):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(section, SensorsConfig)

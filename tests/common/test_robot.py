@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 from harness import load_robot
 from mecazen.robot import Camera, Payload, roller_joint, wheel_joint
@@ -57,3 +58,10 @@ def test_a_camera_looks_up_and_to_the_left_by_positive_angles(robot):
     left = replace(robot.camera, yaw_deg=90.0).axes
     assert left[0] == pytest.approx((0.0, 1.0, 0.0))
     assert left[1] == pytest.approx((-1.0, 0.0, 0.0))
+
+
+def test_a_camera_cannot_be_tilted_beyond_upright():
+    mount = {"size_m": [0.02, 0.09, 0.02], "position_m": [0.1, 0.0, 0.2], "mass_kg": 0.1}
+    assert msgspec.convert({**mount, "pitch_deg": 22.0, "yaw_deg": -90.0}, Camera).pitch_deg == 22.0
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({**mount, "pitch_deg": 91.0}, Camera)
