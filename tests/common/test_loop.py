@@ -43,8 +43,10 @@ class Toy:
 
     def feed(self, *takers: Slot) -> None:
         """Hand what it gives to slots of this process, beside those of others."""
-        put = lambda message, stamp: self.published.append((message.data, stamp))  # noqa: E731
-        self.runner.takers[self.output] = (takers, put)
+        self.runner.takers[self.output] = (takers, self._put)
+
+    def _put(self, message: String, stamp: Stamp) -> None:
+        self.published.append((message.data, stamp))
 
     def reset(self, seed):
         self.log.append(f"{self.name} reset {seed}")
@@ -210,8 +212,7 @@ def test_a_newer_command_repeats_the_last_step_and_publishes_as_of_its_tick():
 
 def test_who_waits_is_promised_word_where_an_output_is_missing():
     log: list = []
-    node = Toy(log, "n", slot(A, "every", 0), gives={2: None})
-    node.gives |= {4: None}
+    node = Toy(log, "n", slot(A, "every", 0), gives={2: None, 4: None})
     promised: list = []
     node.runner.promises = ((OUT, 2, promised.append),)
     source = Toy(log, "s", gives={6: None}, output=A)
