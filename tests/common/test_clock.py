@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 from carts import ALONE, STATES, Carts, Rig, state, x_of
-from harness import load_robot
+from harness import Listener, error_of, load_robot
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.bus import StoppedError
 from mecazen.errors import BusError, NodeError, StepTimeoutError
 from mecazen.geometry import Pose2D
+from mecazen.keys import call_of_robot
 from mecazen.loading import from_tables, to_toml
 from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
 from mecazen.node import World
@@ -286,3 +288,103 @@ def test_a_recording_as_a_world_waits_for_whom_its_row_names():
             rig.bus.publisher(keys.CMD_VEL).put(Twist(), rig.clock.stamp)
             rig.clock.step()
             heard = rig.take()
+
+
+def test_a_change_is_published_before_its_tick_and_then_each_second():
+    rig = Rig(ALONE, begin=False)
+    heard = Listener(rig.bus, keys.PARAMETERS, keys.CLOCK)
+    rig.clock.begin()
+    rig.tick()
+    rig.clock.changing.ask({})
+    rig.clock.changing._asked = {"follower.standoff_m": "2"}
+    assert [sample.key for sample in heard.take()] == ["clock"] * 2
+    rig.tick()
+    first, clock = heard.take()
+    assert (first.key, first.message.revision) == ("sim/parameters", 1)
+    assert first.stamp == clock.stamp
+    assert clock.stamp.revision == 1
+    assert first.message.parameters == (m.Parameter("follower.standoff_m", "2"),)
+    for _ in range(99):
+        rig.tick()
+    again = [sample for sample in heard.take() if sample.key == "sim/parameters"]
+    assert [sample.message.parameters for sample in again] == [first.message.parameters]
+    rig.bus.declare_alive("late")
+    assert [sample.message.revision for sample in heard.take()] == [1]
+
+
+@pytest.mark.parametrize("call", [keys.GET_PARAMETERS, keys.SET_PARAMETERS])
+def test_without_parameters_there_is_nothing_to_get_or_set(call):
+    rig = Rig(ALONE)
+    name = "mine.reach_m"
+    one = m.Parameters(parameters=(m.Parameter(name, "1"),))
+    request = one if call is keys.SET_PARAMETERS else m.ParameterNames((name,))
+    line = error_of(BusError, lambda: rig.bus.call(call, request))
+    assert line == f"{call.key}: {name}: no such parameter; `mecazen param list` shows all"
+    assert rig.bus.call(keys.GET_PARAMETERS, m.ParameterNames()) == m.ParameterDescriptors()
+
+
+TWO = (("physics", "controller", "target"), "one", "two")
+
+
+def test_each_robot_moves_in_its_namespace_and_all_samples_of_a_tick_have_one_stamp():
+    rig = Rig(*TWO)
+    shared = Listener(rig.bus, keys.CLOCK)
+    for name in ("one", "two"):
+        for part, speed in (("controller", 1.0 if name == "one" else 0.5), ("target", 0.0)):
+            rig.answer(part, name=name, speed=speed)
+    rig.clock.step()
+    for name, x in (("one", 0.01), ("two", 0.005)):
+        heard = rig.take(name)[-3:]
+        assert {sample.stamp for sample in heard} == {Stamp(TICK_NS, rig.clock.stamp.run, 3)}
+        assert x_of(heard) == x
+    assert [sample.stamp for sample in shared.take()][-1] == rig.clock.stamp
+
+
+@pytest.mark.parametrize(
+    ("answers", "missing"),
+    [
+        ((), "one/controller, one/target, two/controller, two/target"),
+        (("one",), "two/controller, two/target"),
+    ],
+)
+def test_in_lockstep_all_robots_services_are_waited_for_and_named(answers, missing):
+    rig = Rig(*TWO)
+    for name in answers:
+        rig.answer(name=name)
+    with pytest.raises(StepTimeoutError, match=f"^{missing} did not answer tick 0"):
+        rig.clock.step()
+    rig.bus.presence.update("two/controller", alive=False)
+    with pytest.raises(StepTimeoutError, match=r"^two/controller did not answer tick 0"):
+        rig.clock.step()
+
+
+def test_a_reset_puts_all_robots_back_with_the_new_seed():
+    rig = Rig(*TWO)
+    rig.tick()
+    rig.ask(keys.SIM_RESET, ResetRequest(seed=8))
+    for heard in (rig.tick(), rig.take("two")):
+        last = heard[-1]
+        assert last.message.pose.pose.position.x == 0.0
+        assert (last.stamp.time_ns, last.stamp.seed) == (0, 8)
+
+
+def test_time_is_asked_for_in_no_ones_namespace_and_the_robot_in_each():
+    rig = Rig(*TWO)
+    assert rig.bus.call(keys.SIM_STATE, Empty()).seed == 3
+    assert rig.bus.call(call_of_robot(keys.ROBOT_DESCRIPTION, "one"), Empty()).data == "<robot one>"
+    with pytest.raises(BusError, match=r"^two/robot_description: shy"):
+        rig.bus.call(call_of_robot(keys.ROBOT_DESCRIPTION, "two"), Empty())
+    assert list(rig.bus.fetch_files("two/robot_description/*").values()) == [b"two"]
+
+
+def test_its_health_tells_robots_apart():
+    rig = Rig(*TWO)
+    rig.bus.put_bytes("one/joint_command", b"{")
+    for alive in (False, True):
+        rig.bus.presence.update("two/target", alive=alive)
+    for _ in range(100):
+        rig.tick()
+    report = rig.health.take()[-1].message
+    said = {value.key: value.value for value in report.status[0].values}
+    assert said["hz/one/joint_command"] == said["hz/two/target/odom"] == "100.0"
+    assert said["refused/one/joint_command"] == said["restarts/two/target"] == "1"

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.geometry import Pose2D, Twist2D, overlap, rotate, wrap
 
 ROUNDING = 1e-12
 """A few roundings of numbers of at most 100: 100 times 2⁻⁵² is 2e-14."""
@@ -139,3 +139,26 @@ def test_distance_is_that_of_the_origins():
 def test_rotate_a_quarter_turn_expect_x_to_become_y():
     x, y = rotate(2.0, 1.0, math.pi / 2)
     assert (x, y) == pytest.approx((-1.0, 2.0), abs=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("pose", "expected"),
+    [
+        (Pose2D(3.9, 0.0), True),  # 4 m long, one behind the other
+        (Pose2D(4.1, 0.0), False),
+        (Pose2D(0.0, 1.9), True),  # 2 m wide, side by side
+        (Pose2D(0.0, 2.1), False),
+        (Pose2D(2.9, 0.0, math.pi / 2), True),  # across: 2 m and 1 m
+        (Pose2D(3.1, 0.0, math.pi / 2), False),
+        (Pose2D(0.0, 3.1, math.pi / 2), False),
+        # the corner of one at 45° lies (2 + 1)/√2 from its middle, short of the other's side
+        (Pose2D(2.0 + 3.0 / math.sqrt(2.0) + 0.01, 0.0, math.pi / 4), False),
+        (Pose2D(2.0 + 3.0 / math.sqrt(2.0) - 0.7, 0.0, math.pi / 4), True),
+        # corners that only circles or boxes along x and y would take for touching
+        (Pose2D(3.4, 2.6, math.pi / 4), False),
+    ],
+)
+def test_rectangles_overlap_unless_a_line_parts_them(pose, expected):
+    half = (2.0, 1.0)
+    assert overlap(Pose2D(), half, pose, half) is expected
+    assert overlap(pose, half, Pose2D(), half) is expected

@@ -6,12 +6,12 @@ from typing import get_args, get_type_hints
 import msgspec
 import pytest
 from mecazen import keys
-from mecazen.config import ControllerConfig, Scenario, SensorConfig, SimConfig, with_guard
+from mecazen.config import Scenario, SensorConfig, with_guard
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph
 from mecazen.keys import CMD_VEL, ODOM
 from mecazen.programs import graph_of
-from mecazen.row import Row, every, latest
+from mecazen.row import Row, every
 
 GRAPH_OF_ALL = Graph(GRAPH)
 
@@ -59,23 +59,6 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
             assert setting in sections[section].__struct_fields__
 
 
-@pytest.mark.parametrize(
-    ("fields", "expected"),
-    [
-        ({"inputs": every(keys.ODOM)}, "inputs must be a tuple, each Input"),
-        ({"inputs": (keys.ODOM,)}, "inputs must be a tuple, each Input"),
-        ({"outputs": ("odom",)}, "outputs must be a tuple, each Topic"),
-        ({"inputs": (every(keys.ODOM), latest(keys.ODOM))}, "inputs: each topic at most once"),
-        ({"outputs": (keys.ODOM, keys.ODOM)}, "outputs: each topic at most once"),
-        ({"rates": {"odom": 10.0}}, "rates: 'odom' is no key of its outputs"),
-        ({"outputs": (keys.ODOM,), "rates": {"odom": 0}}, "rates: odom must be positive"),
-    ],
-)
-def test_a_row_that_makes_no_sense_is_refused(fields, expected):
-    with pytest.raises(ConfigError, match=f"^row mine: {expected}"):
-        Row("mine", **fields)
-
-
 def test_two_nodes_that_give_one_topic_are_refused():
     with pytest.raises(ConfigError, match=r"^follower and mine both give cmd_vel$"):
         Graph((*GRAPH, Row("mine", outputs=(CMD_VEL,))))
@@ -103,40 +86,12 @@ def test_a_graph_that_goes_in_circles_has_rates():
     assert Graph((one, timed)).rate(CMD_VEL.key) == 20.0
 
 
-def test_rates_are_whole_ticks_of_the_scenario(scenario):
-    controller = ControllerConfig(update_rate_hz=20.0)
-    scenario = msgspec.structs.replace(scenario, sim=SimConfig(tick_s=0.005), controller=controller)
-    rates = (None, 50.0, "sensor.rate_hz", "controller.update_rate_hz", "controller.half_track_m")
-    assert [scenario.ticks_per(rate) for rate in rates] == [1, 4, 8, 10, 1]
-    with pytest.raises(ConfigError, match=r"^rate = 300 must divide the tick rate of 200 Hz"):
-        scenario.ticks_per(300.0)
-
-
 def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario):
     inputs = graph_of(scenario).row("controller").inputs
     alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
     assert graph_of(scenario).resolved(graph_of(scenario).row("controller")) == inputs
     assert [i.rule for i in alone.resolved(alone.row("controller"))] == ["every", "latest"]
     assert alone.giver(CMD_VEL.key) is None
-
-
-def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest():
-    mine = Row("mine", inputs=(latest(ODOM),), outputs=(CMD_VEL,), priority=50, shared=True)
-    placed = mine.placed(TABLE["follower"])
-    assert (placed.name, placed.part_of, placed.priority) == ("follower", "follower", 2)
-    assert (placed.inputs, placed.outputs) == (mine.inputs, mine.outputs)
-    assert not placed.shared
-
-
-def test_a_row_with_another_key_on_the_bus():
-    row = Row("mine", remap={ODOM.key: "odom2"})
-    assert (row.on_bus(ODOM).key, row.on_bus(CMD_VEL)) == ("odom2", CMD_VEL)
-
-
-def test_a_rate_that_is_no_key_of_the_configuration_is_refused(scenario):
-    for key in ("sensor.rate", "sim.mode", "nobody.rate_hz"):
-        with pytest.raises(ConfigError, match=rf"^{key}: a node's rate that is no number"):
-            scenario.ticks_per(key)
 
 
 def test_in_lockstep_what_a_node_gives_is_due_and_never_the_latest():

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from harness import Rig
+from harness import Rig, load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import SimConfig
-from mecazen.errors import BusError, NodeError
+from mecazen.config import Scenario, SimConfig
+from mecazen.errors import BusError, ConfigError
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.loading import load_scenario
 from mecazen.node import Node
 from mecazen.row import Row, due, every, latest
+from mecazen.runtime.host import part_of
 from mecazen.wire import RefusedError, Stamp
 
 INPUTS = (every(keys.ODOM), due(keys.OBSERVATION), latest(keys.TARGET_CMD_VEL))
@@ -59,29 +61,6 @@ class Renamed(Toy):
     @classmethod
     def row(cls, scenario):
         return replace(cls.ROW, remap={keys.ODOM.key: f"odom{scenario.seed}"})
-
-
-class Careless(Toy):
-    """Gives what it is told to, or raises it where it is told to."""
-
-    def __init__(self, scenario):
-        super().__init__(scenario)
-        self.run("__init__")
-
-    def run(self, where):
-        if WRONG.get("where") == where:
-            raise WRONG["error"]
-
-    def reset(self, seed):
-        self.run("reset")
-
-    def step(self, tick, inputs):
-        self.run("step")
-        return WRONG["outputs"]
-
-
-WRONG = {}
-"""What `Careless` does."""
 
 
 @pytest.fixture
@@ -185,40 +164,110 @@ def test_a_row_may_hang_on_the_configuration(rig):
     assert [sample.message.linear.x for sample in rig.take()] == [5.0]
 
 
-@pytest.mark.parametrize(
-    ("outputs", "expected"),
-    [
-        (None, "follower: step must return messages by their topics, not None"),
-        ({keys.FOLLOWER_STATE: m.FollowerState()}, "follower gives follower/state, which is not"),
-        ({"cmd_vel": m.Twist()}, "follower: step returns 'cmd_vel' with a wrong message"),
-        ({keys.CMD_VEL: m.Odometry()}, "follower: step returns Topic.*'cmd_vel'.* with a wrong"),
-        (
-            {keys.CMD_VEL: m.Twist.planar(Twist2D(x=float("nan")))},
-            "follower gives cmd_vel whose linear velocity nan is out of range",
-        ),
-    ],
-)
-def test_what_others_would_refuse_is_refused_from_a_node_of_ones_own(
-    rig, monkeypatch, outputs, expected
-):
-    monkeypatch.setitem(WRONG, "outputs", outputs)
-    with pytest.raises(NodeError, match=f"^{expected}"):
-        put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
-
-
-@pytest.mark.parametrize("where", ["__init__", "reset", "step"])
-def test_a_mistake_in_a_node_of_ones_own_is_told_in_one_line_with_its_place(
-    rig, monkeypatch, where
-):
-    monkeypatch.setitem(WRONG, "where", where)
-    monkeypatch.setitem(WRONG, "error", ZeroDivisionError("by\nzero"))
-    said = rf"^follower: ZeroDivisionError: by zero \(.*test_host.py:\d+ {where} > .*:\d+ run\)$"
-    with pytest.raises(NodeError, match=said):
-        put_odom(rig(Careless, programs={"follower": "mine.py:Careless"}), 5)
-
-
 def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
     rig = rig()
     rig.driver.host.close()
     assert rig.node.closed
     assert rig.driver.host.stamp == Stamp(0, 0, 5)
+
+
+TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
+
+
+def test_a_part_is_of_one_robot_unless_they_share_it(write_scenario):
+    loaded = load_scenario(write_scenario(TWO))
+    assert part_of("physics", loaded, "") is loaded
+    assert part_of("target", loaded, "two") == loaded.of("two")
+    with pytest.raises(ConfigError, match=r"^target: of which robot. --robot takes one or two$"):
+        part_of("target", loaded, "")
+    with pytest.raises(ConfigError, match=r"^--robot one: there is one physics for all robots$"):
+        part_of("physics", loaded, "one")
+
+
+class Follower(Node):
+    """Writes down its steps, with the parameter that counts in them."""
+
+    ROW = Row("follower", inputs=(every(keys.ODOM),), outputs=(keys.CMD_VEL,))
+
+    def __init__(self, scenario):
+        super().__init__(scenario)
+        self.config = scenario.follower
+        self.steps = []
+
+    def reset(self, seed):
+        self.steps.append("reset")
+
+    def step(self, tick, inputs):
+        self.steps.append((tick.number, self.config.standoff_m))
+        return {}
+
+
+@pytest.fixture
+def node():
+    scenario = Scenario(load_robot(), sim=SimConfig(mode="lockstep"))
+    rig = Rig("follower", scenario, kinds={"follower": Follower})
+    steps = rig.node.steps
+
+    def put(tick, revision=0, run=1):
+        rig.put(keys.ODOM, m.Odometry(), rig.at(tick, run)._replace(revision=revision))
+        made = [*steps]
+        steps.clear()
+        return made
+
+    def change(tick, revision, run=1, **settings):
+        values = tuple(m.Parameter(f"follower.{key}", text) for key, text in settings.items())
+        message = m.Parameters(revision=revision, parameters=values)
+        rig.put(keys.PARAMETERS, message, rig.at(tick, run)._replace(revision=revision))
+        made = [*steps]
+        steps.clear()
+        return made
+
+    put.rig, put.change = rig, change
+    return put
+
+
+def test_a_change_counts_from_its_tick_on_however_early_it_is_known(node):
+    assert node(4)[-1] == (4, 1.0)
+    node.change(6, 1, standoff_m="2")
+    assert [node(5), node(6), node(7)] == [[(5, 1.0)], [(6, 2.0)], [(7, 2.0)]]
+    node.change(8, 1, standoff_m="3")  # said again, for those who come late
+    assert node(8) == [(8, 2.0)]
+
+
+def test_a_step_waits_for_the_parameters_that_count_in_its_tick(node):
+    node(4)
+    assert [node(5, 1), node(6, 2)] == [[], []]
+    assert node.change(5, 1, standoff_m="2") == [(5, 2.0)]
+    assert node.change(6, 2, standoff_m="3") == [(6, 3.0)]
+    # who comes late is told of a later tick
+    assert node(7, 3) == []
+    assert node.change(100, 3, standoff_m="4") == [(7, 4.0)]
+
+
+def test_a_stamp_that_lies_about_changes_costs_no_more_than_its_own_step(node):
+    node(4)
+    assert [node(5, 2**32 - 1), node(6)] == [[], [(6, 1.0)]]
+
+
+def test_what_counts_from_the_first_tick_of_a_run_is_there_when_it_begins(node):
+    assert node(0, 1) == ["reset", "reset"]  # of the service, and of the run
+    assert node.change(0, 1, standoff_m="2") == ["reset", (0, 2.0)]
+    assert node(0, 1, run=2) == ["reset", (0, 2.0)]
+
+
+def test_when_who_owns_time_has_begun_anew_changes_are_forgotten(node):
+    node(4)
+    node.change(5, 1, standoff_m="2")
+    assert node(5, 1) == [(5, 2.0)]
+    assert node(0, 0, run=2) == ["reset", (0, 1.0)]
+    node.change(1, 1, run=2, standoff_m="3")
+    assert node(1, 1, run=2) == [(1, 3.0)]
+
+
+def test_a_change_that_is_not_allowed_or_has_no_stamp_is_not_taken(node):
+    node(4)
+    node.change(5, 1, standoff_m="-1")
+    node.change(5, 1, nothing="1")
+    node.rig.bus.put_bytes("sim/parameters", b'{"revision":7}')
+    assert node(5) == [(5, 1.0)]
+    assert node.rig.bus.refused == {"sim/parameters": 2}

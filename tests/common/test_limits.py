@@ -9,6 +9,8 @@ from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.bus.base import decode_sample
 from mecazen.errors import BusError
+from mecazen.limits import refuse_implausible
+from mecazen.messages import Point, Skeleton, Skeletons
 from mecazen.wire import RefusedError, encode
 
 
@@ -108,3 +110,17 @@ def test_a_sample_beyond_its_limit_is_counted_and_reaches_nobody(caplog):
     bus.put_bytes("one/target/cmd_vel", encode(forward(11.0), "msgpack"))
     assert bus.refused == {"one/target/cmd_vel": 1}
     assert "linear velocity 11.0 is out of range, at most 10 m/s" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("skeleton", "message"),
+    [
+        (Skeleton(joints=(Point(), Point(y=-2e6))), "joint position -2000000.0 is out of range"),
+        (Skeleton(std=(0.01, 1e200)), r"deviation of a joint 1e\+200 is out of range"),
+    ],
+)
+def test_a_joint_beyond_the_world_is_refused(skeleton, message):
+    for said in (skeleton, Skeletons(skeletons=(Skeleton(), skeleton))):
+        with pytest.raises(RefusedError, match=message):
+            refuse_implausible("body", said)
+    refuse_implausible("body", Skeletons(skeletons=(Skeleton(joints=(Point(x=3.0),)),)))

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen import keys, messages
+from mecazen import messages
 from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.wire import decode, encode
@@ -248,18 +248,3 @@ def test_planar_odometry_expect_frames_pose_twist_and_covariances():
     assert odometry.twist.twist.to_planar() == Twist2D(0.1, 0.2, 0.3)
     assert odometry.pose.covariance == covariance
     assert odometry.twist.covariance == (0.0,) * 36
-
-
-def test_every_topic_and_call_is_in_the_table_once():
-    names = [topic.key for topic in keys.TOPICS] + [call.key for call in keys.CALLS]
-    assert len(set(names)) == len(names)
-    assert not any(name.startswith("/") for name in names)
-    for topic in (value for value in vars(keys).values() if isinstance(value, keys.Topic)):
-        assert keys.topic_of(topic.key) is topic
-
-
-def test_the_diagnostics_of_any_service_are_in_the_table():
-    assert keys.topic_of("diagnostics/physics").type is messages.DiagnosticArray
-    assert keys.diagnostics("physics").key == "diagnostics/physics"
-    assert keys.topic_of("diagnostics") is None
-    assert keys.topic_of("cmd_vel/more") is None

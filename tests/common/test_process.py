@@ -284,25 +284,3 @@ def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
         _, err = process.communicate(timeout=COMMAND_GUARD_S)
         assert lines.read() == ""
     assert (process.returncode, err) == (code, "")
-
-
-@pytest.mark.parametrize(
-    ("mode", "others", "awaited"),
-    [
-        ("real_time", ["target"], ["target"]),
-        ("real_time", ["recorder", "viewer"], []),
-        ("lockstep", ["recorder", "viewer"], ["recorder", "viewer"]),
-    ],
-)
-def test_it_is_ready_when_all_others_are_alive_in_real_time_without_observers(
-    start, settings, tester, mode, others, awaited
-):
-    with start(
-        "toy", [*settings, f"services={json.dumps(['toy', *others])}", f"sim.mode={mode}"]
-    ) as process:
-        await_start(process)
-        wait(tester, lambda: "toy" in tester.presence.names)
-        for name in awaited:
-            assert "toy/ready" not in tester.presence.names
-            tester.declare_alive(name)
-        wait(tester, lambda: "toy/ready" in tester.presence.names)

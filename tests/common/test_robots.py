@@ -1,18 +1,15 @@
 """Several robots in a scenario: their parts of it, and what is wrong with them in one line."""
 
-import math
 import tomllib
 
 import pytest
 import tomli_w
 from harness import ROBOTS, error_of
-from mecazen.config import BusConfig
 from mecazen.config.people import Standing, Straight
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, overlap
+from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, robots_in, to_toml
 from mecazen.robots import seed_of, split_key
-from mecazen.runtime.host import part_of
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
 
@@ -124,43 +121,3 @@ def test_an_override_of_no_robot_is_refused_by_those_there_are(write_scenario, s
     key = setting.partition("=")[0]
     with pytest.raises(ConfigError, match=f"^--set {key}: robots are one, two$"):
         load_scenario(write_scenario(TWO), (setting,))
-
-
-def test_a_part_is_of_one_robot_unless_they_share_it(write_scenario):
-    loaded = load_scenario(write_scenario(TWO))
-    assert part_of("physics", loaded, "") is loaded
-    assert part_of("target", loaded, "two") == loaded.of("two")
-    with pytest.raises(ConfigError, match=r"^target: of which robot. --robot takes one or two$"):
-        part_of("target", loaded, "")
-    with pytest.raises(ConfigError, match=r"^--robot one: there is one physics for all robots$"):
-        part_of("physics", loaded, "one")
-
-
-def test_a_robots_namespace_is_within_that_of_the_run():
-    assert BusConfig().within("one").namespace == "one"
-    assert BusConfig(namespace="a/b").within("one").namespace == "a/b/one"
-    assert BusConfig(namespace="a").within("").namespace == "a"
-    assert BusConfig().within("").namespace is None
-
-
-@pytest.mark.parametrize(
-    ("pose", "expected"),
-    [
-        (Pose2D(3.9, 0.0), True),  # 4 m long, one behind the other
-        (Pose2D(4.1, 0.0), False),
-        (Pose2D(0.0, 1.9), True),  # 2 m wide, side by side
-        (Pose2D(0.0, 2.1), False),
-        (Pose2D(2.9, 0.0, math.pi / 2), True),  # across: 2 m and 1 m
-        (Pose2D(3.1, 0.0, math.pi / 2), False),
-        (Pose2D(0.0, 3.1, math.pi / 2), False),
-        # the corner of one at 45° lies (2 + 1)/√2 from its middle, short of the other's side
-        (Pose2D(2.0 + 3.0 / math.sqrt(2.0) + 0.01, 0.0, math.pi / 4), False),
-        (Pose2D(2.0 + 3.0 / math.sqrt(2.0) - 0.7, 0.0, math.pi / 4), True),
-        # corners that only circles or boxes along x and y would take for touching
-        (Pose2D(3.4, 2.6, math.pi / 4), False),
-    ],
-)
-def test_rectangles_overlap_unless_a_line_parts_them(pose, expected):
-    half = (2.0, 1.0)
-    assert overlap(Pose2D(), half, pose, half) is expected
-    assert overlap(pose, half, Pose2D(), half) is expected

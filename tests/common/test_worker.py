@@ -165,25 +165,6 @@ def test_steps_that_were_not_made_are_counted_by_the_period_of_the_turn(period, 
     assert toy.runner.missed == missed
 
 
-def test_after_a_reset_nothing_is_left_of_the_run_before_but_the_counts():
-    toy = Toy((*DUE, latest(L)), lockstep=False, d=2)
-    toy.feed("a0 a1 a5 d6 l5 a6x")
-    toy.runner.reset(9)
-    toy.worker = Worker(toy.host)
-    toy.steps.clear()
-    assert toy.feed("a0 d0 a70 d70") == ["0: a0 d0", "70: a70 d70"]
-    assert toy.slots["d"].late == 1
-
-
-def test_a_tick_without_a_message_ends_the_wait():
-    toy = Toy(DUE, lockstep=True, d=2)
-    toy.put("a", "a0", 0)
-    assert toy.steps == []
-    toy.slots["d"].receive(None, Stamp(0, 1, 9), 0)
-    assert toy.worker.step()
-    assert toy.steps == ["0: a0"]
-
-
 PERIOD = st.integers(1, 4)
 
 

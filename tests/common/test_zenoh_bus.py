@@ -1,26 +1,27 @@
 """The bus over Zenoh: real sessions on loopback, each test in a namespace of its own."""
 
-import queue
 import secrets
 import signal
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from types import SimpleNamespace
 
 import pytest
-import zenoh
 from harness import error_of, wait
 from mecazen import keys
 from mecazen.bus import StoppedError, base
-from mecazen.bus.queries import QueryInbox
-from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
-from mecazen.messages import Clock, Empty, SimState, StepRequest, Time, Twist, Vector3
-from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, MSGPACK_ENCODING, Stamp
+from mecazen.messages import Clock, Empty, SimState, Time, Twist, Vector3
+from mecazen.wire import (
+    JSON_ENCODING,
+    MAX_ENVELOPE_BYTES,
+    MAX_SAMPLE_BYTES,
+    MSGPACK_ENCODING,
+    Stamp,
+)
 
 STAMP = Stamp(0, 1, 0)
 
@@ -124,39 +125,6 @@ def test_what_is_put_on_an_expression_that_holds_a_key_is_refused(zenoh_pair):
     zenoh_pair.far.put_bytes("target/*", b"{}")
     zenoh_pair.settle()
     assert zenoh_pair.near.refused == {"target/cmd_vel": 2}
-
-
-def test_of_a_flood_of_queries_those_beyond_a_hundred_are_told_so(open_bus, router):
-    server = open_bus(namespace="flooded")
-    server.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState()))
-    with open_session(BusConfig(connect=(router,), namespace="flooded"), "client") as session:
-
-        def ask():
-            return session.get("sim/state", handler=zenoh.handlers.FifoChannel(1))
-
-        def ask_and_serve():
-            replies = ask()
-            server.spin_once(0.1)
-            return replies
-
-        while not any(ask_and_serve()):  # nobody answers as long as the session knows of nobody
-            pass
-        replies = [ask() for _ in range(150)]
-        told = [reply.recv().err.payload.to_string() for reply in replies[100:]]
-        server.drain()
-        assert set(told) == {"100 queries wait"}
-        assert all(reply.recv().ok for reply in replies[:100])
-    assert server.refused == {"sim/state": 50}
-
-
-def test_while_a_refusal_waits_for_room_on_a_link_the_next_query_is_received():
-    ready, held = queue.SimpleQueue(), threading.Event()
-    asked = SimpleNamespace(key_expr="**")
-    inbox = QueryInbox(ready, "sim/reset", print, lambda *_: held.wait())
-    inbox.receive(asked)  # to be refused: it would not return if this thread did that
-    inbox.receive(SimpleNamespace(key_expr="sim/reset", payload=b"", attachment=b"", parameters=""))
-    assert ready.qsize() == 1
-    held.set()
 
 
 def test_what_comes_while_too_much_waits_is_refused_and_counted(zenoh_pair, flood):
@@ -276,43 +244,6 @@ def test_a_signal_that_does_not_interrupt_a_wait_still_ends_it(open_bus):
     assert not hung
 
 
-def test_a_malformed_request_is_refused_and_the_next_is_answered(zenoh_pair):
-    zenoh_pair.near.serve(keys.SIM_STEP, lambda _, reply: reply.answer(SimState(tick=1)))
-    broken = Call("sim/step", BadRequest, SimState, "a test", "")
-    zenoh_pair.link()
-    with zenoh_pair.serving():
-        text = error_of(BusError, lambda: zenoh_pair.far.call(broken, BadRequest()))
-        assert text.startswith("sim/step: not a mecazen_msgs/msg/StepRequest: ")
-        assert zenoh_pair.far.call(keys.SIM_STEP, StepRequest()).tick == 1
-    assert zenoh_pair.near.refused == {"sim/step": 1}
-
-
-class BadRequest(Empty):
-    ticks: str = "many"
-
-
-class BadAnswer(Empty):
-    tick: str = "many"
-
-
-def test_when_an_answer_is_no_answer_expect_one_line(zenoh_pair):
-    bad = Call("sim/step", StepRequest, BadAnswer, "a test", "")
-    zenoh_pair.near.serve(bad, lambda _, reply: reply.answer(BadAnswer()))
-    zenoh_pair.link()
-    with zenoh_pair.serving():
-        text = error_of(BusError, lambda: zenoh_pair.far.call(keys.SIM_STEP, StepRequest()))
-    assert text.startswith("sim/step: the answer is not a mecazen_msgs/msg/SimState: ")
-
-
-def test_when_no_answer_comes_in_time_expect_one_line(zenoh_pair):
-    zenoh_pair.near.serve(keys.SIM_STEP, lambda *_: None)
-    zenoh_pair.link()
-    text = error_of(
-        BusError, lambda: zenoh_pair.far.call(keys.SIM_STEP, StepRequest(), timeout_s=0.05)
-    )
-    assert text.startswith("sim/step: ")
-
-
 def test_an_oversize_payload_is_refused_before_it_is_read(zenoh_pair, caplog):
     zenoh_pair.near.subscribe(keys.CMD_VEL, lambda *_: pytest.fail("delivered"))
     zenoh_pair.link()
@@ -346,3 +277,29 @@ def test_a_robots_keys_are_in_its_namespace_within_that_of_the_session(open_bus)
     wait(one, lambda: answers == ["odom"])
     one.put_bytes("cmd_vel", b"{")
     wait(root, lambda: root.refused == {"one/cmd_vel": 1})
+
+
+def test_a_long_attachment_is_refused_before_it_waits(zenoh_pair, monkeypatch):
+    near, far = zenoh_pair.near, zenoh_pair.far
+    heard = []
+    near.subscribe(keys.CMD_VEL, lambda *_: heard.append("cmd_vel"))
+    near.subscribe_bytes("of/ones/own", lambda key, *_: heard.append(key))
+    zenoh_pair.link()
+    monkeypatch.setattr(base, "decode_sample", None)  # none of them is decoded
+    for key in ("cmd_vel", "of/ones/own"):
+        far.put_bytes(key, b"{}", attachment=bytes(MAX_ENVELOPE_BYTES))
+    zenoh_pair.settle()
+    wait(near, lambda: near.refused.total() == 2)
+    assert not heard
+
+
+def test_a_sample_of_bytes_counts_with_its_key_its_encoding_and_its_attachment(zenoh_pair):
+    near, far, heard = zenoh_pair.near, zenoh_pair.far, []
+    most = 500 + len("of/ones/own") + len("text/plain") + 16 + 2
+    for backlog in (most, most - 1):
+        near.subscribe_bytes("of/ones/own", lambda *sample: heard.append(sample), backlog)
+    zenoh_pair.link()
+    far.put_bytes("of/ones/own", b"{}", "text/plain", bytes(16))
+    zenoh_pair.settle()
+    assert heard == [("of/ones/own", b"{}", "text/plain", bytes(16))]
+    assert near.refused == {"of/ones/own": 1}

@@ -98,18 +98,6 @@ def test_circle_closes():
     assert path.at(20_000.0 * math.pi).pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-10)
 
 
-def test_figure_of_eight_has_the_lemniscates_length_and_width():
-    path = make_path(FigureOfEight(length_m=2.0, speed_m_s=1.0))
-    lemniscate_constant = 2.622057554292119  # half the length at half width 1
-    # Simpson's rule with 400 pieces and cubics between: see `Lemniscate`.
-    half, full = path.at(lemniscate_constant).pose, path.at(2 * lemniscate_constant).pose
-    assert half == pytest.approx((0.0, 0.0, -math.pi / 2), abs=1e-8)
-    assert full == pytest.approx((0.0, 0.0, 0.0), abs=1e-8)
-    loop = path.at(lemniscate_constant / 2).pose  # the far end of the first loop
-    assert loop == pytest.approx((math.sqrt(0.5), math.sqrt(0.5), 0.75 * math.pi), abs=1e-8)
-    assert path.at(lemniscate_constant / 2).twist.yaw == pytest.approx(3.0, abs=1e-6)
-
-
 def test_waypoints_are_passed_in_order_and_the_last_is_held():
     path = make_path(Waypoints(points_m=POINTS, speed_m_s=1.0))
     walked = [path.at(0.001 * k).pose for k in range(round(path.duration * 1000) + 2)]
@@ -127,18 +115,6 @@ def test_two_waypoints_make_a_straight():
     path = make_path(Waypoints(points_m=((1.0, 1.0), (4.0, 5.0)), speed_m_s=1.0))
     assert path.duration == pytest.approx(5.0)
     assert path.at(2.5).pose == pytest.approx((2.5, 3.0, math.atan2(4.0, 3.0)))
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        (((0.0, 0.0), (1.0, 1.0), (1.0, 1.0)), r"points 2 and 3 are the same, \[1.0, 1.0\]"),
-        (((0.0, 0.0), (2.0, 0.0), (0.0, 0.0)), "back too sharply at point 2"),
-    ],
-)
-def test_waypoints_that_no_smooth_curve_joins_are_refused(points, message):
-    with pytest.raises(ConfigError, match=message):
-        make_path(Waypoints(points_m=points))
 
 
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])

@@ -1,15 +1,31 @@
-"""What a stranger sends beside good messages: queries on expressions, and too much of anything."""
+"""Queries over Zenoh: which are answered, what is refused, and what the asker is told."""
+
+import queue
+import threading
+from types import SimpleNamespace
 
 import pytest
 import zenoh
-from harness import wait
+from harness import error_of
 from mecazen import keys
-from mecazen.bus import base
+from mecazen.bus.queries import QueryInbox
 from mecazen.bus.session import open_session
 from mecazen.config import BusConfig
-from mecazen.messages import SimState
-from mecazen.text import printable
-from mecazen.wire import MAX_ENVELOPE_BYTES, MAX_SAMPLE_BYTES
+from mecazen.errors import BusError
+from mecazen.keys import Call
+from mecazen.messages import Empty, SimState, StepRequest
+from mecazen.wire import (
+    MAX_ENVELOPE_BYTES,
+    MAX_SAMPLE_BYTES,
+)
+
+
+class BadRequest(Empty):
+    ticks: str = "many"
+
+
+class BadAnswer(Empty):
+    tick: str = "many"
 
 
 @pytest.fixture
@@ -78,47 +94,49 @@ def test_an_oversize_query_is_refused_unread(served, sent, reason):
     assert not resets
 
 
-def test_of_a_flood_of_queries_for_files_those_beyond_a_hundred_are_told_so(served):
+@pytest.mark.parametrize("key", ["robot_description/a.stl", "sim/state"])
+def test_of_a_flood_of_queries_those_beyond_a_hundred_are_told_so(served, key):
     bus, _, ask = served
-    errors = errors_in(ask("robot_description/a.stl", 150))
-    assert errors == ["100 queries wait"] * 50
-    assert bus.refused["robot_description"] == 50
+    replies = ask(key, 150)
+    assert errors_in(replies) == ["100 queries wait"] * 50
+    assert len([reply for reply in replies if reply.ok is not None]) == 100
+    assert bus.refused[key.removesuffix("/a.stl")] == 50
 
 
-def test_a_long_attachment_is_refused_before_it_waits(zenoh_pair, monkeypatch):
-    near, far = zenoh_pair.near, zenoh_pair.far
-    heard = []
-    near.subscribe(keys.CMD_VEL, lambda *_: heard.append("cmd_vel"))
-    near.subscribe_bytes("of/ones/own", lambda key, *_: heard.append(key))
+def test_while_a_refusal_waits_for_room_on_a_link_the_next_query_is_received():
+    ready, held = queue.SimpleQueue(), threading.Event()
+    asked = SimpleNamespace(key_expr="**")
+    inbox = QueryInbox(ready, "sim/reset", print, lambda *_: held.wait())
+    inbox.receive(asked)  # to be refused: it would not return if this thread did that
+    inbox.receive(SimpleNamespace(key_expr="sim/reset", payload=b"", attachment=b"", parameters=""))
+    assert ready.qsize() == 1
+    held.set()
+
+
+def test_a_malformed_request_is_refused_and_the_next_is_answered(zenoh_pair):
+    zenoh_pair.near.serve(keys.SIM_STEP, lambda _, reply: reply.answer(SimState(tick=1)))
+    broken = Call("sim/step", BadRequest, SimState, "a test", "")
     zenoh_pair.link()
-    monkeypatch.setattr(base, "decode_sample", None)  # none of them is decoded
-    for key in ("cmd_vel", "of/ones/own"):
-        far.put_bytes(key, b"{}", attachment=bytes(MAX_ENVELOPE_BYTES))
-    zenoh_pair.settle()
-    wait(near, lambda: near.refused.total() == 2)
-    assert not heard
+    with zenoh_pair.serving():
+        text = error_of(BusError, lambda: zenoh_pair.far.call(broken, BadRequest()))
+        assert text.startswith("sim/step: not a mecazen_msgs/msg/StepRequest: ")
+        assert zenoh_pair.far.call(keys.SIM_STEP, StepRequest()).tick == 1
+    assert zenoh_pair.near.refused == {"sim/step": 1}
 
 
-def test_a_sample_of_bytes_counts_with_its_key_its_encoding_and_its_attachment(zenoh_pair):
-    near, far, heard = zenoh_pair.near, zenoh_pair.far, []
-    most = 500 + len("of/ones/own") + len("text/plain") + 16 + 2
-    for backlog in (most, most - 1):
-        near.subscribe_bytes("of/ones/own", lambda *sample: heard.append(sample), backlog)
+def test_when_an_answer_is_no_answer_expect_one_line(zenoh_pair):
+    bad = Call("sim/step", StepRequest, BadAnswer, "a test", "")
+    zenoh_pair.near.serve(bad, lambda _, reply: reply.answer(BadAnswer()))
     zenoh_pair.link()
-    far.put_bytes("of/ones/own", b"{}", "text/plain", bytes(16))
-    zenoh_pair.settle()
-    assert heard == [("of/ones/own", b"{}", "text/plain", bytes(16))]
-    assert near.refused == {"of/ones/own": 1}
+    with zenoh_pair.serving():
+        text = error_of(BusError, lambda: zenoh_pair.far.call(keys.SIM_STEP, StepRequest()))
+    assert text.startswith("sim/step: the answer is not a mecazen_msgs/msg/SimState: ")
 
 
-def test_refused_keys_are_counted_by_name_up_to_a_number(open_bus):
-    bus = open_bus()
-    for number in range(base.REFUSED_KEYS + 5):
-        bus.refuse(f"diagnostics/{number}", "for a test")
-    assert len(bus.refused) == base.REFUSED_KEYS + 1
-    assert bus.refused[base.OTHER_KEYS] == 5
-
-
-def test_text_keeps_its_letters_and_loses_what_moves_the_cursor():
-    assert printable("[/oops] né |") == "[/oops] né |"
-    assert printable("a\x1b[2Jb\n\x9bc\u202e") == "a\\u001b[2Jb\\n\\u009bc\\u202e"
+def test_when_no_answer_comes_in_time_expect_one_line(zenoh_pair):
+    zenoh_pair.near.serve(keys.SIM_STEP, lambda *_: None)
+    zenoh_pair.link()
+    text = error_of(
+        BusError, lambda: zenoh_pair.far.call(keys.SIM_STEP, StepRequest(), timeout_s=0.05)
+    )
+    assert text.startswith("sim/step: ")

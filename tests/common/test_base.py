@@ -1,4 +1,4 @@
-"""What both buses do alike; `test_local_bus` and `test_zenoh_bus` hold what only one does."""
+"""What both buses do alike; `test_local` and `test_zenoh_bus` hold what only one does."""
 
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -7,8 +7,14 @@ import pytest
 from harness import error_of, forward, wait
 from mecazen import keys
 from mecazen import messages as m
+from mecazen.bus import base
 from mecazen.errors import BusError
-from mecazen.wire import JSON_ENCODING, MAX_PAYLOAD_BYTES, MSGPACK_ENCODING, Stamp
+from mecazen.wire import (
+    JSON_ENCODING,
+    MAX_PAYLOAD_BYTES,
+    MSGPACK_ENCODING,
+    Stamp,
+)
 
 STAMP = Stamp(10_000_000, 3, 7)
 
@@ -260,3 +266,11 @@ def test_a_long_text_arrives_whole(pair):
     pair.link()
     with pair.serving():
         assert pair.far.call(keys.ROBOT_DESCRIPTION, keys.ROBOT_DESCRIPTION.request()) == text
+
+
+def test_refused_keys_are_counted_by_name_up_to_a_number(open_bus):
+    bus = open_bus()
+    for number in range(base.REFUSED_KEYS + 5):
+        bus.refuse(f"diagnostics/{number}", "for a test")
+    assert len(bus.refused) == base.REFUSED_KEYS + 1
+    assert bus.refused[base.OTHER_KEYS] == 5

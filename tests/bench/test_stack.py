@@ -1,0 +1,67 @@
+"""What processes take of the machine, and waiting for them."""
+
+from types import SimpleNamespace
+
+import pytest
+from mecazen.errors import MecazenError
+from mecazen_bench import stack
+from mecazen_bench.harness import Figure
+from mecazen_bench.stack import Usage, robot, spin, spin_until
+
+
+class Clock:
+    """A wall clock that goes on by what is spun."""
+
+    def __init__(self, monkeypatch):
+        self.now = 10.0
+        monkeypatch.setattr(stack, "time", SimpleNamespace(perf_counter=lambda: self.now))
+
+    def spin_once(self, seconds):
+        self.now += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    return Clock(monkeypatch)
+
+
+class Process:
+    """It has taken some seconds of user and system time, and has 3 MB."""
+
+    def __init__(self):
+        self.spent = [1.0, 0.5, 99.0]
+
+    def cpu_times(self):
+        return tuple(self.spent)
+
+    def memory_full_info(self):
+        return SimpleNamespace(pss=3e6)
+
+
+def test_usage_is_of_the_time_since_its_beginning_and_sums_have_their_goals(clock):
+    processes = {"one": Process(), "two": Process()}
+    usage = Usage(processes)
+    clock.now += 2.0
+    processes["one"].spent[0] += 0.5
+    processes["two"].spent[1] += 0.1
+    assert usage.core_percent() == pytest.approx({"one": 25.0, "two": 5.0})
+    rows = usage.rows((None, 40.0), "less", total="less")
+    assert rows["one"]["MB"] == Figure(3.0, "less")
+    assert rows["all"]["MB"] == Figure(6.0, "less")
+    assert rows["all"][stack.CPU].value == pytest.approx(30.0)
+    assert rows["all"][stack.CPU].met is True
+    assert "MB" not in usage.rows("less", "less")["all"]
+
+
+def test_what_does_not_come_in_time_is_an_error_with_its_words(clock):
+    spin(clock, 0.5)
+    assert clock.now == 10.5
+    spin_until(clock, lambda: clock.now > 11.0, "never")
+    assert clock.now == pytest.approx(11.1)
+    with pytest.raises(MecazenError, match=r"^no tick$"):
+        spin_until(clock, lambda: False, "no tick")
+    assert clock.now == pytest.approx(11.1 + stack.START_S, abs=0.2)
+
+
+def test_robots_go_by_the_names_of_their_files():
+    assert [robot(name).name for name in ("nexus", "artbul")] == ["nexus", "artbul"]

@@ -1,0 +1,205 @@
+"""A scenario is checked whole, and what is wrong with it is one line that says where."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+import tomli_w
+from common.sections import TOY, problem
+from harness import ROOT, SCENARIOS
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D
+from mecazen.loading import effective, load_scenario, scenario_path
+from mecazen.robot import Payload
+
+NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("seeed=1", "seeed: unknown key; did you mean seed? "),
+        ("sim.tick_s=5", f"sim.tick_s: got 5; allowed: {NUMBER_OF_TICKS}"),
+        ("sim.mode=fast", "sim.mode: got 'fast'; allowed: 'lockstep' or 'real_time'"),
+        ("seed=", "seed: got ''; allowed: "),
+        ("seed=[1,", "seed: got '[1,'; allowed: "),
+        ("seed=1\nsim.speed=2", r"seed: got '1\nsim.speed=2'; allowed: "),
+        (f"seed={'9' * 5000}", "seed: got '999999"),
+        (f"seed={'[' * 5000}", "seed: got '[[[[["),
+        ("sim=3", "sim: got 3; allowed: a table"),
+        ("sim.mode.x=3", "sim.mode.x: sim.mode: got a table; allowed: 'lockstep' or 'real_time'"),
+        ("services=physics", "services: got 'physics'; allowed: a list, each a string"),
+        ('services=["a",3]', "services: services.1: got 3; allowed: a string"),
+        ('services=["a","a"]', "services: services: each at most once"),
+        ("programs.follower=3", "programs.follower: got 3; allowed: a string"),
+        ("sensor.occlusions_s=[[2.0,1.0]]", "sensor.occlusions_s: sensor: occlusions_s: [2.0, 1.0"),
+        ("sim.tick_s=0.0100000001234", "sim.tick_s: sim.tick_s = 0.0100000001234 must be whole"),
+    ],
+)
+def test_when_an_override_is_wrong_expect_the_override_named(write_scenario, override, expected):
+    start = f"scenarios/test.toml with --set {expected}"
+    assert problem(write_scenario(), override).startswith(start)
+
+
+@pytest.mark.parametrize("override", ["seed", "=3", "a b=3", ".seed=1", "seed.=1", "", "a\nb"])
+def test_when_an_override_is_no_assignment_expect_its_form(write_scenario, override):
+    text = problem(write_scenario(), override)
+    assert text.startswith("--set ")
+    assert text.endswith(": must be key.path=value")
+
+
+def test_when_an_override_goes_into_a_value_expect_that_it_is_no_table(write_scenario):
+    assert problem(write_scenario("seed = 1"), "seed.x=3") == "--set seed.x: seed is not a table"
+
+
+def test_when_the_file_is_wrong_beside_an_override_expect_the_file_alone_named(write_scenario):
+    path = write_scenario("[sim]\nmode = 1")
+    assert problem(path, "sim.speed=2").startswith("scenarios/test.toml: sim.mode: ")
+    path = write_scenario("[sensor]\nocclusions_s = [[2.0, 1.0]]")
+    assert problem(path, "sensor.fov_deg=30").startswith("scenarios/test.toml: sensor: occl")
+
+
+def test_when_the_robot_file_is_wrong_expect_it_named(write_scenario):
+    path = write_scenario()
+    robot = path.parents[1] / "robots" / "nexus.toml"
+    robot.write_text(robot.read_text().replace("count = 9", "count = 'nine'"))
+    assert problem(path).startswith("robots/nexus.toml: robot.rollers.count: got 'nine'; allowed: ")
+    robot.write_text("name = ")
+    assert "nexus.toml: not TOML: " in problem(path)
+
+
+def test_a_robot_and_a_world_that_come_with_the_package_go_by_their_names(write_scenario):
+    path = f"{ROOT}/configs/worlds/ward.toml"
+    by_path = load_scenario(write_scenario(f'world = "{path}"\n'))
+    by_name = load_scenario(write_scenario('world = "ward"\n', robot='robot = "nexus"\n'))
+    assert (by_name.robot, by_name.world) == (by_path.robot, by_path.world)
+
+
+def test_a_scenario_changes_some_of_a_robot_file(write_scenario):
+    payload = "payload = { mass_kg = 2.0, position_m = [0.0, 0.1, 0.3] }"
+    path = write_scenario(robot=f'robot = {{ file = "../robots/nexus.toml", {payload} }}\n')
+    robot = load_scenario(path).robot
+    assert robot.payload == Payload(mass_kg=2.0, position_m=(0.0, 0.1, 0.3))
+    assert load_scenario(path, ("robot.payload.mass_kg=3",)).robot.payload.mass_kg == 3.0
+    assert msgspec.structs.replace(robot, payload=None) == load_scenario(write_scenario()).robot
+
+
+def test_when_a_file_is_missing_expect_its_path(write_scenario):
+    assert problem(write_scenario(), "robot=none.toml") == "scenarios/none.toml: no such file"
+    path = write_scenario().with_name("none.toml")
+    assert problem(path) == "scenarios/none.toml: no such file"
+    path.write_bytes(b"\xff\xfe")
+    assert problem(path).startswith("scenarios/none.toml: can't be read: ")
+
+
+@pytest.mark.parametrize(
+    ("override", "read", "expected"),
+    [
+        ("sim.mode=lockstep", lambda s: s.sim.mode, "lockstep"),
+        ('sim.mode="lockstep"', lambda s: s.sim.mode, "lockstep"),
+        ("sim.speed=2", lambda s: s.sim.speed, 2.0),
+        (" sim.speed = 2.5 ", lambda s: s.sim.speed, 2.5),
+        ("bus.multicast_scouting=true", lambda s: s.bus.multicast_scouting, True),
+        ('bus.connect=["tcp/127.0.0.1:1"]', lambda s: s.bus.connect, ("tcp/127.0.0.1:1",)),
+        ("bus.namespace=robot_2", lambda s: s.bus.namespace, "robot_2"),
+        ("sensor.occlusions_s=[[1, 2]]", lambda s: s.sensor.occlusions_s, ((1.0, 2.0),)),
+        ("start={x_m=2.0}", lambda s: s.start.pose, Pose2D(2.0, 0.0, 0.0)),
+        ("services=[]", lambda s: s.services, ()),
+        ("robot.wheels.track_m=0.4", lambda s: s.robot.half_track, 0.2),
+        ("robot=../robots/nexus.toml", lambda s: s.robot.name, "nexus"),
+    ],
+)
+def test_an_override_is_taken_as_toml_and_a_bare_word_as_a_string(
+    write_scenario, override, read, expected
+):
+    assert read(load_scenario(write_scenario(), (override,))) == expected
+
+
+def test_the_last_of_two_overrides_of_a_key_counts(write_scenario):
+    assert load_scenario(write_scenario("seed = 1"), ("seed=2", "seed=3")).seed == 3
+
+
+def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
+    write_scenario, tmp_path, monkeypatch
+):
+    path = write_scenario(
+        "[bus]\nzenoh_config = 'zenoh.json5'\n[programs]\nfollower = 'my.py:Mine'"
+    )
+    (path.parent / "zenoh.json5").write_text("{}")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    loaded = load_scenario(Path("..") / "scenarios" / "test.toml")
+    assert loaded.bus.zenoh_config == path.parent / "zenoh.json5"
+    assert loaded.programs == {"follower": f"{path.parent / 'my.py'}:Mine"}
+    assert loaded.robot.name == "nexus"
+
+
+def test_the_effective_configuration_loads_again_to_the_same(write_scenario, tmp_path):
+    (tmp_path / "toy.py").write_text(TOY)
+    path = write_scenario(
+        "seed = 7\n[programs]\nfollower = 'my.py:Mine'\ntoy = '../toy.py:ToyNode'\n"
+        "[sim]\ntick_s = 0.02\n[sensor]\nocclusions_s = [[1.0, 2.5]]\n"
+        "[bus]\nzenoh_config = 'zenoh.json5'\nnamespace = 'a/b'\n"
+        "[toy.walk]\nkind = 'fast'\nspeed_m_s = 0.1\n[toy.weights]\na = 0.1\n"
+    )
+    (path.parent / "zenoh.json5").write_text("{}")
+    loaded = load_scenario(path)
+    again = tmp_path / "again.toml"
+    again.write_text(tomli_w.dumps(effective(loaded)))
+    assert load_scenario(again) == loaded
+
+
+def test_the_effective_configuration_holds_every_default(scenario):
+    tables = effective(scenario)
+    expected = {"mode": "real_time", "tick_s": 0.01, "speed": 1.0, "duration_s": 60.0}
+    assert tables["sim"] == {**expected, "answer_timeout_s": 10.0}
+    assert "namespace" not in tables["bus"]
+    assert tables["robot"]["rollers"]["count"] == 9
+
+
+def test_a_path_is_found_from_the_scenario_and_then_from_where_one_is(
+    write_scenario, tmp_path, monkeypatch
+):
+    path = write_scenario("[bus]\nkeys = 'keys'\n")
+    (tmp_path / "elsewhere" / "keys").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert load_scenario(path).bus.keys == tmp_path / "elsewhere" / "keys"
+    (path.parent / "keys").mkdir()
+    loaded = load_scenario(path)
+    assert loaded.bus.keys == path.parent / "keys"
+    assert effective(loaded)["bus"]["keys"] == str(path.parent / "keys")
+
+
+def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path, monkeypatch):
+    folder, below = tmp_path / "configs" / "scenarios", tmp_path / "some" / "where"
+    for each in (folder, below):
+        each.mkdir(parents=True)
+    for name in ("back", "side"):
+        (folder / f"{name}.toml").touch()
+    monkeypatch.chdir(below)
+    assert scenario_path("back") == folder / "back.toml"
+    assert scenario_path(str(folder / "side.toml")) == folder / "side.toml"
+    assert scenario_path("../../configs/scenarios/side.toml").samefile(folder / "side.toml")
+    expected = "^bak: no such scenario; a path to a TOML file, or one of back, side$"
+    with pytest.raises(ConfigError, match=expected):
+        scenario_path("bak")
+
+
+def test_where_there_are_no_scenarios_those_of_the_package_are_found(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert scenario_path("back").read_bytes() == (SCENARIOS / "back.toml").read_bytes()
+    assert load_scenario(scenario_path("back")).robot.name
+
+
+def test_a_service_that_the_sensor_needs_is_added_to_those_that_are_listed(write_scenario):
+    listed = "services = ['physics', 'controller', 'target', 'follower']\n"
+    path = write_scenario(f"{listed}sensor.kind = 'fused'\n")
+    assert load_scenario(path).services[-2:] == ("sensors", "guard")
+    assert load_scenario(path, ("sensor.kind=pose",)).services[-1] == "follower"
+
+
+def test_robots_of_one_world_have_the_same_kind_of_sensor(write_scenario):
+    robots = "[[robots]]\nname = 'a'\nsensor.kind = 'body'\n[[robots]]\nname = 'b'\nstart.x_m = 3\n"
+    with pytest.raises(ConfigError, match="are the same for all robots"):
+        load_scenario(write_scenario(robots))

@@ -1,0 +1,68 @@
+"""What a step is given: samples, their ages, and the configuration that counts."""
+
+import math
+
+import msgspec
+import pytest
+from mecazen.config import FollowerConfig
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SIM_STATE, of_robot
+from mecazen.messages import Empty, Odometry, Time, Twist
+from mecazen.node import Inputs, Node, Tick
+
+
+class Toy(Node):
+    def __init__(self, scenario):
+        super().__init__(scenario)
+        self.config, self.sim = scenario.follower, scenario.sim
+
+    def reset(self, seed): ...
+
+    def step(self, tick, inputs):
+        return {}
+
+
+def test_a_sample_is_as_old_as_its_last_use_and_new_ones_have_no_age():
+    inputs = Inputs({ODOM: Odometry()}, {ODOM: 10_000_000, CMD_VEL: 10_000_000}, 30_000_000)
+    ages = [inputs.age_s(topic) for topic in (ODOM, CMD_VEL, GROUND_TRUTH)]
+    assert ages == [0.0, 0.02, math.inf]
+    assert [inputs.gap_s(topic) for topic in (ODOM, GROUND_TRUTH)] == [0.02, math.inf]
+    assert inputs[ODOM] == Odometry()
+    assert inputs.get(CMD_VEL) is None
+    with pytest.raises(KeyError):
+        inputs[CMD_VEL]
+
+
+def test_a_refused_sample_is_as_old_as_the_one_before():
+    given = {ODOM: Odometry(), CMD_VEL: Twist()}
+    inputs = Inputs(given, {ODOM: 10_000_000}, 30_000_000)
+    inputs.refuse(ODOM, "behind the start")
+    assert inputs.refused == [(ODOM, "behind the start")]
+    assert (inputs.get(ODOM), inputs.age_s(ODOM)) == (None, 0.02)
+    assert inputs.get(CMD_VEL) is not None
+    assert len(given) == 2  # what others are given stays
+
+
+def test_inputs_of_a_robot_go_by_its_own_topics():
+    two = of_robot(ODOM, "two")
+    inputs = Inputs({two: Odometry(), ODOM: Odometry()}, {two: 0, CMD_VEL: 0}, 20_000_000)
+    renamed = inputs.renamed({two: ODOM, of_robot(CMD_VEL, "two"): CMD_VEL})
+    assert [*renamed.samples] == [ODOM]
+    assert (renamed.gap_s(ODOM), renamed.gap_s(CMD_VEL)) == (0.02, math.inf)
+
+
+def test_time_of_a_tick_for_headers():
+    assert Tick(150, 1_500_000_000, 0.01).time == Time(1, 500_000_000)
+
+
+def test_sections_that_a_node_keeps_are_the_new_ones_when_parameters_change(scenario):
+    toy = Toy(scenario)
+    sim = toy.sim
+    toy.configure(msgspec.structs.replace(scenario, follower=FollowerConfig(standoff_m=2.0)))
+    assert toy.config is toy.scenario.follower
+    assert toy.config.standoff_m == 2.0
+    assert toy.sim is sim
+
+
+def test_a_query_in_the_row_without_an_answer_is_a_mistake_of_the_node(scenario):
+    with pytest.raises(NotImplementedError, match="sim/state is in the row and has no answer"):
+        Toy(scenario).answer(SIM_STATE, Empty())

@@ -1,0 +1,67 @@
+"""The robot file: what follows from its lengths. Wrong files: test_explain."""
+
+import math
+
+import msgspec
+import pytest
+from harness import load_robot
+from mecazen.robot import Camera, Payload, roller_joint, wheel_joint
+from msgspec.structs import replace
+
+
+@pytest.fixture
+def robot():
+    """A robot of round numbers: axles 0.4 m apart, wheels 0.3 m, 0.1 m in diameter."""
+    robot = load_robot()
+    wheels = replace(robot.wheels, wheelbase_m=0.4, track_m=0.3, radius_m=0.05, hub_width_m=0.04)
+    base = replace(robot.base, length_m=0.3, width_m=0.2, height_m=0.1, clearance_m=0.04)
+    rollers = replace(robot.rollers, count=4, max_radius_m=0.01)
+    camera = Camera(size_m=(0.1, 0.1, 0.06), position_m=(0.0, 0.0, 0.2), mass_kg=0.1)
+    lidar = replace(robot.lidar, position_m=(0.0, 0.0, 0.15), size_m=(0.03, 0.04))
+    parts = {"wheels": wheels, "base": base, "rollers": rollers, "camera": camera}
+    return replace(robot, **parts, lidar=lidar, payload=None)
+
+
+def test_the_footprint_holds_wheels_base_and_payload(robot):
+    # along: 0.2 m to the axle and a radius; across: 0.15 m to the wheel's middle and a radius,
+    # since its rollers reach only (0.05 - 0.01) tan(45°) / tan(45°) + 0.01 = 0.05 m
+    assert robot.footprint == pytest.approx((0.25, 0.2))
+    # steeper rollers reach further: 0.04 / tan(30°) + 0.01
+    steep = replace(robot, rollers=replace(robot.rollers, angle_deg=30.0))
+    assert steep.footprint[1] == pytest.approx(0.15 + 0.04 * math.sqrt(3.0) + 0.01)
+    load = Payload(mass_kg=1.0, position_m=(-0.3, 0.0, 0.2), size_m=(0.2, 0.5, 0.2))
+    assert replace(robot, payload=load).footprint == pytest.approx((0.4, 0.25))
+
+
+def test_the_height_is_that_of_the_highest_part(robot):
+    assert robot.height == pytest.approx(0.23)
+    load = Payload(mass_kg=1.0, position_m=(0.0, 0.0, 0.3), size_m=(0.2, 0.2, 0.2))
+    assert replace(robot, payload=load).height == pytest.approx(0.4)
+
+
+def test_wheels_turn_the_robot_by_their_lever(robot):
+    assert (robot.cross_gain, robot.lever) == (1.0, pytest.approx(0.15 + 0.2))
+    steep = replace(robot, rollers=replace(robot.rollers, angle_deg=30.0, arrangement="O"))
+    assert steep.cross_gain == pytest.approx(-math.sqrt(3.0))
+
+
+def test_wheels_are_at_the_corners_and_have_their_joints(robot):
+    assert robot.wheel_position("front_left") == pytest.approx((0.2, 0.15, 0.05))
+    assert robot.wheel_position("rear_right") == pytest.approx((-0.2, -0.15, 0.05))
+    assert wheel_joint("rear_right") == "rear_right_wheel_joint"
+    assert roller_joint("rear_right", 3) == "rear_right_roller_03_joint"
+
+
+def test_a_camera_looks_up_and_to_the_left_by_positive_angles(robot):
+    up = replace(robot.camera, pitch_deg=30.0).axes
+    assert up[0] == pytest.approx((math.sqrt(0.75), 0.0, 0.5))
+    left = replace(robot.camera, yaw_deg=90.0).axes
+    assert left[0] == pytest.approx((0.0, 1.0, 0.0))
+    assert left[1] == pytest.approx((-1.0, 0.0, 0.0))
+
+
+def test_a_camera_cannot_be_tilted_beyond_upright():
+    mount = {"size_m": [0.02, 0.09, 0.02], "position_m": [0.1, 0.0, 0.2], "mass_kg": 0.1}
+    assert msgspec.convert({**mount, "pitch_deg": 22.0, "yaw_deg": -90.0}, Camera).pitch_deg == 22.0
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({**mount, "pitch_deg": 91.0}, Camera)
