@@ -2,15 +2,17 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
-from harness import Steps, load_robot
+from harness import Steps, error_of, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig
-from mecazen.config.follower import LinearGains, PidControl
+from mecazen.config.follower import LinearGains, PidControl, PlannerConfig, PolarControl
 from mecazen.covariance import diagonal_covariance
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
@@ -251,3 +253,100 @@ def test_a_new_run_forgets_the_person():
 def test_the_truth_is_never_read():
     seen = [keys.ODOM, keys.OBSERVATION, keys.LEGS, keys.SCAN]
     assert [i.topic for i in FollowerNode.ROW.inputs] == seen
+
+
+def scenario(**planner):
+    config = FollowerConfig(planner=PlannerConfig(**planner) if planner else None)
+    return Scenario(robot=load_robot(), follower=config)
+
+
+def test_scans_are_taken_where_there_is_a_planner():
+    def takes(scenario):
+        return keys.SCAN in {i.topic for i in FollowerNode.row(scenario).inputs}
+
+    assert takes(scenario(samples=200))
+    assert not takes(scenario())
+
+
+def test_a_wrong_setting_is_one_clear_line():
+    said = error_of(ConfigError, lambda: FollowerNode(scenario(rate_hz=30.0)))
+    assert said.startswith("follower.planner.rate_hz = 30 must divide the tick rate of 100 Hz")
+    said = error_of(ValueError, lambda: PlannerConfig(priorities=("distance", "bearing")))
+    assert said == (
+        "priorities must be distance, visibility, bearing, heading, each once, in any order"
+    )
+
+
+def test_a_standoff_within_the_bodies_is_refused_in_one_line():
+    def node(standoff_m):
+        config = FollowerConfig(standoff_m=standoff_m)
+        return FollowerNode(Scenario(robot=NEXUS, follower=config))
+
+    with pytest.raises(ConfigError) as refused:
+        node(0.5)
+    assert str(refused.value) == (
+        "follower.standoff_m = 0.5 must be at least 0.58: the radii of the person, 0.2, and of "
+        "the robot, 0.28, and 0.1 between them"
+    )
+    node(0.6)
+
+
+PERSON = Pose2D(1.5, 0.3, 0.2)
+
+
+def with_follower(scenario, **settings):
+    """The scenario with other settings of its follower."""
+    section = msgspec.structs.replace(scenario.follower, **settings)
+    return msgspec.structs.replace(scenario, follower=section)
+
+
+def drive(follower, ticks):
+    """What it commands while it goes along x past somebody who stands."""
+    made = []
+    for tick in ticks:
+        robot = Pose2D(0.002 * tick)
+        made.append(follower.tick(tick, robot, robot.between(PERSON) if tick % 4 == 0 else None))
+    return made
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"control": PolarControl(), "estimator": "imm"},
+        {"control": PidControl(), "response_s": 0.05},
+        {"planner": PlannerConfig(samples=100)},
+    ],
+    ids=["polar", "pid", "planner"],
+)
+def test_a_change_that_changes_nothing_changes_no_bit(settings):
+    told, kept = Follower(**settings), Follower(**settings)
+    assert drive(told, range(30)) == drive(kept, range(30))
+    told.node.configure(msgspec.structs.replace(told.node.scenario))
+    assert drive(told, range(30, 60)) == drive(kept, range(30, 60))
+
+
+def test_it_drives_to_another_place_at_once_and_still_knows_the_person():
+    follower = Follower(estimator="kf_cv")
+    _, before = drive(follower, range(20))[-1]
+    follower.node.configure(with_follower(follower.node.scenario, standoff_m=1.5, view="front"))
+    command, after = follower.tick(20, Pose2D(0.04))
+    assert after.tracking == before.tracking == "following"
+    assert after.estimate[0].pose.pose.to_planar() == pytest.approx(PERSON, abs=1e-3)
+    # by 1.5 m ahead of the person instead of 1 m behind, and looking back
+    forward = PERSON.compose(Pose2D(1.5))
+    assert after.goal[0].to_planar()[:2] == pytest.approx(forward[:2], abs=2e-3)
+    assert command.x == PROPORTIONAL.x.limit  # more than 2 m are missing
+
+
+def test_other_gains_count_from_the_next_tick_on_and_keep_the_integral():
+    """With kp doubled the proportional part doubles; what was integrated stays."""
+    gains = {"kp": 1.0, "ki": 1.0, "limit": 100.0}
+    follower = Follower(control=PidControl(x=LinearGains(**gains), feed_forward=False))
+    for tick in range(100):
+        command, _ = follower.tick(tick, ORIGIN, Pose2D(1.5) if tick % 4 == 0 else None)
+    # the goal is 0.5 m ahead, for 1 s
+    assert command.x == pytest.approx(0.5 + 0.5)
+    control = PidControl(x=LinearGains(**{**gains, "kp": 2.0}), feed_forward=False)
+    follower.node.configure(with_follower(follower.node.scenario, control=control))
+    command, _ = follower.tick(100, ORIGIN, Pose2D(1.5))
+    assert command.x == pytest.approx(1.0 + 0.5 + 0.005)
