@@ -4,9 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from harness import SCENARIOS
+from harness import SCENARIOS, load_robot
+from mecazen import keys
+from mecazen.config import Scenario
 from mecazen.loading import load_scenario
-from mecazen_tools.run_figure import Course, draw
+from mecazen_tools.run_figure import Course, courses, draw
+from tools.runs import Run
 
 T = np.array([0.0, 1.0])
 STILL = np.zeros(2)
@@ -60,3 +63,18 @@ def test_the_wanted_is_dashed_and_no_legend_lies_on_a_curve(drawn):
         assert axes.get_legend() is None
         for line in axes.lines:
             assert line.is_dashed() == (line.get_label() == "wanted")
+
+
+def test_what_robot_and_person_did_is_taken_from_the_table_of_a_run():
+    run = Run(2)
+    for tick, x in enumerate((0.5, 1.0)):
+        run.tick(tick, robot=(x, 2.0, 0.25), person=(3.0, 4.0, 0.0))
+    (way,) = courses(run.trajectory, Scenario(robot=load_robot()))
+    moving = 0.5, 0.25, 1.0
+    assert way.robot.tolist() == [[0.0, 0.5, 2.0, 0.25, *moving], [0.01, 1.0, 2.0, 0.25, *moving]]
+    assert way.person[:, 1:4].tolist() == [[3.0, 4.0, 0.0]] * 2
+    assert way.command[:, 1:].tolist() == [[0.125, -0.5, 2.0]] * 2
+    alone = Run(1, services=("physics",))
+    alone.pose(keys.GROUND_TRUTH, 0, 0.0, 0.0, 0.0)
+    (way,) = courses(alone.trajectory, Scenario(robot=load_robot()))
+    assert (len(way.robot), len(way.person), len(way.command)) == (1, 0, 0)
