@@ -57,9 +57,13 @@ def test_what_is_commanded_is_published_before_each_tick(sim):
     ("ask", "reason"),
     [
         (lambda sim: sim.command(robot="two"), "no robot 'two'"),
-        (lambda sim: sim.command(math.nan), "must be finite numbers"),
+        (lambda sim: sim.command(wz=math.nan), "must be finite numbers"),
         (lambda sim: sim.command_person(1.0), "target.path = { kind = 'driven' }"),
-        (lambda sim: sim.run(math.inf), "must be a finite number >= 0"),
+        *(
+            (lambda sim, seconds=seconds: sim.run(seconds), "must be a finite number >= 0")
+            for seconds in (-1.0, math.nan, math.inf)
+        ),
+        (lambda sim: load(CARTS, {"follower.standof_m": 1.5}), "did you mean"),
         (lambda sim: sim.state_of("two"), "no robot 'two'; robots: "),
         (lambda sim: sim.view(), "view=True"),
     ],
@@ -70,7 +74,7 @@ def test_what_is_wrong_is_said_in_one_line(sim, ask, reason):
 
 def test_settings_of_python_are_those_of_toml():
     settings = {
-        "follower.standoff_m": np.float64(1.5),
+        "follower.standoff_m": np.float32(1.5),
         "seed": np.uint8(7),
         "target.path": {"kind": "driven"},
         "services": ("physics", "target"),
