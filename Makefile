@@ -101,7 +101,7 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
 # one service and nothing else: what it does not declare, it does not find
 .venv-target/ready .venv-crowd/ready: NEEDED := -e ./people
-.venv-recorder/ready: NEEDED := -e ./ros2
+.venv-recorder/ready: NEEDED := -e ./ros2 matplotlib
 .venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml ros2/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-$*,1/2)
 	@$(call install,.venv-$*,2/2,$* alone,-e ./common $(NEEDED) -e ./tools -e ./services/$* --group test)
@@ -120,7 +120,7 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 # with the ROS side, whose access rules are made with those of the graph
 .venv-tools/ready: constraints.txt common/pyproject.toml ros2/pyproject.toml tools/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-tools,1/2)
-	@$(call install,.venv-tools,2/2,the command alone,-e ./common -e ./ros2 -e ./tools[keys] --group test)
+	@$(call install,.venv-tools,2/2,the command alone,-e ./common -e ./ros2 -e ./tools[keys] matplotlib --group test)
 	@touch $@
 
 GYM := people tools services/physics services/controller services/target services/follower gym

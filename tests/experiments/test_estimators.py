@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from follower.test_consistency import simulate_turning
-from follower.walks import FRAME_S, MATCHED, frame, make
+from follower.walks import FRAME_S, MATCHED, frame, make, simulate_turning
 from harness import SCENARIOS
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.loading import load_scenario

@@ -11,7 +11,9 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.making import make_controller, make_planner
-from mecazen_follower.planner.costs import Body, Sight
+from mecazen_follower.planner.costs import Body, Scene, Sight
+from mecazen_follower.planner.field import Shadows
+from mecazen_follower.planner.rollout import Rollout
 from mecazen_follower.polar import View
 
 SCENARIO = Scenario(robot=load_robot())
@@ -21,6 +23,7 @@ CAMERA = Sight(0.0, math.radians(37.5), 3.86)
 NO_NOISE = ((0.0,) * 3,) * 3
 BEAMS, LEG = 360, 0.06
 TICK = 0.05
+NOTHING = np.empty((0, 2))
 
 
 def wall(x_from, x_to, y):
@@ -90,3 +93,18 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
         things = [*circles, *((*place, 0.2) for place in now)]
         gaps = [math.dist(robot[:2], (x, y)) - radius for x, y, radius in things]
         yield robot, person.pose, planner.plan.state, min(gaps, default=math.inf)
+
+
+def still(x, y, yaw=0.0, steps=3):
+    """Return a way of some steps on which a robot stands."""
+    poses = [np.full((steps, 1), value) for value in (x, y, math.cos(yaw), math.sin(yaw))]
+    return Rollout(*poses, np.zeros((steps, 3, 1)))
+
+
+def scene(points=NOTHING, person=(0.0, 0.0, 0.0), goal=(-1.2, 0.0, 0.0), steps=3):
+    """Return a person who stands, and what else stands."""
+    places = np.tile(person, (steps, 1))
+    hiding = np.broadcast_to(points, (steps, *points.shape))
+    shadows = Shadows(places[:, :2], hiding, np.full(len(points), 0.05))
+    goals = np.tile(goal, (steps, 1))
+    return Scene(places, goals, np.empty((steps, 0, 2)), points, shadows)

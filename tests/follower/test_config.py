@@ -6,9 +6,8 @@ import msgspec
 import pytest
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import LinearGains, PidControl, PolarControl
-from mecazen_follower.estimators import ESTIMATORS, make_estimator
+from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.making import make_controller
-from mecazen_follower.pid import PoseController
 from mecazen_follower.polar import PolarController
 
 
@@ -21,19 +20,6 @@ def test_defaults_follow_1_m_behind_around_the_person():
     assert config.standoff == pytest.approx((1.0, math.pi, 0.0))
     assert config.estimator in ESTIMATORS
     assert isinstance(make_controller(config), PolarController)
-
-
-@pytest.mark.parametrize("name", sorted(ESTIMATORS))
-def test_every_estimator_is_made_by_its_name(name):
-    assert type(make_estimator(name, load(estimator=name).estimator_params)) is ESTIMATORS[name]
-
-
-def test_kind_says_which_controller():
-    pid, polar = load(control={"kind": "pid"}), load(control={"kind": "polar"})
-    assert pid.control == PidControl()
-    assert polar.control == PolarControl()
-    assert isinstance(make_controller(pid), PoseController)
-    assert isinstance(make_controller(polar), PolarController)
 
 
 def test_what_of_the_control_is_not_given_keeps_its_default():

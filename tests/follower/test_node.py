@@ -1,16 +1,19 @@
-"""The follower's node: what it makes of odometry and frames."""
+"""The follower's node: what it makes of odometry and frames, step by step and on the bus."""
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
-from harness import Steps, load_robot
+from harness import Rig, Steps, error_of, load_robot
+from hostile import forged, malformed
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import FollowerConfig, Scenario, SensorConfig
-from mecazen.config.follower import LinearGains, PidControl
+from mecazen.config import FollowerConfig, Scenario, SensorConfig, SimConfig
+from mecazen.config.follower import LinearGains, PidControl, PlannerConfig, PolarControl
 from mecazen.covariance import diagonal_covariance
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
@@ -251,3 +254,224 @@ def test_a_new_run_forgets_the_person():
 def test_the_truth_is_never_read():
     seen = [keys.ODOM, keys.OBSERVATION, keys.LEGS, keys.SCAN]
     assert [i.topic for i in FollowerNode.ROW.inputs] == seen
+
+
+def scenario(**planner):
+    config = FollowerConfig(planner=PlannerConfig(**planner) if planner else None)
+    return Scenario(robot=load_robot(), follower=config)
+
+
+def test_scans_are_taken_where_there_is_a_planner():
+    def takes(scenario):
+        return keys.SCAN in {i.topic for i in FollowerNode.row(scenario).inputs}
+
+    assert takes(scenario(samples=200))
+    assert not takes(scenario())
+
+
+def test_a_wrong_setting_is_one_clear_line():
+    said = error_of(ConfigError, lambda: FollowerNode(scenario(rate_hz=30.0)))
+    assert said.startswith("follower.planner.rate_hz = 30 must divide the tick rate of 100 Hz")
+    said = error_of(ValueError, lambda: PlannerConfig(priorities=("distance", "bearing")))
+    assert said == (
+        "priorities must be distance, visibility, bearing, heading, each once, in any order"
+    )
+
+
+def test_a_standoff_within_the_bodies_is_refused_in_one_line():
+    def node(standoff_m):
+        config = FollowerConfig(standoff_m=standoff_m)
+        return FollowerNode(Scenario(robot=NEXUS, follower=config))
+
+    with pytest.raises(ConfigError) as refused:
+        node(0.5)
+    assert str(refused.value) == (
+        "follower.standoff_m = 0.5 must be at least 0.58: the radii of the person, 0.2, and of "
+        "the robot, 0.28, and 0.1 between them"
+    )
+    node(0.6)
+
+
+PERSON = Pose2D(1.5, 0.3, 0.2)
+
+
+def with_follower(scenario, **settings):
+    """The scenario with other settings of its follower."""
+    section = msgspec.structs.replace(scenario.follower, **settings)
+    return msgspec.structs.replace(scenario, follower=section)
+
+
+def drive(follower, ticks):
+    """What it commands while it goes along x past somebody who stands."""
+    made = []
+    for tick in ticks:
+        robot = Pose2D(0.002 * tick)
+        made.append(follower.tick(tick, robot, robot.between(PERSON) if tick % 4 == 0 else None))
+    return made
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"control": PolarControl(), "estimator": "imm"},
+        {"control": PidControl(), "response_s": 0.05},
+        {"planner": PlannerConfig(samples=100)},
+    ],
+    ids=["polar", "pid", "planner"],
+)
+def test_a_change_that_changes_nothing_changes_no_bit(settings):
+    told, kept = Follower(**settings), Follower(**settings)
+    assert drive(told, range(30)) == drive(kept, range(30))
+    told.node.configure(msgspec.structs.replace(told.node.scenario))
+    assert drive(told, range(30, 60)) == drive(kept, range(30, 60))
+
+
+def test_it_drives_to_another_place_at_once_and_still_knows_the_person():
+    follower = Follower(estimator="kf_cv")
+    _, before = drive(follower, range(20))[-1]
+    follower.node.configure(with_follower(follower.node.scenario, standoff_m=1.5, view="front"))
+    command, after = follower.tick(20, Pose2D(0.04))
+    assert after.tracking == before.tracking == "following"
+    assert after.estimate[0].pose.pose.to_planar() == pytest.approx(PERSON, abs=1e-3)
+    # by 1.5 m ahead of the person instead of 1 m behind, and looking back
+    forward = PERSON.compose(Pose2D(1.5))
+    assert after.goal[0].to_planar()[:2] == pytest.approx(forward[:2], abs=2e-3)
+    assert command.x == PROPORTIONAL.x.limit  # more than 2 m are missing
+
+
+def test_other_gains_count_from_the_next_tick_on_and_keep_the_integral():
+    """With kp doubled the proportional part doubles; what was integrated stays."""
+    gains = {"kp": 1.0, "ki": 1.0, "limit": 100.0}
+    follower = Follower(control=PidControl(x=LinearGains(**gains), feed_forward=False))
+    for tick in range(100):
+        command, _ = follower.tick(tick, ORIGIN, Pose2D(1.5) if tick % 4 == 0 else None)
+    # the goal is 0.5 m ahead, for 1 s
+    assert command.x == pytest.approx(0.5 + 0.5)
+    control = PidControl(x=LinearGains(**{**gains, "kp": 2.0}), feed_forward=False)
+    follower.node.configure(with_follower(follower.node.scenario, control=control))
+    command, _ = follower.tick(100, ORIGIN, Pose2D(1.5))
+    assert command.x == pytest.approx(1.0 + 0.5 + 0.005)
+
+
+NEXT_RUN = 2**32 - 1
+ALL = ("physics", "controller", "target", "follower")
+NO_TARGET = ("physics", "controller", "follower")
+
+
+class OnBus(Rig):
+    """A follower that drives at 1 m/s for each metre that is missing."""
+
+    def __init__(self, estimator="none", services=ALL):
+        config = FollowerConfig(estimator=estimator, control=PROPORTIONAL)
+        lockstep = SimConfig(mode="lockstep")
+        scenario = Scenario(load_robot(), services=services, sim=lockstep, follower=config)
+        super().__init__("follower", scenario, keys.FOLLOWER_STATE, keys.CMD_VEL)
+
+    def odom(self, tick, robot=ORIGIN, run=1):
+        stamp = self.at(tick, run)
+        odom = m.planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D())
+        return self.put(keys.ODOM, odom, stamp)
+
+    def frame(self, tick, person=None, run=1):
+        """Publish what is seen at a tick; return what comes of it."""
+        stamp = self.at(tick, run)
+        poses = () if person is None else (m.PoseWithCovariance(m.Pose.planar(person)),)
+        frame = m.Observation(m.Header(stamp.time, "base_link"), poses)
+        return self.put(keys.OBSERVATION, frame, stamp)
+
+
+def answer_of(heard):
+    """Return estimate and command of the one tick that was answered."""
+    state, command = heard
+    assert (state.key, command.key) == ("follower/state", "cmd_vel")
+    assert command.stamp == state.stamp
+    estimate = state.message.estimate
+    return estimate and estimate[0].pose.pose.to_planar(), command.message.to_planar()
+
+
+def test_a_tick_with_a_frame_waits_for_both_and_another_is_answered_at_once():
+    rig = OnBus()
+    assert rig.odom(0) == []
+    assert answer_of(rig.frame(0)) == ((), Twist2D())
+    for tick in (1, 2, 3):
+        assert answer_of(rig.odom(tick)) == ((), Twist2D())
+    assert rig.frame(4, AHEAD) == []
+    heard = rig.odom(4)
+    assert answer_of(heard) == (pytest.approx(AHEAD), pytest.approx((0.5, 0.0, 0.0)))
+    assert heard[0].stamp == rig.at(4)
+
+
+def test_without_a_target_no_tick_waits_and_a_frame_without_stamp_and_time_is_of_now():
+    rig = OnBus(services=NO_TARGET)
+    rig.odom(6)
+    rig.bus.put_bytes(
+        "target/observation",
+        b'{"header":{"frame_id":"base_link"},"poses":[{"pose":{"position":{"x":1.5}}}]}',
+    )
+    assert rig.take() == []
+    estimate, command = answer_of(rig.odom(7, Pose2D(1.0)))
+    assert estimate == pytest.approx((2.5, 0.0, 0.0))
+    assert command == pytest.approx((0.5, 0.0, 0.0))
+    assert len(rig.odom(8)) == 2
+
+
+def test_with_a_controller_that_is_back_the_person_is_looked_for_anew():
+    rig = OnBus("kf_cv")
+    rig.odom(0)
+    assert answer_of(rig.frame(0, AHEAD))[0] == pytest.approx(AHEAD)
+    for alive in (True, False, True):
+        rig.bus.presence.update("controller", alive=alive)
+    # within what a robot may do in this time, so no jump that shows
+    elsewhere = Pose2D(0.4, 0.3, 0.2)
+    rig.odom(20, elsewhere)
+    assert answer_of(rig.frame(20)) == ((), Twist2D())
+    rig.odom(24, elsewhere)
+    estimate, _ = answer_of(rig.frame(24, AHEAD))
+    assert estimate == pytest.approx(elsewhere.compose(AHEAD), abs=1e-6)
+
+
+ODOM = m.planar_odometry(m.Time(1), "odom", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
+GOOD = {
+    "odom": [ODOM],
+    "target/observation": [
+        m.Observation(
+            m.Header(m.Time(0, 10_000_000), frame),
+            (m.PoseWithCovariance(m.Pose.planar(Pose2D(2.0, 1.0, 0.5)), covariance),),
+        )
+        for frame in ("base_link", "world")
+        for covariance in (
+            (0.0,) * 36,
+            diagonal_covariance((0.01, 0.02, 0.0, 0.0, 0.0, 0.03)),
+            diagonal_covariance((1e12, 1e-12, 0.0, 0.0, 0.0, 1.0)),
+        )
+    ],
+}
+
+
+@malformed(GOOD)
+def test_malformed_payloads_change_nothing_for_the_run(wrong):
+    rig = OnBus()
+    rig.odom(0)
+    rig.frame(0, AHEAD)
+    assert rig.put_wrong(wrong) == []
+    rig.odom(4, Pose2D(0.1))
+    estimate, command = answer_of(rig.frame(4, Pose2D(1.5, 0.2)))
+    assert estimate == pytest.approx((1.6, 0.2, 0.0))
+    assert command == pytest.approx((0.5, 0.2, 0.0))
+
+
+@pytest.mark.parametrize("estimator", sorted(ESTIMATORS))
+@forged(GOOD, max_examples=40)
+def test_even_forged_stamps_bring_no_number_that_is_not_finite_and_no_lasting_harm(
+    estimator, wrong
+):
+    rig = OnBus(estimator)
+    rig.odom(0)
+    rig.frame(0, AHEAD)
+    for sample in rig.put_wrong(wrong):
+        if sample.key == "cmd_vel":
+            assert max(map(abs, sample.message.to_planar())) <= 2.0
+    rig.odom(0, Pose2D(0.1), NEXT_RUN)
+    estimate, command = answer_of(rig.frame(0, Pose2D(1.5, 0.2), NEXT_RUN))
+    assert estimate == pytest.approx((1.6, 0.2, 0.0))
+    assert command == pytest.approx((0.5, 0.2, 0.0))

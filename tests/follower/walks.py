@@ -6,6 +6,8 @@ import numpy as np
 from mecazen.config.follower import AngularGains, LinearGains, PidControl
 from mecazen.geometry import Pose2D, wrap
 from mecazen_follower.estimators import make_estimator
+from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK
+from mecazen_follower.estimators.turn_rate import move, process_noise
 
 DT = 0.01
 ORIGIN = Pose2D()
@@ -51,3 +53,15 @@ def frame(estimator, pose, noise=NOISE):
     """Let a frame pass in which the estimator sees a person, at the heading `pose[2]` [rad]."""
     estimator.predict(FRAME_S)
     estimator.update(Pose2D(float(pose[0]), float(pose[1]), wrap(float(pose[2]))), noise)
+
+
+def simulate_turning(seconds, rng, name="ekf_ctrv"):
+    """Yield truth, estimate and NIS after each frame; the truth moves as the filter thinks."""
+    estimator = make(name, **MATCHED)
+    walks = np.array([MATCHED["sway_m_sqrt_m"], MIN_POSITION_WALK, 0.0, 0.3, 0.3])
+    state = rng.normal(size=5) * [5.0, 5.0, 2.0, 0.5, 0.3]
+    for _ in range(round(seconds / FRAME_S)):
+        frame(estimator, state[:3] + rng.normal(size=3) * np.sqrt(np.diag(NOISE)))
+        yield state[:3], estimator.estimate, estimator.nis
+        root = np.linalg.cholesky(process_noise(walks, state, FRAME_S))
+        state = move(state, FRAME_S) + root @ rng.normal(size=5)

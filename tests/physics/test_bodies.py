@@ -1,4 +1,4 @@
-"""A load on the base: felt in wheel loads, tilt and acceleration."""
+"""What bodies are built of and which are refused; a load is felt in wheel loads and tilt."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.config.world import Box
 from mecazen.geometry import Twist2D, rotate
 from mecazen.robot import Payload, Robot
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.body import MAX_TILT_RAD
+from mecazen_physics.errors import UnsupportedError
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
 
@@ -112,3 +114,16 @@ def test_wheels_without_load_slip_and_loaded_ones_do_not(nexus):
     front_left, front_right, rear_left, rear_right = state.joint_velocity[:4]
     assert min(front_left, front_right) > 1.5 * ideal[0]
     assert (rear_left, rear_right) == pytest.approx(ideal[2:], rel=0.02)
+
+
+def test_bearing_friction_beyond_the_steps_resolution_is_refused(nexus):
+    rollers = replace(nexus.rollers, bearing_friction_nms=1e-3)
+    robot = replace(nexus, rollers=rollers)
+    with pytest.raises(UnsupportedError, match=r"below .* or physics\.dt_s"):
+        Rig(robot)
+
+
+def test_an_obstacle_to_drive_onto_is_refused(nexus):
+    step = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
+    with pytest.raises(UnsupportedError, match=r"0\.01 m high"):
+        Rig(nexus, obstacles=(step,))

@@ -10,7 +10,6 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import Roller, lateral_gain
 from physics_rig import Rig, masses, wheel_speeds
 
@@ -141,10 +140,3 @@ def test_wheels_spin_on_the_spot_without_friction(nexus):
     # Nothing moves the centre of mass; 1e-5 m: below it the origin moves as the base leans.
     assert math.hypot(*rig.state().position[:2]) < 1e-5
     assert rig.state().joint_velocity[0] == pytest.approx(FORWARD.x / 0.05 * 0.98, rel=0.01)
-
-
-def test_bearing_friction_beyond_the_steps_resolution_is_refused(nexus):
-    rollers = msgspec.structs.replace(nexus.rollers, bearing_friction_nms=1e-3)
-    robot = msgspec.structs.replace(nexus, rollers=rollers)
-    with pytest.raises(UnsupportedError, match=r"below .* or physics\.dt_s"):
-        Rig(robot)

@@ -1,3 +1,5 @@
+"""A robot in the world: at rest, driven, pushed, stopped, and the same to the bit again."""
+
 from __future__ import annotations
 
 import math
@@ -9,7 +11,6 @@ import pytest
 from mecazen.config.world import Box, Cylinder, Person
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from msgspec.structs import replace
 from physics_rig import Rig, trajectory, wheel_speeds
@@ -163,12 +164,6 @@ def test_a_robot_is_isolated_that_is_upright_and_out_of_reach_of_everything(
         rig.place_person(Pose2D(person))
     rig.robot.look_around()
     assert rig.robot.isolated == isolated
-
-
-def test_an_obstacle_to_drive_onto_is_refused(nexus):
-    step = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
-    with pytest.raises(UnsupportedError, match=r"0\.01 m high"):
-        Rig(nexus, obstacles=(step,))
 
 
 def test_a_world_built_again_repeats_every_bit(nexus):

@@ -1,4 +1,4 @@
-"""Recordings made in the test itself, and the commands as processes."""
+"""Recordings made in the test itself, a follower to record, and the commands as processes."""
 
 import secrets
 from collections.abc import Callable, Sequence
@@ -11,6 +11,42 @@ from mecazen.config import BusConfig
 from mecazen.keys import topic_of
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import stamp_of, tick
+
+PROGRAM = """
+from mecazen.geometry import Twist2D
+from mecazen.row import Row, due, every
+from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
+from mecazen.messages import Twist
+from mecazen.node import Node, World
+
+class Mine(Node):
+    ROW = Row("follower", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
+    def reset(self, seed):
+        self.sum = 0.0
+    def step(self, tick, inputs):
+        self.sum += inputs[ODOM].pose.pose.position.x / 3
+        if inputs.get(OBSERVATION) is not None:
+            self.sum += len(inputs[OBSERVATION].poses)
+        return {{CMD_VEL: Twist.planar({answer})}}
+
+class Other(Mine):
+    ROW = Row("other", inputs=Mine.ROW.inputs, outputs=(CMD_VEL,))
+
+class Advances(World):
+    ROW = Mine.ROW
+"""
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Write a follower; return how it is named."""
+
+    def write(answer="Twist2D(x=self.sum)", kind="Mine"):
+        path = tmp_path / f"follower{len(list(tmp_path.iterdir()))}.py"
+        path.write_text(PROGRAM.format(answer=answer))
+        return f"{path}:{kind}"
+
+    return write
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """A service that is fed with what it was given answers as it did, or the difference is named."""
 
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from mecazen.errors import MecazenError
 from mecazen.keys import topic_of
 from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
-from mecazen.runtime.drivers import observe
 from mecazen.runtime.host import Host
 from mecazen.runtime.worker import Worker
 from mecazen_recorder.reader import Recording
@@ -26,42 +24,6 @@ from recorder.ticks import TICK_NS, odometry, stamp_of
 
 TICKS = 40
 FRAME_TICKS = 4
-
-PROGRAM = """
-from mecazen.geometry import Twist2D
-from mecazen.row import Row, due, every
-from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
-from mecazen.messages import Twist
-from mecazen.node import Node, World
-
-class Mine(Node):
-    ROW = Row("follower", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
-    def reset(self, seed):
-        self.sum = 0.0
-    def step(self, tick, inputs):
-        self.sum += inputs[ODOM].pose.pose.position.x / 3
-        if inputs.get(OBSERVATION) is not None:
-            self.sum += len(inputs[OBSERVATION].poses)
-        return {{CMD_VEL: Twist.planar({answer})}}
-
-class Other(Mine):
-    ROW = Row("other", inputs=Mine.ROW.inputs, outputs=(CMD_VEL,))
-
-class Advances(World):
-    ROW = Mine.ROW
-"""
-
-
-@pytest.fixture
-def program(tmp_path):
-    """Write a follower; return how it is named."""
-
-    def write(answer="Twist2D(x=self.sum)", kind="Mine"):
-        path = tmp_path / f"follower{len(list(tmp_path.iterdir()))}.py"
-        path.write_text(PROGRAM.format(answer=answer))
-        return f"{path}:{kind}"
-
-    return write
 
 
 @pytest.fixture
@@ -222,32 +184,6 @@ def test_a_service_of_which_nothing_was_recorded_is_one_line(program, mine, reco
         recompute(Recording(copy, trusted=True), program(kind="Other"))
     with pytest.raises(MecazenError, match="is no node with recorded inputs"):
         recompute(Recording(copy, trusted=True), "recorder")
-
-
-def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
-    config = RecorderConfig(file=str(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
-    scenario = Scenario(
-        robot=load_robot(),
-        services=("follower", "recorder"),
-        programs={"follower": program()},
-        recorder=config,
-    )
-    bus = LocalBus()
-    worker = Worker(Host([("follower", "")], bus, scenario))
-    recorder = observe("recorder", bus, scenario)
-    odom, clock = bus.publisher(keys.ODOM), bus.publisher(keys.CLOCK)
-    for number in (0, 100, 200):
-        clock.put(keys.CLOCK.type(), stamp_of(number))
-        odom.put(odometry(number), stamp_of(number))
-        while worker.step():
-            pass
-    recorder.close()
-    recording = Recording(tmp_path / "run.mcap", trusted=True)
-    by_key = Counter(sample.key for sample in recording.samples())
-    assert by_key == {"odom": 3, "diagnostics/follower": 3, "diagnostics/recorder": 3}
-    assert recording.scenarios == {7: to_toml(scenario)}
-    # its last diagnostics are themselves the ninth sample, and were written after the count
-    assert recorder.diagnostics() == {"recorded": 9}
 
 
 def test_a_recording_that_names_programs_runs_none_of_them_unless_it_is_trusted(recorded, tmp_path):

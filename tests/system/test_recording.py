@@ -6,14 +6,17 @@ from collections import Counter
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from harness import SCENARIOS, assert_one_line, mecazen, options
-from mecazen import keys
+from mecazen import Simulation, keys
 from mecazen.config import SensorConfig
 from mecazen.graph import GRAPH
 from mecazen.messages import Empty, GuardState
+from mecazen_recorder.plot import figure
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
+from mecazen_tools.run_figure import courses, draw
 
 HARD = (
     "sensor.dropout_probability=0.2",
@@ -154,3 +157,15 @@ def test_a_crowd_among_several_robots_is_computed_anew_and_so_are_those_who_see_
         compared = recompute(recording, node, robot)
         assert compared.difference is None
         assert set(compared.counts.values()) <= {50, 25, 10}
+
+
+@pytest.mark.parametrize("scenario", ["side", "convoy"])
+def test_a_recording_gives_the_same_figure_as_the_run(scenario, tmp_path):
+    file = tmp_path / "run.mcap"
+    with Simulation(scenario, duration_s=0.2, record=file) as sim:
+        sim.run()
+        expected = draw(courses(sim.trajectory, sim.scenario), sim.scenario, "run")
+    assert len(sim.trajectory.rows()) == 20
+    for drawn, axes in zip(figure(Recording(file), None).axes, expected.axes, strict=True):
+        for curve, other in zip(drawn.lines, axes.lines, strict=True):
+            assert np.array_equal(curve.get_xydata(), other.get_xydata()), axes.get_ylabel()

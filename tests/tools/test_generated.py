@@ -4,13 +4,10 @@ import re
 
 import pytest
 from harness import ROOT
-from mecazen.bus.session import session_config
-from mecazen.config import BusConfig
 from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.loading import load_scenario
 from mecazen_tools.generated import files
 
-SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 OURS = sorted(set(SERVICES) - {COLLECTOR})
 
 
@@ -27,11 +24,6 @@ PACKAGE = ROOT / "ros2" / "mecazen_msgs"
 def test_the_package_for_ros_has_no_other_files():
     made = {path for path, _ in files(ROOT) if PACKAGE in path.parents}
     assert {path for path in PACKAGE.rglob("*") if path.is_file()} == made
-
-
-def test_zenoh_reads_the_access_rules():
-    config = session_config(BusConfig(zenoh_config=SECURE), "client")
-    assert config.get_json("access_control/enabled") == "true"
 
 
 def test_each_service_has_a_folder_and_each_folder_a_service():

@@ -10,13 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, is_running
 from mecazen.config import Process
-from mecazen.runtime.report import Report
 from mecazen_tools import processes
-from mecazen_tools.forking import Start
 from mecazen_tools.processes import Line, ProcessError, Supervisor
 
 TOY = """
@@ -70,6 +67,7 @@ class Deaf(Toy):
     def reset(self, seed):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 """
+
 TOYS = ("toy", "quiet", "fails", "crashes", "quits", "deaf", "works_first")
 
 
@@ -322,23 +320,3 @@ def test_when_the_parent_is_killed_expect_its_forks_to_end_and_to_be_started_aga
     line = await_line(restarting, "toy", "has ended with the parent of all processes")
     assert line.text.endswith("; it is started again at once")
     assert await_work(restarting, "toy") != pid
-
-
-def test_a_parent_with_another_thread_does_not_fork():
-    threaded = (
-        "import threading\n"
-        "from mecazen_tools import forking\n"
-        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
-        "forking.serve(lambda: None)\n"
-    )
-    requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    reports, report_end = os.pipe()
-    request = Start(Process(("toy",)), (0,), os.SCHED_OTHER, 0)
-    with requests, subprocess.Popen([sys.executable, "-c", threaded], stdin=theirs.fileno()):
-        theirs.close()
-        socket.send_fds(requests, [msgspec.json.encode(request)], [2, report_end])
-        os.close(report_end)
-        report = msgspec.json.decode(os.read(reports, 1000), type=Report)
-        os.close(reports)
-        requests.close()
-    assert (report.kind, report.text) == ("failed", "a process of 2 threads can't be forked")

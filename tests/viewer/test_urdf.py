@@ -1,124 +1,11 @@
-"""What is read of a URDF, and the robot that is drawn of it."""
-
-import math
-import struct
+"""What is read of a URDF and of a mesh."""
 
 import numpy as np
 import pytest
 from mecazen.errors import RefusedError
-from mecazen.messages import JointState
-from mecazen_viewer import rotation, urdf
-from mecazen_viewer.robot import RobotModel
+from mecazen_viewer import urdf
 from mecazen_viewer.urdf import read_stl
-from viewer_stage import values
-
-URDF = """<robot name="toy">
-  <material name="dark"><color rgba="0.1 0.2 0.3 1"/></material>
-  <link name="base_link"><visual><origin xyz="0 0 0.1" rpy="0 0 0"/>
-    <geometry><box size="0.4 0.2 0.1"/></geometry><material name="dark"/></visual></link>
-  <link name="wheel"><visual><origin xyz="0 0 0" rpy="1.5 0 0"/>
-    <geometry><cylinder radius="0.05" length="0.04"/></geometry></visual></link>
-  <link name="roller_0"><visual><geometry><mesh filename="r.stl"/></geometry></visual></link>
-  <link name="roller_1"><visual><geometry><mesh filename="r.stl"/></geometry></visual></link>
-  <link name="mast"><visual><origin xyz="0.3 0 0" rpy="0 0 0"/>
-    <geometry><cylinder radius="0.01" length="1"/></geometry></visual></link>
-  <joint name="wheel_joint" type="continuous"><parent link="base_link"/><child link="wheel"/>
-    <origin xyz="0.1 0.2 0.05" rpy="0 0 0"/><axis xyz="0 1 0"/></joint>
-  <joint name="r0" type="continuous"><parent link="wheel"/><child link="roller_0"/>
-    <origin xyz="0 0 -0.04" rpy="0 0 0"/><axis xyz="0 0 1"/></joint>
-  <joint name="r1" type="continuous"><parent link="wheel"/><child link="roller_1"/>
-    <origin xyz="0 0 0.04" rpy="0 0 1.5707963267948966"/><axis xyz="0 0 1"/></joint>
-  <joint name="mast_joint" type="fixed"><parent link="base_link"/><child link="mast"/>
-    <origin xyz="0 0 1" rpy="0 0 0"/></joint>
-</robot>"""
-
-BASE, WHEEL, ROLLERS, MAST = (
-    f"world/robot/{name}" for name in ("base_link", "wheel", "roller", "mast")
-)
-
-
-def stl(*triangles: tuple[tuple[float, float, float], ...]) -> bytes:
-    facets = b"".join(
-        struct.pack("<12fH", 0, 0, 0, *(x for corner in facet for x in corner), 0)
-        for facet in triangles
-    )
-    return bytes(80) + struct.pack("<I", len(triangles)) + facets
-
-
-SQUARE = stl(((0, 0, 0), (1, 0, 0), (1, 1, 0)), ((0, 0, 0), (1, 1, 0), (0, 1, 0)))
-
-
-FILES = {"r.stl": SQUARE, "other.stl": SQUARE}
-
-
-def toy() -> RobotModel:
-    return RobotModel(urdf.read(URDF), FILES)
-
-
-def states(**angles: float) -> JointState:
-    return JointState(name=tuple(angles), position=tuple(angles.values()))
-
-
-def test_what_is_alike_is_one_entity_by_what_the_names_have_in_common():
-    paths = [path for path, _ in toy().shapes]
-    assert list(dict.fromkeys(paths)) == [BASE, WHEEL, MAST, ROLLERS]
-    named = URDF.replace("roller_0", "front_roller").replace("roller_1", "rear_roller")
-    assert [path for path, _ in RobotModel(urdf.read(named), FILES).shapes][-1] == ROLLERS
-
-
-def test_groups_whose_names_have_the_same_in_common_are_told_apart():
-    links = {"front_left": "r", "front_right": "other", "rear_left": "other", "rear_right": "r"}
-    text = "".join(
-        f'<link name="{link}_roller"><visual><geometry><mesh filename="{mesh}.stl"/></geometry>'
-        f'</visual></link><joint name="{link}" type="continuous"><parent link="base"/>'
-        f'<child link="{link}_roller"/><axis xyz="0 1 0"/></joint>'
-        for link, mesh in links.items()
-    )
-    shapes = RobotModel(urdf.read(f"<robot>{text}</robot>"), FILES).shapes
-    assert [path for path, _ in shapes] == [ROLLERS, f"{ROLLERS}_2"]
-
-
-def test_what_turns_with_nothing_stands_where_its_fixed_joints_place_it():
-    placed = [(path, components) for path, components in toy().shapes if path in (BASE, MAST)]
-    (base, mast) = dict(placed).values()  # the later of shape and place
-    assert values({BASE: base}, BASE, "Boxes3D:centers")[0] == pytest.approx([0, 0, 0.1])
-    assert values({MAST: mast}, MAST, "Cylinders3D:centers")[0] == pytest.approx([0.3, 0, 1])
-
-
-def test_what_turns_is_where_all_joints_below_it_put_it():
-    posed = dict(toy().pose(states(wheel_joint=math.pi / 2, r0=math.pi / 2, r1=0.0, other=9.0)))
-    assert set(posed) == {WHEEL, ROLLERS}
-    # single precision
-    near = {"abs": 1e-6}
-    assert values(posed, WHEEL, "Cylinders3D:centers") == pytest.approx(
-        np.array([[0.1, 0.2, 0.05]]), **near
-    )
-    # the cylinder lies in its link by 1.5 rad about x, and the link is turned about y
-    h = math.sqrt(0.5)
-    a, b = h * math.sin(0.75), h * math.cos(0.75)
-    hub = values(posed, WHEEL, "Cylinders3D:quaternions")
-    assert hub == pytest.approx(np.array([[a, b, -a, b]]), **near)
-    # a wheel that has turned a quarter about y has what was below it behind, and above it before
-    places = values(posed, ROLLERS, "InstancePoses3D:translations")
-    assert places == pytest.approx(np.array([[0.06, 0.2, 0.05], [0.14, 0.2, 0.05]]), **near)
-    # a quarter about y after a quarter about z: of the joint's angle, and of the second's origin
-    turned = values(posed, ROLLERS, "InstancePoses3D:quaternions")
-    assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
-
-
-def test_a_million_turns_leave_no_less_precision_than_none():
-    one = dict(toy().pose(states(wheel_joint=0.0, r0=1.0, r1=0.0)))
-    many = dict(toy().pose(states(wheel_joint=0.0, r0=1.0 + 1e6 * math.tau, r1=0.0)))
-    a, b = (values(posed, ROLLERS, "InstancePoses3D:quaternions") for posed in (one, many))
-    # a double at 6e6 rad has steps of 1e-9
-    assert np.abs(a - b).max() < 1e-6
-
-
-def test_states_without_a_joint_of_this_robot_turn_nothing():
-    model = toy()
-    assert list(model.pose(states(wheel_joint=0.0))) == []
-    assert list(model.pose(JointState(name=("wheel_joint", "r0", "r1"), position=(0.0,)))) == []
-    assert len(list(model.pose(states(r1=0.0, r0=0.0, wheel_joint=0.0)))) == 2
+from viewer.toy import SQUARE, URDF
 
 
 @pytest.mark.parametrize(
@@ -138,16 +25,6 @@ def test_what_is_no_urdf_is_refused_with_what_is_wrong(text, words):
     assert "not a URDF" in str(caught.value)
 
 
-def test_links_that_are_no_tree_are_refused():
-    with pytest.raises(RefusedError, match="no tree"):
-        RobotModel(urdf.read("<robot/>"), {})
-
-
-def test_a_mesh_without_a_file_is_refused():
-    with pytest.raises(RefusedError, match=r"r\.stl"):
-        RobotModel(urdf.read(URDF), {})
-
-
 def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
     vertices, triangles, normals = read_stl(SQUARE)
     assert len(vertices) == 4
@@ -162,17 +39,3 @@ def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
 def test_what_is_no_binary_stl_is_refused(data):
     with pytest.raises(RefusedError, match="STL"):
         read_stl(data)
-
-
-def test_roll_pitch_yaw_are_about_the_fixed_axes_in_that_order():
-    roll, pitch, yaw = 0.3, -0.4, 1.2
-    axes = np.eye(3)
-    one = rotation.multiply(
-        rotation.about(axes[2], yaw),
-        rotation.multiply(rotation.about(axes[1], pitch), rotation.about(axes[0], roll)),
-    )
-    assert rotation.from_rpy((roll, pitch, yaw)) == pytest.approx(one)
-    # x turned by yaw alone, then the whole, by the textbook's matrix element r11 = cos y cos p
-    x, y, z, w = one
-    assert 1 - 2 * (y * y + z * z) == pytest.approx(math.cos(yaw) * math.cos(pitch))
-    assert 2 * (w * y - x * z) == pytest.approx(math.sin(pitch))

@@ -1,27 +1,14 @@
-"""Each estimator against numbers by hand, and against its own motion."""
+"""The linear filters against numbers by hand, filterpy's filter, and the motion that they find."""
 
 import math
 
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from follower.walks import DT, FRAME_S, MATCHED, NOISE, frame, make, walk
+from follower.walks import DT, NOISE, make, walk
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
-
-# none
-
-
-def test_none_holds_the_last_observation():
-    estimator = make("none")
-    estimator.update(Pose2D(1.0, 2.0, 3.0), NOISE)
-    for _ in range(100):
-        estimator.predict(DT)
-    assert estimator.estimate.pose == (1.0, 2.0, 3.0)
-
-
-# kf_displacement
+from mecazen.geometry import Pose2D, Twist2D, wrap
 
 
 def test_displacement_filter_moves_a_person_at_yaw_zero():
@@ -68,9 +55,6 @@ def test_displacement_filter_takes_the_observed_yaw_of_who_stands():
     estimator.update(Pose2D(0.0, 0.0, 3.0), NOISE)
     walk(estimator, 15.0, Twist2D(), Pose2D(0.0, 0.0, -3.0))
     assert estimator.estimate.pose.yaw == pytest.approx(-3.0, abs=1e-3)
-
-
-# kf_cv
 
 
 # P[x, x] = 0.0125 both times: 0.0025 + 0.25 * 0.04 of drift, or + 1 * 0.1² of the first speed;
@@ -128,29 +112,3 @@ def test_constant_velocity_prediction_does_not_depend_on_the_step(parts):
         divided.predict(0.2 / parts)
     assert np.allclose(whole.estimate.pose, divided.estimate.pose, atol=1e-9)
     assert np.allclose(whole.estimate.covariance, divided.estimate.covariance, atol=1e-9)
-
-
-# constant turn rate and velocity
-
-
-@pytest.mark.parametrize("turn", [0.0, 0.5, -0.5])
-def test_latency_is_made_up_for_exactly_on_a_straight_line_and_an_arc(turn):
-    estimator, pose = make("ekf_ctrv", **MATCHED), Pose2D(1.0, 2.0, 3.0)
-    twist = Twist2D(0.8, 0.0, turn)
-    for _ in range(1000):  # 40 s without noise: nothing of the start is left
-        pose = pose.integrate(twist, FRAME_S)
-        frame(estimator, pose)
-    later, ahead = pose.integrate(twist, 0.2), estimator.ahead(0.2)
-    assert ahead.pose == pytest.approx(later, abs=1e-9)
-    assert ahead.velocity[:2] == pytest.approx(rotate(0.8, 0.0, later.yaw), abs=1e-9)
-    assert np.trace(ahead.covariance) > np.trace(estimator.estimate.covariance)
-
-
-def test_many_short_predictions_are_one_long_one():
-    whole, divided = make("ekf_ctrv", **MATCHED), make("ekf_ctrv", **MATCHED)
-    for estimator in (whole, divided):
-        walk(estimator, 2.0, Twist2D(0.5, 0.0, 0.0))
-    whole.predict(0.08)
-    for _ in range(8):
-        divided.predict(DT)
-    assert divided.estimate.pose == pytest.approx(whole.estimate.pose, abs=1e-12)

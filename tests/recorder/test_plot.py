@@ -1,0 +1,78 @@
+"""A recorded run as a figure."""
+
+import numpy as np
+import pytest
+from harness import SCENARIOS, error_of
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.loading import load_scenario, to_toml
+from mecazen.messages import Time, Twist, planar_odometry
+from mecazen_recorder.plot import figure
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.writer import RecordingError, RecordingWriter
+from mecazen_tools.run_figure import VELOCITIES, Course, draw
+from recorder.ticks import stamp_of
+
+TICKS = range(3)
+
+
+@pytest.fixture
+def record(tmp_path):
+    """Record what is at some keys for a few ticks of run 7, and a command by hand."""
+
+    def write(scenario, *keys):
+        path = tmp_path / "run.mcap"
+        writer = RecordingWriter(path, "cdr")
+        writer.write_run(stamp_of(0), to_toml(scenario))
+        for number in TICKS:
+            for key in keys:
+                writer.write(key, odometry(key, number), stamp_of(number), number * 10**7)
+        writer.write("cmd_vel", Twist.planar(Twist2D(0.25)), None, 10**7)
+        writer.close()
+        return path
+
+    return write
+
+
+def odometry(key, number):
+    place = Pose2D(0.1 * number, float(len(key)), 0.2)
+    return planar_odometry(Time(), "world", "base_link", place, Twist2D(0.5))
+
+
+def rows(key):
+    poses = [odometry(key, number).pose.pose.to_planar() for number in TICKS]
+    return np.array([(0.01 * n, *poses[n], 0.5, 0.0, 0.0) for n in TICKS])
+
+
+def test_it_shows_what_was_recorded_of_robot_person_and_commands(record):
+    scenario = load_scenario(SCENARIOS / "side.toml")
+    truth, person = "ground_truth/odom", "target/odom"
+    drawn = figure(Recording(record(scenario, truth, person)), None)
+    commands = np.array([(0.01, 0.25, 0.0, 0.0)])
+    expected = draw([Course("", rows(truth), rows(person), commands)], scenario, "by hand")
+    assert drawn.axes[0].get_title() == "run.mcap, run 7, seed 3"
+    for axes, known in zip(drawn.axes, expected.axes, strict=True):
+        assert axes.get_ylabel() == known.get_ylabel()
+        for line, curve in zip(axes.lines, known.lines, strict=True):
+            assert line.get_xydata() == pytest.approx(curve.get_xydata(), nan_ok=True)
+
+
+def test_without_a_follower_there_is_no_wanted_place_and_a_hand_is_seen(record):
+    path = record(load_scenario(SCENARIOS / "teleop.toml"), "ground_truth/odom")
+    drawn = figure(Recording(path), None)
+    assert [axes.get_ylabel() for axes in drawn.axes] == ["y [m]", *VELOCITIES]
+    assert drawn.axes[1].lines[1].get_ydata() == pytest.approx([0.25])  # commanded, not stamped
+    assert drawn.axes[2].get_ylim() == (-0.1, 0.1)  # sideways, where nothing moves
+
+
+def test_a_recording_with_nothing_to_draw_says_in_one_line_what_is_missing(record, tmp_path):
+    def told(path, run=None):
+        return error_of(RecordingError, lambda: figure(Recording(path), run))
+
+    empty, cut = tmp_path / "empty.mcap", tmp_path / "cut.mcap"
+    RecordingWriter(empty, "cdr").close()
+    assert told(empty) == f"{empty}: no run in it"
+    some = record(load_scenario(SCENARIOS / "side.toml"), "odom")
+    assert told(some) == f"{some}: nothing on ground_truth/odom in run 7"
+    assert told(some, 8) == f"--run 8: not in {some}, which holds 7"
+    cut.write_bytes(some.read_bytes()[:200])
+    assert told(cut) == f"{cut}: no run in it, and its end is missing"

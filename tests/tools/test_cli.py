@@ -1,0 +1,142 @@
+"""Parts of the commands, each by itself; whole command lines: tests/system/test_cli.py."""
+
+import time
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+from harness import error_of
+from mecazen.errors import ConfigError
+from mecazen.geometry import Twist2D
+from mecazen.messages import Parameter, Parameters, Twist
+from mecazen_tools.cli import app, options, param, sim, talk, teleop
+from mecazen_tools.driving import Hand
+from mecazen_tools.trajectory import Scores
+
+
+@pytest.mark.parametrize(
+    ("argument", "told"),
+    [
+        ("fly", "No such command 'fly'; it comes with mecazen-wings, or with `make develop`"),
+        ("sim", ""),  # which shows its help
+        ("\udcff", "'\\udcff': not UTF-8, as all arguments must be"),
+    ],
+)
+def test_what_is_wrong_with_a_command_line_is_one_line(argument, told, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["mecazen", argument])
+    monkeypatch.setattr(app, "ELSEWHERE", {"fly": "mecazen-wings"})
+    with pytest.raises(SystemExit) as ended:
+        app.main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == (told and f"error: {told}\n")
+
+
+def test_a_run_without_a_person_has_no_measures():
+    assert app._measures(Scores(0.12345, 6.789)) == ("0.1235 m", "6.79°")
+    assert app._measures(Scores(None, None)) == ("-", "-")
+
+
+def test_a_table_is_as_wide_as_asked_where_there_is_no_terminal():
+    assert options.console(123).width == 123
+
+
+def test_a_namespace_that_is_no_key_is_one_line():
+    def open_bus():
+        with options.tool_bus(namespace="a//b"):
+            pytest.fail("it opened")
+
+    assert error_of(ConfigError, open_bus).startswith("--namespace a//b: ")
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What is asked over a bus, which answers with what it was asked."""
+    asked = []
+
+    def call(call, request, *_):
+        asked.append((call.key, request))
+        return request
+
+    for module in (param, sim):
+        monkeypatch.setattr(module, "tool_bus", lambda *_: nullcontext(SimpleNamespace(call=call)))
+    return asked
+
+
+def test_parameters_are_set_in_pairs(asked, capsys):
+    param.set_(["follower.standoff_m", "1.5", "seed", "-1"])
+    ((key, request),) = asked
+    wanted = Parameter(name="follower.standoff_m", value="1.5"), Parameter(name="seed", value="-1")
+    assert (key, request) == ("sim/set_parameters", Parameters(parameters=wanted))
+    assert capsys.readouterr().out.splitlines() == [
+        "follower.standoff_m=1.5 from t = 0 s on",
+        "seed=-1 from t = 0 s on",
+    ]
+    said = error_of(ConfigError, lambda: param.set_(["follower.view"]))
+    assert said == "follower.view: without a value; each NAME needs its VALUE"
+
+
+def test_simulated_time_is_asked_for_what_the_command_says(asked):
+    sim.step(3)
+    sim.reset()
+    sim.reset(7)
+    told = [(key, msgspec.to_builtins(request)) for key, request in asked]
+    assert [key for key, _ in told] == ["sim/step", "sim/reset", "sim/reset"]
+    assert told[0][1]["ticks"] == 3
+    assert told[2][1]["seed"] == 7
+    said = error_of(ConfigError, lambda: sim.speed("fast"))
+    assert said.startswith("sim/speed: ")
+
+
+def test_a_key_of_the_table_holds_its_message_and_another_any_json():
+    assert talk._read("cmd_vel", b'{"linear":{"x":0.5}}', "application/json") == Twist.planar(
+        Twist2D(0.5)
+    )
+    assert talk._read("my/key", b"[1, 2]", "") == [1, 2]
+
+
+def test_a_mistyped_key_is_told_of(capsys):
+    talk._warn_of_typo("cmd_vle")
+    talk._warn_of_typo("cmd_vel")
+    talk._warn_of_typo("target/*")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "cmd_vel" in line
+    assert error_of(ConfigError, lambda: talk.pub("my/*", "{}")).startswith("my/*: an expression")
+
+
+@pytest.mark.parametrize(
+    ("code", "name"),
+    [
+        (("KEY_SHIFT_LEFT", ""), "left"),
+        ((None, " "), "space"),
+        ((None, "W"), "w"),
+        ((None, "+"), "+"),
+    ],
+)
+def test_a_key_has_one_name_in_either_protocol(code, name):
+    class Key(str):
+        key_name = code[0]
+
+    assert teleop._name(Key(code[1])) == name
+
+
+def test_who_is_driven_moves_while_a_key_is_held_until_q():
+    sent, shown = [], []
+    driven = SimpleNamespace(
+        send=sent.append, update=lambda: None, moves=False, text=lambda: "x 1", note=lambda: ""
+    )
+    presses = [teleop.Press("w"), None, teleop.Press("w", released=True), None, teleop.Press("q")]
+
+    def read(timeout_s):
+        press = presses.pop(0)
+        if press is None:
+            time.sleep(timeout_s)
+        return press
+
+    hand = Hand(0.3, 0.6, tells_release=True)
+    teleop._drive(driven, hand, None, read, lambda group: shown.append(str(group.renderables[0])))
+    assert sent == [Twist2D(0.3)]
+    assert [line.partition(" m/s")[0] for line in shown] == [
+        "vx +0.30 vy +0.00",
+        "vx +0.00 vy +0.00",
+    ]

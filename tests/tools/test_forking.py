@@ -1,0 +1,31 @@
+"""Processes that are forked from one parent."""
+
+import os
+import socket
+import subprocess
+import sys
+
+import msgspec
+from mecazen.config import Process
+from mecazen.runtime.report import Report
+from mecazen_tools.forking import Start
+
+
+def test_a_parent_with_another_thread_does_not_fork():
+    threaded = (
+        "import threading\n"
+        "from mecazen_tools import forking\n"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+        "forking.serve(lambda: None)\n"
+    )
+    requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    reports, report_end = os.pipe()
+    request = Start(Process(("toy",)), (0,), os.SCHED_OTHER, 0)
+    with requests, subprocess.Popen([sys.executable, "-c", threaded], stdin=theirs.fileno()):
+        theirs.close()
+        socket.send_fds(requests, [msgspec.json.encode(request)], [2, report_end])
+        os.close(report_end)
+        report = msgspec.json.decode(os.read(reports, 1000), type=Report)
+        os.close(reports)
+        requests.close()
+    assert (report.kind, report.text) == ("failed", "a process of 2 threads can't be forked")

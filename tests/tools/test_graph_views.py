@@ -1,0 +1,34 @@
+"""The graph as tables and as a picture, of two nodes."""
+
+from mecazen.graph import Graph
+from mecazen.keys import CMD_VEL, DIAGNOSTICS, OBSERVATION, ODOM, SIM_STATE
+from mecazen.row import Row, due, every
+from mecazen_tools import graph_views
+
+GIVER = Row("wheels", outputs=(ODOM,), calls=(SIM_STATE,), summary="rolls")
+TAKER = Row("driver", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
+GRAPH = Graph((GIVER, TAKER))
+
+
+def test_a_node_takes_by_rules_and_gives_topics_and_answers():
+    assert graph_views.takes(TAKER) == "odom (every), target/observation (due)"
+    assert graph_views.gives(TAKER) == "cmd_vel"
+    assert graph_views.gives(GIVER) == "odom, sim/state?"
+    assert graph_views.takes(Row("recorder", observes=True)) == "everything"
+    assert "| `wheels` | wheels |  | odom, sim/state? | rolls |" in graph_views.nodes_table(GRAPH)
+
+
+def test_a_topic_has_the_rate_and_the_source_of_who_gives_it():
+    rows = {key: (rate, source) for key, _, rate, source, _ in graph_views.topic_rows(GRAPH)}
+    assert rows["odom"] == ("tick", "wheels")
+    assert rows["cmd_vel"] == ("tick", "driver or anyone")
+    assert rows["target/observation"] == ("any", "anyone")
+    assert rows[DIAGNOSTICS.key] == ("1 Hz", "each service")
+    ((key, kinds, _, who, _),) = graph_views.call_rows(GRAPH)
+    assert (key, who) == ("sim/state", "wheels")
+    assert f"| `{key}` | {kinds.replace('/msg', '')} | query |" in graph_views.keys_table(GRAPH)
+
+
+def test_the_picture_names_each_process_node_and_topic():
+    drawn = graph_views.svg(GRAPH, [("one+two", ["wheels", "driver"])])
+    assert all(f">{name}<" in drawn for name in ("one+two", "wheels", "driver", "odom", "cmd_vel"))

@@ -1,0 +1,85 @@
+"""A scenario from Python, step by step, over a world of a few lines."""
+
+import math
+
+import numpy as np
+import pytest
+from harness import Listener, error_of, load_robot
+from mecazen import keys
+from mecazen.config import Scenario, SimConfig
+from mecazen.errors import ConfigError, MecazenError
+from mecazen_tools.simulation import Simulation, load
+
+CARTS = Scenario(
+    load_robot(), ("physics",), {"physics": "carts:Carts"}, sim=SimConfig(duration_s=0.05)
+)
+
+
+@pytest.fixture
+def sim():
+    with Simulation(CARTS) as sim:
+        yield sim
+
+
+def test_it_is_at_the_first_tick_at_once_and_over_after_the_last(sim):
+    assert (sim.time_s, sim.is_over, len(sim.trajectory.rows())) == (0.0, False, 1)
+    state = sim.step()
+    assert (state.time_s, state.robot.x, state.person, state.follower) == (0.01, 0.0, None, None)
+    assert sim.run(0.02).time_s == pytest.approx(0.03)
+    assert sim.run().time_s == pytest.approx(0.04)
+    assert sim.is_over
+    said = error_of(MecazenError, sim.step)
+    assert said == "the run is over after 0.05 s; duration_s sets it"
+
+
+def test_a_reset_begins_anew_with_the_same_seed_or_another(sim):
+    sim.run()
+    sim.reset()
+    assert (sim.time_s, sim.scenario.seed) == (0.0, CARTS.seed)
+    sim.reset(np.int64(9))
+    assert sim.scenario.seed == 9
+    assert error_of(ConfigError, lambda: sim.reset(-1)).startswith("seed = -1 must be between")
+
+
+def test_what_is_commanded_is_published_before_each_tick(sim):
+    heard = Listener(sim._run.bus, keys.CMD_VEL)
+    sim.command(0.25, wz=np.float32(0.5))
+    for _ in range(2):
+        sim.step()
+        (command,) = heard.take()
+        assert command.message.to_planar() == (0.25, 0.0, 0.5)
+    sim.reset()
+    sim.step()
+    assert heard.take() == []
+
+
+@pytest.mark.parametrize(
+    ("ask", "reason"),
+    [
+        (lambda sim: sim.command(robot="two"), "no robot 'two'"),
+        (lambda sim: sim.command(wz=math.nan), "must be finite numbers"),
+        (lambda sim: sim.command_person(1.0), "target.path = { kind = 'driven' }"),
+        *(
+            (lambda sim, seconds=seconds: sim.run(seconds), "must be a finite number >= 0")
+            for seconds in (-1.0, math.nan, math.inf)
+        ),
+        (lambda sim: load(CARTS, {"follower.standof_m": 1.5}), "did you mean"),
+        (lambda sim: sim.state_of("two"), "no robot 'two'; robots: "),
+        (lambda sim: sim.view(), "view=True"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(sim, ask, reason):
+    assert reason in error_of(MecazenError, lambda: ask(sim))
+
+
+def test_settings_of_python_are_those_of_toml():
+    settings = {
+        "follower.standoff_m": np.float32(1.5),
+        "seed": np.uint8(7),
+        "target.path": {"kind": "driven"},
+        "services": ("physics", "target"),
+    }
+    loaded = load(CARTS, settings)
+    assert (loaded.follower.standoff_m, loaded.seed) == (1.5, 7)
+    assert loaded.services == ("physics", "target")
+    assert type(loaded.target.path).__name__ == "Driven"

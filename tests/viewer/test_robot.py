@@ -1,0 +1,99 @@
+"""The robot that is drawn of a URDF."""
+
+import math
+
+import numpy as np
+import pytest
+from mecazen.errors import RefusedError
+from mecazen.messages import JointState
+from mecazen_viewer import urdf
+from mecazen_viewer.robot import RobotModel
+from viewer.toy import SQUARE, URDF
+from viewer_stage import values
+
+BASE, WHEEL, ROLLERS, MAST = (
+    f"world/robot/{name}" for name in ("base_link", "wheel", "roller", "mast")
+)
+
+
+FILES = {"r.stl": SQUARE, "other.stl": SQUARE}
+
+
+def toy() -> RobotModel:
+    return RobotModel(urdf.read(URDF), FILES)
+
+
+def states(**angles: float) -> JointState:
+    return JointState(name=tuple(angles), position=tuple(angles.values()))
+
+
+def test_what_is_alike_is_one_entity_by_what_the_names_have_in_common():
+    paths = [path for path, _ in toy().shapes]
+    assert list(dict.fromkeys(paths)) == [BASE, WHEEL, MAST, ROLLERS]
+    named = URDF.replace("roller_0", "front_roller").replace("roller_1", "rear_roller")
+    assert [path for path, _ in RobotModel(urdf.read(named), FILES).shapes][-1] == ROLLERS
+
+
+def test_groups_whose_names_have_the_same_in_common_are_told_apart():
+    links = {"front_left": "r", "front_right": "other", "rear_left": "other", "rear_right": "r"}
+    text = "".join(
+        f'<link name="{link}_roller"><visual><geometry><mesh filename="{mesh}.stl"/></geometry>'
+        f'</visual></link><joint name="{link}" type="continuous"><parent link="base"/>'
+        f'<child link="{link}_roller"/><axis xyz="0 1 0"/></joint>'
+        for link, mesh in links.items()
+    )
+    shapes = RobotModel(urdf.read(f"<robot>{text}</robot>"), FILES).shapes
+    assert [path for path, _ in shapes] == [ROLLERS, f"{ROLLERS}_2"]
+
+
+def test_what_turns_with_nothing_stands_where_its_fixed_joints_place_it():
+    placed = [(path, components) for path, components in toy().shapes if path in (BASE, MAST)]
+    (base, mast) = dict(placed).values()  # the later of shape and place
+    assert values({BASE: base}, BASE, "Boxes3D:centers")[0] == pytest.approx([0, 0, 0.1])
+    assert values({MAST: mast}, MAST, "Cylinders3D:centers")[0] == pytest.approx([0.3, 0, 1])
+
+
+def test_what_turns_is_where_all_joints_below_it_put_it():
+    posed = dict(toy().pose(states(wheel_joint=math.pi / 2, r0=math.pi / 2, r1=0.0, other=9.0)))
+    assert set(posed) == {WHEEL, ROLLERS}
+    # single precision
+    near = {"abs": 1e-6}
+    assert values(posed, WHEEL, "Cylinders3D:centers") == pytest.approx(
+        np.array([[0.1, 0.2, 0.05]]), **near
+    )
+    # the cylinder lies in its link by 1.5 rad about x, and the link is turned about y
+    h = math.sqrt(0.5)
+    a, b = h * math.sin(0.75), h * math.cos(0.75)
+    hub = values(posed, WHEEL, "Cylinders3D:quaternions")
+    assert hub == pytest.approx(np.array([[a, b, -a, b]]), **near)
+    # a wheel that has turned a quarter about y has what was below it behind, and above it before
+    places = values(posed, ROLLERS, "InstancePoses3D:translations")
+    assert places == pytest.approx(np.array([[0.06, 0.2, 0.05], [0.14, 0.2, 0.05]]), **near)
+    # a quarter about y after a quarter about z: of the joint's angle, and of the second's origin
+    turned = values(posed, ROLLERS, "InstancePoses3D:quaternions")
+    assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
+
+
+def test_a_million_turns_leave_no_less_precision_than_none():
+    one = dict(toy().pose(states(wheel_joint=0.0, r0=1.0, r1=0.0)))
+    many = dict(toy().pose(states(wheel_joint=0.0, r0=1.0 + 1e6 * math.tau, r1=0.0)))
+    a, b = (values(posed, ROLLERS, "InstancePoses3D:quaternions") for posed in (one, many))
+    # a double at 6e6 rad has steps of 1e-9
+    assert np.abs(a - b).max() < 1e-6
+
+
+def test_states_without_a_joint_of_this_robot_turn_nothing():
+    model = toy()
+    assert list(model.pose(states(wheel_joint=0.0))) == []
+    assert list(model.pose(JointState(name=("wheel_joint", "r0", "r1"), position=(0.0,)))) == []
+    assert len(list(model.pose(states(r1=0.0, r0=0.0, wheel_joint=0.0)))) == 2
+
+
+def test_links_that_are_no_tree_are_refused():
+    with pytest.raises(RefusedError, match="no tree"):
+        RobotModel(urdf.read("<robot/>"), {})
+
+
+def test_a_mesh_without_a_file_is_refused():
+    with pytest.raises(RefusedError, match=r"r\.stl"):
+        RobotModel(urdf.read(URDF), {})
