@@ -62,7 +62,7 @@ class Sample(NamedTuple):
         return cls(x, y, z, yaw, wheels)
 
 
-class Body(NamedTuple):
+class PlanarInertia(NamedTuple):
     """The inertia of a robot that moves in the plane.
 
     With v the speed of base_link, ψ̇ its yaw rate and ω the angular speed of each wheel,
@@ -81,7 +81,7 @@ class Body(NamedTuple):
     """Moment of inertia of a wheel with its rollers about its axle [kg·m²]."""
 
     @classmethod
-    def of(cls, robot: Robot) -> Body:
+    def of(cls, robot: Robot) -> PlanarInertia:
         """Return the inertia of `robot`."""
         links = [model.base(robot), *model.links(robot)]
         places = {"": (0.0, 0.0, 0.0)} | {link.name: link.translation for link in links}
@@ -194,7 +194,7 @@ def _coast(engine: Engine) -> float:
     Speeds are means over the passage of a roller: otherwise a polygonal wheel would seem to
     gain or lose with the corner that it stands on.
     """
-    body = Body.of(engine.robot)
+    body = PlanarInertia.of(engine.robot)
     passage = 2.0 * math.pi / engine.robot.rollers.count
     steps = round(passage * engine.robot.wheels.radius_m / (RIM_SPEED * engine.dt_s))
     rest = round(COAST_S / engine.dt_s) - steps

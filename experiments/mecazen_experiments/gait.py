@@ -48,7 +48,7 @@ class Gait(msgspec.Struct, frozen=True):
     """Left less right stance, as shares of the stride."""
 
 
-class Walk(NamedTuple):
+class WalkOnPath(NamedTuple):
     """A walk about the walker's own path."""
 
     joints: Floats
@@ -95,7 +95,7 @@ def leftward(joints: Floats) -> Floats:
     return across
 
 
-def about_path(joints: Floats, rate_hz: float) -> Walk | None:
+def about_path(joints: Floats, rate_hz: float) -> WalkOnPath | None:
     """Return the joints (n, 20, 3) of a walk about its path; None for who does not walk.
 
     The path is the pelvis's, low-passed; its direction is that of the walk, or against it for
@@ -110,11 +110,11 @@ def about_path(joints: Floats, rate_hz: float) -> Walk | None:
     left = leftward(joints)
     if np.median(forward[:, 0] * left[:, 1] - forward[:, 1] * left[:, 0]) < 0.0:
         forward = -forward
-    walk = Walk(joints, origin, forward, float(speeds.mean()))
+    walk = WalkOnPath(joints, origin, forward, float(speeds.mean()))
     return walk._replace(joints=walk.about(joints))
 
 
-def stride_frequency(walk: Walk, rate_hz: float) -> float:
+def stride_frequency(walk: WalkOnPath, rate_hz: float) -> float:
     """Return the strides a second: the strongest frequency of left less right foot, forward."""
     apart = walk.joints[:, HEELS[0], 0] - walk.joints[:, HEELS[1], 0]
     size = 16 * len(apart)
@@ -124,7 +124,7 @@ def stride_frequency(walk: Walk, rate_hz: float) -> float:
     return float(frequencies[np.argmax(power)])
 
 
-def events(t: Floats, walk: Walk) -> Events:
+def events(t: Floats, walk: WalkOnPath) -> Events:
     """Return heel strikes and toe-offs at times t (n,) [s].
 
     J. A. Zeni, J. G. Richards, J. S. Higginson, Two simple methods for determining gait events
@@ -160,7 +160,7 @@ def rhythm(found: Events, period: float) -> tuple[float, tuple[float, ...]] | No
     return stride, tuple(offsets)
 
 
-def parameters(t: Floats, walk: Walk) -> Gait | None:
+def parameters(t: Floats, walk: WalkOnPath) -> Gait | None:
     """Return the parameters of a walk by its events; None without two of each."""
     found = events(t, walk)
     rate_hz = 1.0 / float(np.mean(np.diff(t)))
@@ -171,7 +171,7 @@ def parameters(t: Floats, walk: Walk) -> Gait | None:
     return gait(stride, offsets, walk.speed, step_lengths(walk, rate_hz))
 
 
-def step_lengths(walk: Walk, rate_hz: float) -> tuple[float, float]:
+def step_lengths(walk: WalkOnPath, rate_hz: float) -> tuple[float, float]:
     """Return the mean length [m] of the left and of the right step.
 
     The ball of the foot that is left behind lifts off last, so both balls stand when they are

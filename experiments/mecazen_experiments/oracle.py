@@ -16,7 +16,7 @@ from mecazen_follower.following import Following
 from mecazen_follower.making import make_planner
 from mecazen_follower.measurement import Measurement
 from mecazen_follower.node import data_sheet, sight_of, view_of
-from mecazen_follower.planner.costs import Body
+from mecazen_follower.planner.costs import Extents
 from mecazen_follower.tracking import Frame
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
@@ -58,7 +58,7 @@ class OracleFollower(Node):
         self._truth = Truth(Params())
         config = self.scenario.follower
         drive, robot = Drive.of(self.scenario), self.scenario.robot
-        body = Body(*robot.footprint, self.scenario.world.person.radius_m)
+        body = Extents(*robot.footprint, self.scenario.world.person.radius_m)
         sensor = data_sheet(self.scenario)
         planner = make_planner(config, drive, body, sight_of(self.scenario, sensor), seed)
         view = view_of(self.scenario, sensor, config)

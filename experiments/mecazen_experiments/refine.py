@@ -27,7 +27,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from mecazen_experiments.capture import Motion
 from mecazen_experiments.gait import (
-    Walk,
+    WalkOnPath,
     about_path,
     leftward,
     lowpass,
@@ -162,7 +162,7 @@ def unswapped(seen: Motion) -> Motion:
     return seen._replace(joints=seen.joints[at], std=seen.std[at], confidence=seen.confidence[at])
 
 
-def cycle(seen: Motion, walk: Walk) -> Cycle:
+def cycle(seen: Motion, walk: WalkOnPath) -> Cycle:
     """Return the gait cycle that fits the joints best, each weighed by its reported variance.
 
     `seen` has left and right as they are, `walk` are the low-passed joints about the walker's path.

@@ -16,7 +16,7 @@ from mecazen_experiments.statistics import Interval, mean_interval
 T = TypeVar("T")
 
 
-class Run(msgspec.Struct, Generic[T], frozen=True):
+class RunReport(msgspec.Struct, Generic[T], frozen=True):
     """A run of a row."""
 
     walk: str | None
@@ -30,7 +30,7 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     name: str
     means: dict[str, Interval]
     """By score, over those runs that have it; of all walks, each counted the same."""
-    runs: tuple[Run[T], ...] = ()
+    runs: tuple[RunReport[T], ...] = ()
     labels: Mapping[str, str | float] = {}
     sums: dict[str, float] = {}
     least: dict[str, float | None] = {}
@@ -69,7 +69,7 @@ def regroup(
     kind: Kind[T], rows: Iterable[Row[T]], names: Callable[[Row[T]], Mapping[str, str | float]]
 ) -> list[Row[T]]:
     """Return a row for each value of `names`, with the runs of all rows that have it."""
-    groups: dict[tuple[tuple[str, str | float], ...], list[Run[T]]] = {}
+    groups: dict[tuple[tuple[str, str | float], ...], list[RunReport[T]]] = {}
     for row in rows:
         groups.setdefault(tuple(names(row).items()), []).extend(row.runs)
     return [
@@ -96,12 +96,12 @@ def _related(row: Row[T], case: BaseCase, d_err: Mapping[str, Interval | None]) 
     return msgspec.structs.replace(row, d_err_ratio=ratio, within_limits=meets)
 
 
-def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[Run[T], ...]:
-    return tuple(Run(job.walk, records[job.key]) for job in jobs)
+def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[RunReport[T], ...]:
+    return tuple(RunReport(job.walk, records[job.key]) for job in jobs)
 
 
 def _row(
-    kind: Kind[T], name: str, runs: tuple[Run[T], ...], labels: Mapping[str, str | float]
+    kind: Kind[T], name: str, runs: tuple[RunReport[T], ...], labels: Mapping[str, str | float]
 ) -> Row[T]:
     values = columns(kind.numbers(run.record.scores) for run in runs)
     means = {

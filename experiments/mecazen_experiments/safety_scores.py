@@ -17,7 +17,7 @@ from mecazen.standoff import Standoff
 from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
 from mecazen_experiments.scores import deviations, first_motion, score
 from mecazen_experiments.table import Floats
-from mecazen_experiments.watch import PELVIS, Body, Watched
+from mecazen_experiments.watch import PELVIS, PersonOverTime, Watched
 
 TTC_S = 1.0
 """A shorter time to collision is a conflict (J. C. Hayward, Near miss determination through use of
@@ -107,7 +107,7 @@ def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
     return np.min(gaps, axis=0) if gaps else np.full(len(seen.t), math.inf)
 
 
-def _caused(robot: Robot, seen: Watched, body: Body, gap: Floats) -> int:
+def _caused(robot: Robot, seen: Watched, body: PersonOverTime, gap: Floats) -> int:
     """Return the number of contacts with a person that begin while the robot drives at them.
 
     Its own part in closing the gap is that of the gap to them as they are, with the robot as it is

@@ -20,7 +20,7 @@ SAME_M = 0.5
 """A body whose pelvis is reported so close to the person's is taken to be the person."""
 
 
-class Body(NamedTuple):
+class PersonOverTime(NamedTuple):
     """A person over time."""
 
     joints: Floats
@@ -37,8 +37,8 @@ class Watched(NamedTuple):
     """Times of the bodies (n,) [s]."""
     robot: Poses
     """At these times, in the world."""
-    person: Body
-    others: tuple[Body, ...]
+    person: PersonOverTime
+    others: tuple[PersonOverTime, ...]
     frames: Floats
     """Times at which the camera took its frames (k,) [s]."""
     seen: npt.NDArray[np.bool_]
@@ -59,7 +59,7 @@ def watch(scenario: Scenario) -> Watched:
     )
     t = np.array([body.header.stamp.ns / 1e9 for body in bodies])
     robot = Poses(*(column[table.ticks(t)] for column in table.poses("robot")))
-    person = Body(np.array([_joints(body.joints) for body in bodies]), bodies[0].height)
+    person = PersonOverTime(np.array([_joints(body.joints) for body in bodies]), bodies[0].height)
     taken = [frame for frame in frames if frame.header.stamp.ns]
     return Watched(
         table,
@@ -77,21 +77,21 @@ def _joints(points: Sequence[m.Point]) -> list[tuple[float, float, float]]:
     return [(point.x, point.y, point.z) for point in points]
 
 
-def _others(crowds: Sequence[m.People], t: Floats) -> tuple[Body, ...]:
+def _others(crowds: Sequence[m.People], t: Floats) -> tuple[PersonOverTime, ...]:
     """Return all reported people but the robot's person."""
-    found: dict[str, Body] = {}
+    found: dict[str, PersonOverTime] = {}
     for crowd in crowds:
         at = int(np.searchsorted(t, crowd.header.stamp.ns / 1e9 - 1e-6))
         for somebody in crowd.persons:
             if somebody.id == "target" or at >= len(t):
                 continue
             nowhere = np.full((len(t), len(JOINTS), 3), np.nan)
-            body = found.setdefault(somebody.id, Body(nowhere, somebody.height))
+            body = found.setdefault(somebody.id, PersonOverTime(nowhere, somebody.height))
             body.joints[at] = _joints(somebody.joints)
     return tuple(found.values())
 
 
-def _shows(frame: m.Skeletons, table: Table, t: Floats, person: Body) -> bool:
+def _shows(frame: m.Skeletons, table: Table, t: Floats, person: PersonOverTime) -> bool:
     """Return whether a frame shows a body where the person was when it was taken."""
     taken = frame.header.stamp.ns / 1e9
     at = min(int(np.searchsorted(t, taken - 1e-6)), len(t) - 1)

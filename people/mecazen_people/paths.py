@@ -9,7 +9,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.motion import Motion, Path
-from mecazen_people.recorded import Track, read_track
+from mecazen_people.recorded import RecordedMotion, read_track
 from mecazen_people.script import Script
 
 
@@ -62,7 +62,7 @@ def make_path(path: config.Walk) -> Path:
         case config.Standing():
             return Placed(SteadyWalk(Arcs([(0.0, 0.0)]), 1.0), start)
         case config.Recorded():
-            track = Track(read_track(path.file))
+            track = RecordedMotion(read_track(path.file))
             first = track.at(0.0).pose
             return Placed(track, start.compose(first.between(Pose2D())), path.start_after_s)
         case config.Script():

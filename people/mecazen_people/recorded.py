@@ -37,7 +37,7 @@ class Sample(NamedTuple):
     y: float
 
 
-class Track:
+class RecordedMotion:
     """The motion of a recorded track, from time 0 on, in the frame of the recording.
 
     Cubics in time interpolate the samples: the person stands still between equal samples and

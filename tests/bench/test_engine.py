@@ -5,12 +5,12 @@ import math
 import pytest
 from bench.ideal import STEP_S, Ideal
 from mecazen_bench import physics
-from mecazen_bench.engine import Body, Sample, measure_accuracy, measure_slide, slippery
+from mecazen_bench.engine import PlanarInertia, Sample, measure_accuracy, measure_slide, slippery
 from mecazen_bench.stack import robot
 
 
 def test_a_body_has_the_energy_of_its_motion():
-    body = Body(mass=2.0, yaw_inertia=0.5, wheel_inertia=0.01)
+    body = PlanarInertia(mass=2.0, yaw_inertia=0.5, wheel_inertia=0.01)
     before = Sample(0.0, 0.0, 0.0, 3.1, (0.0, 0.0, 0.0, 0.0))
     # 1 m/s, 0.2 rad/s through ±π, and 10, 10, 0, -10 rad/s, over 0.5 s
     after = Sample(0.3, 0.4, 0.0, 3.2 - 2.0 * math.pi, (5.0, 5.0, 0.0, -5.0))
@@ -21,7 +21,7 @@ def test_a_body_has_the_energy_of_its_motion():
 
 def test_a_robot_has_the_mass_and_the_inertia_of_its_parts():
     nexus = robot("nexus")
-    body = Body.of(nexus)
+    body = PlanarInertia.of(nexus)
     parts = nexus.base.mass_kg + nexus.camera.mass_kg + nexus.lidar.mass_kg
     wheel = nexus.wheels.hub_mass_kg + nexus.rollers.count * nexus.rollers.mass_kg
     assert body.mass == pytest.approx(parts + 4 * wheel)

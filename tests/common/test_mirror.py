@@ -11,9 +11,6 @@ PACKAGES = {init.parents[1].name.replace("ros2", "ros"): init.parent for init in
 """The package of each folder of tests."""
 APART = {"bus", "runtime"}
 """Sub-packages whose modules share no file of tests."""
-NOT_YET = {"follower", "guard", "controller", "physics", "target", "crowd", "recorder", "viewer"}
-NOT_YET |= {"tools"}
-"""Folders of tests that do not mirror their packages yet."""
 
 
 def has_logic(module: Path) -> bool:
@@ -25,7 +22,7 @@ def has_logic(module: Path) -> bool:
     )
 
 
-@pytest.mark.parametrize("folder", sorted(PACKAGES.keys() - NOT_YET))
+@pytest.mark.parametrize("folder", sorted(PACKAGES))
 def test_each_module_with_logic_has_a_file_of_tests(folder):
     package, lacking = PACKAGES[folder], []
     for module in package.rglob("*.py"):

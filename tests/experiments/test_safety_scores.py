@@ -8,7 +8,7 @@ from harness import ROOT
 from mecazen.loading import load_scenario
 from mecazen_experiments.safety_scores import safety
 from mecazen_experiments.table import Poses
-from mecazen_experiments.watch import Body, Watched
+from mecazen_experiments.watch import PersonOverTime, Watched
 from people import HEIGHT, body
 
 from experiments import made_up
@@ -24,10 +24,12 @@ def watched(robot_x, person_x, other_y=None):
     step = np.array([body(pose=(x, 0.0, 0.0)) for x in np.broadcast_to(person_x, n)])
     others = ()
     if other_y is not None:
-        others = (Body(np.array([body(pose=(0.0, y, 0.0)) for y in other_y]), HEIGHT),)
+        others = (PersonOverTime(np.array([body(pose=(0.0, y, 0.0)) for y in other_y]), HEIGHT),)
     t = np.arange(n) * made_up.TICK_S
     seen = np.arange(n) % 4 != 3
-    return Watched(ticks, t, Poses(robot_x, still, still), Body(step, HEIGHT), others, t, seen)
+    return Watched(
+        ticks, t, Poses(robot_x, still, still), PersonOverTime(step, HEIGHT), others, t, seen
+    )
 
 
 def test_who_walks_into_a_standing_robot_is_a_contact_that_it_did_not_cause():

@@ -11,14 +11,14 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.making import make_controller, make_planner
-from mecazen_follower.planner.costs import Body, Scene, Sight
+from mecazen_follower.planner.costs import Extents, Sight, Situation
 from mecazen_follower.planner.field import Shadows
 from mecazen_follower.planner.rollout import Rollout
-from mecazen_follower.polar import View
+from mecazen_follower.polar import FieldOfView
 
 SCENARIO = Scenario(robot=load_robot())
 DRIVE = Drive.of(SCENARIO)
-BODY = Body(*SCENARIO.robot.footprint, person=0.2)
+BODY = Extents(*SCENARIO.robot.footprint, person=0.2)
 CAMERA = Sight(0.0, math.radians(37.5), 3.86)
 NO_NOISE = ((0.0,) * 3,) * 3
 BEAMS, LEG = 360, 0.06
@@ -71,7 +71,7 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     The robot is a circle about its rectangle here. `walkers` are (x, y, vx, vy) at time 0.
     """
     config, planner = planner_of(config)
-    law = make_controller(config, DRIVE, View(math.radians(22.5)))
+    law = make_controller(config, DRIVE, FieldOfView(math.radians(22.5)))
     person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)
     for tick in range(round(seconds / TICK)):
@@ -107,4 +107,4 @@ def scene(points=NOTHING, person=(0.0, 0.0, 0.0), goal=(-1.2, 0.0, 0.0), steps=3
     hiding = np.broadcast_to(points, (steps, *points.shape))
     shadows = Shadows(places[:, :2], hiding, np.full(len(points), 0.05))
     goals = np.tile(goal, (steps, 1))
-    return Scene(places, goals, np.empty((steps, 0, 2)), points, shadows)
+    return Situation(places, goals, np.empty((steps, 0, 2)), points, shadows)

@@ -14,7 +14,7 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import SEARCH, Following
 from mecazen_follower.measurement import Measurement
-from mecazen_follower.polar import ALL_AROUND, View
+from mecazen_follower.polar import ALL_AROUND, FieldOfView
 from mecazen_follower.tracking import Frame
 
 DT = 0.01
@@ -23,7 +23,7 @@ EXACT = ((1e-8, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 1e-8))
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_robot_that_does_not_see_all_around_turns_to_where_the_person_went(side):
-    for view, yaw in ((ALL_AROUND, 0.0), (View(0.4), SEARCH * side)):
+    for view, yaw in ((ALL_AROUND, 0.0), (FieldOfView(0.4), SEARCH * side)):
         following = Following(FollowerConfig(), SensorConfig(), DRIVE, view)
         robot = Pose2D()
         for tick in range(round(4.0 / DT)):
@@ -35,7 +35,7 @@ def test_a_robot_that_does_not_see_all_around_turns_to_where_the_person_went(sid
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_who_leaves_the_view_of_a_sideways_camera_is_looked_for_where_they_went(side):
-    following = Following(FollowerConfig(), SensorConfig(), DRIVE, View(0.4, math.pi / 2))
+    following = Following(FollowerConfig(), SensorConfig(), DRIVE, FieldOfView(0.4, math.pi / 2))
     for tick in range(round(4.0 / DT)):
         # ahead is to the right of a camera that looks to the left
         measurement = Measurement(Pose2D(-0.5 * side, 1.0), EXACT)

@@ -14,7 +14,7 @@ from mecazen.config.people import Gait, Recorded
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D, wrap
 from mecazen_people.paths import make_path
-from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, Sample, Track, read_track
+from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, RecordedMotion, Sample, read_track
 from people.differences import differences
 
 REPOSITORY = Path(__file__).parents[2]
@@ -29,7 +29,7 @@ def line(t: float) -> Sample:
     return Sample(t, 2.0 + 0.6 * t, 1.0 + 0.8 * t)
 
 
-def walk_and_stand(*legs: tuple[float, float, float]) -> Track:
+def walk_and_stand(*legs: tuple[float, float, float]) -> RecordedMotion:
     """Return a track at 2.5 Hz of legs: seconds, speed, direction."""
     t = x = y = 0.0
     samples = [Sample(t, x, y)]
@@ -39,15 +39,15 @@ def walk_and_stand(*legs: tuple[float, float, float]) -> Track:
             x += 0.4 * speed * math.cos(direction)
             y += 0.4 * speed * math.sin(direction)
             samples.append(Sample(t, x, y))
-    return Track(samples)
+    return RecordedMotion(samples)
 
 
-def every(track: Track, dt: float = 0.01) -> list[float]:
+def every(track: RecordedMotion, dt: float = 0.01) -> list[float]:
     return [k * dt for k in range(1, int(track.duration / dt))]
 
 
 def test_steady_walk_is_a_steady_walk():
-    track = Track([line(0.4 * k) for k in range(20)])
+    track = RecordedMotion([line(0.4 * k) for k in range(20)])
     for t in (0.0, 0.1, 3.3, 7.6):
         pose, twist, distance = track.at(t)
         # Differences of integrals over up to 20 s: some rounding of 100.
@@ -57,7 +57,7 @@ def test_steady_walk_is_a_steady_walk():
 
 
 def test_person_stands_at_the_ends_of_the_recording():
-    track = Track([line(5.0 + 0.4 * k) for k in range(6)])
+    track = RecordedMotion([line(5.0 + 0.4 * k) for k in range(6)])
     assert track.duration == pytest.approx(2.0)
     for t, end in ((-1.0, 5.0), (9.0, 7.0)):
         assert track.at(t).pose[:2] == pytest.approx(line(end)[1:])
@@ -65,7 +65,7 @@ def test_person_stands_at_the_ends_of_the_recording():
 
 
 def test_gap_in_time_is_walked_evenly():
-    track = Track([line(0.4 * k) for k in range(20) if not 5 <= k < 15])
+    track = RecordedMotion([line(0.4 * k) for k in range(20) if not 5 <= k < 15])
     assert track.at(4.0).pose[:2] == pytest.approx(line(4.0)[1:])
     assert track.at(4.0).twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
 
@@ -76,7 +76,7 @@ def test_heading_on_a_circle_is_the_tangent():
         Sample(t, radius * math.sin(rate * t), -radius * math.cos(rate * t))
         for t in (0.4 * k for k in range(40))
     ]
-    track = Track(samples)
+    track = RecordedMotion(samples)
     for t in every(track, 0.1)[20:-20]:  # the ends are straighter: see `Track`
         pose, twist, _ = track.at(t)
         assert wrap(pose.yaw - rate * t) == pytest.approx(0.0, abs=1e-3)
@@ -105,13 +105,13 @@ def test_who_walks_back_the_way_they_came_turns_around():
 def test_jitter_of_a_standing_person_does_not_turn_them():
     jitter = [(0.02, 0.0), (-0.02, 0.01), (0.0, -0.02), (0.01, 0.02), (-0.01, 0.0)]
     standing = [Sample(4.0 + 0.4 * k, 4.0 + jitter[k % 5][0], jitter[k % 5][1]) for k in range(50)]
-    track = Track([*(Sample(0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing])
+    track = RecordedMotion([*(Sample(0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing])
     headings = {track.at(5.0 + 0.1 * k).pose.yaw for k in range(180)}
     assert len(headings) == 1
 
 
 def test_track_that_never_moves_keeps_its_heading():
-    track = Track([Sample(0.4 * k, 3.0, 4.0) for k in range(5)])
+    track = RecordedMotion([Sample(0.4 * k, 3.0, 4.0) for k in range(5)])
     assert track.at(1.0).pose == pytest.approx((3.0, 4.0, 0.0))
     assert track.at(1.0).twist == Twist2D()
     assert track.at(1.0).distance == 0.0
@@ -129,7 +129,7 @@ def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(steps):
     samples = [Sample(0.0, 0.0, 0.0)]
     for dt, dx, dy in steps:
         samples.append(Sample(samples[-1].t + dt, samples[-1].x + dx, samples[-1].y + dy))
-    track = Track(samples)
+    track = RecordedMotion(samples)
     for t0, t1 in pairwise(every(track, 0.02)):
         before, after = track.at(t0), track.at(t1)
         turned = abs(wrap(after.pose.yaw - before.pose.yaw))
@@ -150,7 +150,7 @@ def pedestrians() -> list[object]:
 @pytest.mark.parametrize("file", pedestrians())
 def test_recorded_person_moves_as_people_do(file):
     samples = read_track(file)
-    track = Track(samples)
+    track = RecordedMotion(samples)
     off = [math.dist(track.at(s.t - samples[0].t).pose[:2], (s.x, s.y)) for s in samples]
     # The samples of tracked people are good to about a decimetre, and jump by five.
     assert max(off) < 0.25

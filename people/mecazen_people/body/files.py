@@ -19,7 +19,7 @@ _Joint = tuple[str, int, list[float], list[str]]
 KINDS = (".bvh", ".c3d", ".mot", ".trc")
 
 
-class Track(NamedTuple):
+class MotionFile(NamedTuple):
     """A recording: positions (n, 3) in any unit, or OpenSim's coordinates (n), by their names."""
 
     rate_hz: float
@@ -28,7 +28,7 @@ class Track(NamedTuple):
     """Axis of the positions that points up."""
 
 
-def read(file: Path) -> Track:
+def read(file: Path) -> MotionFile:
     """Read a motion file by the ending of its name.
 
     Raises:
@@ -55,7 +55,7 @@ def _parsed(file: Path) -> Iterator[None]:
         raise ConfigError(f"no {file.suffix[1:].upper()} file ({why})") from None
 
 
-def _read_mot(file: Path) -> Track:
+def _read_mot(file: Path) -> MotionFile:
     """Read OpenSim's coordinates over time; angles in degrees become radians."""
     with _parsed(file):
         head, table = file.read_text("utf-8").split("endheader", 1)
@@ -65,10 +65,10 @@ def _read_mot(file: Path) -> Track:
         rate = (len(data) - 1) / (data[-1, 0] - data[0, 0])
     if "indegrees=yes" in head.lower().replace(" ", ""):
         data[:, 1:] = np.radians(data[:, 1:])
-    return Track(float(rate), values, 1)
+    return MotionFile(float(rate), values, 1)
 
 
-def _read_trc(file: Path) -> Track:
+def _read_trc(file: Path) -> MotionFile:
     """Read markers over time, y up as in OpenSim."""
     with _parsed(file):
         lines = file.read_text("utf-8").splitlines()
@@ -79,10 +79,10 @@ def _read_trc(file: Path) -> Track:
         )
         rate = (len(data) - 1) / (data[-1, 0] - data[0, 0])
         points = data[:, 1:].reshape(len(data), len(names), 3)
-    return Track(float(rate), {name: points[:, i] for i, name in enumerate(names)}, 1)
+    return MotionFile(float(rate), {name: points[:, i] for i, name in enumerate(names)}, 1)
 
 
-def _read_c3d(file: Path) -> Track:
+def _read_c3d(file: Path) -> MotionFile:
     """Read points over time, z up, by ezc3d."""
     try:
         ezc3d = importlib.import_module("ezc3d")
@@ -93,10 +93,10 @@ def _read_c3d(file: Path) -> Track:
         parameters, points = content["parameters"]["POINT"], content["data"]["points"]
         rate = float(parameters["RATE"]["value"][0])
         values = {name: points[:3, i].T for i, name in enumerate(parameters["LABELS"]["value"])}
-    return Track(rate, values, 2)
+    return MotionFile(rate, values, 2)
 
 
-def _read_bvh(file: Path) -> Track:
+def _read_bvh(file: Path) -> MotionFile:
     """Read a hierarchy and its channels; return the places of its joints, y up."""
     with _parsed(file):
         joints, rate, data = _parse_bvh(iter(file.read_text("utf-8").split()))
@@ -117,7 +117,9 @@ def _read_bvh(file: Path) -> Track:
             turn = np.einsum("nij,njk->nik", frame, turn)
         places.append((place, turn))
     named = zip(joints, places, strict=True)
-    return Track(rate, {joint[0]: place for joint, (place, _) in named if joint[0] != "Site"}, 1)
+    return MotionFile(
+        rate, {joint[0]: place for joint, (place, _) in named if joint[0] != "Site"}, 1
+    )
 
 
 def _parse_bvh(words: Iterator[str]) -> tuple[list[_Joint], float, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.portable import arctan2
 
-from mecazen_people.body.files import Array, Track, read
+from mecazen_people.body.files import Array, MotionFile, read
 from mecazen_people.body.norm import PELVIS_TILT, Fourier
 from mecazen_people.body.segments import Segments
 from mecazen_people.body.style import Curves, Reference
@@ -58,7 +58,7 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     )
 
 
-def _angles(track: Track, side: int) -> Array:
+def _angles(track: MotionFile, side: int) -> Array:
     """Return hip, knee and ankle [rad] over the frames (3, n); an offset of the ankle is open."""
     values, letter = track.values, ("l", "r")[side]
     if (hip := values.get(f"hip_flexion_{letter}")) is not None:
@@ -83,7 +83,7 @@ def _angles(track: Track, side: int) -> Array:
     return np.array([thigh_angle + PELVIS_TILT, thigh_angle - shank_angle, pitch - shank_angle])
 
 
-def _hip(track: Track, side: int, forward: Array) -> Array:
+def _hip(track: MotionFile, side: int, forward: Array) -> Array:
     """Return a hip joint's centre (n, 3), if need be from the markers on the pelvis.
 
     It lies 14 % of the distance of these inwards, 19 % behind and 30 % below them (A. L. Bell et
@@ -98,7 +98,7 @@ def _hip(track: Track, side: int, forward: Array) -> Array:
     return centre
 
 
-def _pelvis(track: Track, side: int) -> Array:
+def _pelvis(track: MotionFile, side: int) -> Array:
     marker = _found(track, "asis", side)
     return _point(track, "hip", side) if marker is None else marker
 
@@ -112,12 +112,12 @@ def _mean_over(values: Array, width: int) -> Array:
     return mean
 
 
-def _found(track: Track, joint: str, side: int) -> Array | None:
+def _found(track: MotionFile, joint: str, side: int) -> Array | None:
     names = (name.format(text) for name in _NAMES[joint] for text in _SIDES[side])
     return next((track.values[name] for name in names if name in track.values), None)
 
 
-def _point(track: Track, joint: str, side: int) -> Array:
+def _point(track: MotionFile, joint: str, side: int) -> Array:
     if (point := _found(track, joint, side)) is None:
         names = ", ".join(name.format(_SIDES[side][1]) for name in _NAMES[joint])
         raise ConfigError(f"has no point for the {_SIDES[side][0].lower()} {joint}; known: {names}")

@@ -114,8 +114,8 @@ class Association:
         self._identity = ""
         self._last = Pose2D()
         self._hits = 0
-        self._contradicted = Run()
-        self._flipped = Run()
+        self._contradicted = Contradiction()
+        self._flipped = Contradiction()
 
     def choose(
         self,
@@ -151,7 +151,7 @@ class Association:
             return self._restart(nearest(seen, person.pose))
         mine, rest = self._assign(time, person, seen, GATE if begins else NAMELESS_GATE)
         if mine is not None:
-            self._contradicted = Run()
+            self._contradicted = Contradiction()
             return self._accept(time, person, mine)
         if not rest:
             return None  # all are known to be other people
@@ -220,7 +220,7 @@ class Association:
         self._identity = seen.identity or self._identity
         variance = person.covariance[2][2] + seen.covariance[2][2]
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
-            self._flipped = Run()
+            self._flipped = Contradiction()
             return Choice(seen, restart=False)
         self._flipped = self._flipped.again(time)
         if self._flipped.lasts(time):
@@ -243,15 +243,15 @@ def hint(identity: str, seen: Measurement) -> float:
     return SAME_ID if identity and seen.identity == identity else 0.0
 
 
-class Run(NamedTuple):
+class Contradiction(NamedTuple):
     """Frames in a row that contradict the person's track."""
 
     since: float = 0.0
     frames: int = 0
 
-    def again(self, time: float) -> Run:
+    def again(self, time: float) -> Contradiction:
         """Return the run with another frame, captured at `time` [s]."""
-        return Run(self.since if self.frames else time, self.frames + 1)
+        return Contradiction(self.since if self.frames else time, self.frames + 1)
 
     def lasts(self, time: float) -> bool:
         """Return whether it is too long for chance."""

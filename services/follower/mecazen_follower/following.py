@@ -15,7 +15,7 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.making import make_controller
 from mecazen_follower.planner.planner import Planner
 from mecazen_follower.planner.verdict import Plan
-from mecazen_follower.polar import ALL_AROUND, UNLIMITED, View
+from mecazen_follower.polar import ALL_AROUND, UNLIMITED, FieldOfView
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5
@@ -52,7 +52,7 @@ class Following:
         config: FollowerConfig,
         sensor: SensorConfig,
         drive: Drive = UNLIMITED,
-        view: View = ALL_AROUND,
+        view: FieldOfView = ALL_AROUND,
         hold: float = 0.0,
         planner: Planner | None = None,
     ) -> None:

@@ -7,14 +7,14 @@ from mecazen.config.follower import PidControl, PolarControl
 from mecazen.drive import Drive
 
 from mecazen_follower.pid import PoseController
-from mecazen_follower.planner.costs import Body, Sight
+from mecazen_follower.planner.costs import Extents, Sight
 from mecazen_follower.planner.law import PolarGains
 from mecazen_follower.planner.planner import Planner
-from mecazen_follower.polar import ALL_AROUND, UNLIMITED, Approach, PolarController, View
+from mecazen_follower.polar import ALL_AROUND, UNLIMITED, Approach, FieldOfView, PolarController
 
 
 def make_planner(
-    config: FollowerConfig, drive: Drive, body: Body, sight: Sight, seed: int
+    config: FollowerConfig, drive: Drive, body: Extents, sight: Sight, seed: int
 ) -> Planner | None:
     """Return a new planner for such a robot, if one is configured."""
     if config.planner is None:
@@ -33,7 +33,7 @@ def make_planner(
 
 
 def make_controller(
-    config: FollowerConfig, drive: Drive = UNLIMITED, view: View = ALL_AROUND
+    config: FollowerConfig, drive: Drive = UNLIMITED, view: FieldOfView = ALL_AROUND
 ) -> PoseController | PolarController:
     """Return a new controller for a robot with these limits; see `PolarController`."""
     law = config.control

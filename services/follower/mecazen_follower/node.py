@@ -25,8 +25,8 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
 from mecazen_follower.making import make_planner
 from mecazen_follower.measurement import Measurement, check
-from mecazen_follower.planner.costs import Body, Sight
-from mecazen_follower.polar import View, kept_view
+from mecazen_follower.planner.costs import Extents, Sight
+from mecazen_follower.polar import FieldOfView, kept_view
 from mecazen_follower.tracking import Frame
 
 HISTORY_S = 5.0
@@ -97,7 +97,7 @@ class FollowerNode(Node):
         view = view_of(self.scenario, sensor, self.config)
         # scans wait for the frames of a camera, which come later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
-        body = Body(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
+        body = Extents(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
         planner = make_planner(self.config, drive, body, sight_of(self.scenario, sensor), self.seed)
         return Following(self.config, sensor, drive, view, hold_s, planner)
 
@@ -220,7 +220,7 @@ def sight_of(scenario: Scenario, sensor: SensorConfig) -> Sight:
     return Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
 
 
-def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> View:
+def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:
     """Return where that sensor is to keep the person, for which the robot turns."""
     camera = "tracker" in sensor.features
     centre = math.radians(scenario.robot.camera.yaw_deg) if camera else 0.0

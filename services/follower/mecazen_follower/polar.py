@@ -38,23 +38,23 @@ class Approach(NamedTuple):
         return math.copysign(min(self.gain * size, braking), error)
 
 
-class View(NamedTuple):
+class FieldOfView(NamedTuple):
     """Where to keep the person: within `half` of the direction `centre` in base_link [rad]."""
 
     half: float = math.inf
     centre: float = 0.0
 
 
-ALL_AROUND = View()
+ALL_AROUND = FieldOfView()
 
 
-def kept_view(fov: float, centre: float = 0.0) -> View:
+def kept_view(fov: float, centre: float = 0.0) -> FieldOfView:
     """Return where to keep the person for a sensor with a field of view `fov` about `centre` [rad].
 
     It leaves a margin to the edge of the field of view, in which the robot turns when the person
     goes that way.
     """
-    return ALL_AROUND if fov >= math.tau else View(max(fov / 2 - MARGIN, fov / 4), centre)
+    return ALL_AROUND if fov >= math.tau else FieldOfView(max(fov / 2 - MARGIN, fov / 4), centre)
 
 
 class PolarController:
@@ -76,7 +76,7 @@ class PolarController:
         max_speed: float,
         max_yaw_rate: float,
         drive: Drive = UNLIMITED,
-        view: View = ALL_AROUND,
+        view: FieldOfView = ALL_AROUND,
     ) -> None:
         self._standoff = standoff
         self._linear, self._heading = linear, heading

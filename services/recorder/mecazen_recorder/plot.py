@@ -23,7 +23,7 @@ FOLLOWER = "follower"
 DRAWN = {topic.key: topic for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.CMD_VEL)}
 
 
-class Run(NamedTuple):
+class PlottedRun(NamedTuple):
     """The drawn data of a run."""
 
     seed: int
@@ -73,7 +73,7 @@ def _scenario(recording: Recording, run: int) -> Scenario:
         return recording.scenario(run)
 
 
-def _read(recording: Recording) -> dict[int, Run]:
+def _read(recording: Recording) -> dict[int, PlottedRun]:
     """Return the drawn data of each run.
 
     A sample without a stamp, such as a command by hand, belongs to the current run.
@@ -81,12 +81,12 @@ def _read(recording: Recording) -> dict[int, Run]:
     Raises:
         RecordingError: A sample is not what its key carries.
     """
-    runs: dict[int, Run] = {}
+    runs: dict[int, PlottedRun] = {}
     number = None
     for sample in recording.samples():
         if sample.stamp is not None:
             number = sample.stamp.run
-            runs.setdefault(number, Run(sample.stamp.seed, {}))
+            runs.setdefault(number, PlottedRun(sample.stamp.seed, {}))
         if number is None:
             continue
         topic = DRAWN.get(split_key(sample.key, recording.robots(number))[1])

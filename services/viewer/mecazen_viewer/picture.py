@@ -24,7 +24,7 @@ from mecazen_viewer.components import transform
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.health import Health
 from mecazen_viewer.robot import RobotModel
-from mecazen_viewer.track import Track
+from mecazen_viewer.track import PoseSeries
 
 OBSERVATIONS = 25
 """Number of observations shown: 1 s of the default sensor."""
@@ -61,7 +61,7 @@ class Picture:
 
     def __init__(self, scenario: Scenario, health: Health, robot: str = "") -> None:
         self._scenario, self._health, self._name = scenario, health, robot
-        self._robot, self._odom, self._person = Track(), Track(), Track()
+        self._robot, self._odom, self._person = PoseSeries(), PoseSeries(), PoseSeries()
         self._model: RobotModel | None = None
         self._seen: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
         self._grid: tuple[int, int] | None = None

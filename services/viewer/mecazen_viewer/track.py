@@ -17,7 +17,7 @@ JUMP_M = 1.0
 """A larger distance between two points of a trail is a jump and begins a new trail."""
 
 
-class Track:
+class PoseSeries:
     """Planar poses of one body by simulated time."""
 
     def __init__(self) -> None:

@@ -33,7 +33,7 @@ class Sight(NamedTuple):
     max_range: float = math.inf
 
 
-class Body(NamedTuple):
+class Extents(NamedTuple):
     """Half the robot's length and width, and the radius of a person [m]."""
 
     length: float
@@ -46,7 +46,7 @@ class Body(NamedTuple):
         return math.hypot(self.length, self.width) / 2
 
 
-class Scene(NamedTuple):
+class Situation(NamedTuple):
     """Surroundings of the robot, from its place on.
 
     `person` and `goals` (steps, 3) have x, y and yaw, `movers` (steps, n, 2) and `standing` (n, 2)
@@ -76,7 +76,7 @@ class Costs:
         priorities: Sequence[str],
         standoff: float,
         clearance: float,
-        body: Body,
+        body: Extents,
         sight: Sight,
     ) -> None:
         self.weights = {name: FACTOR**-rank for rank, name in enumerate(priorities)}
@@ -85,7 +85,7 @@ class Costs:
         self._standoff, self._clearance = standoff, clearance
         self._body, self._sight = body, sight
 
-    def of(self, ways: Rollout, scene: Scene) -> Array:
+    def of(self, ways: Rollout, scene: Situation) -> Array:
         """Return the mean cost of a step of each way (n); the last steps count three times."""
         kind = ways.x.dtype
         person, goals = scene.person.astype(kind), scene.goals.astype(kind)
@@ -110,7 +110,7 @@ class Costs:
         return total
 
     def unseen(
-        self, ways: Rollout, scene: Scene, x: Array, y: Array, distance: Array
+        self, ways: Rollout, scene: Situation, x: Array, y: Array, distance: Array
     ) -> npt.NDArray[np.bool_]:
         """Return where the person is not seen from offsets from them (steps, n)."""
         hidden = scene.shadows.hide(x, y, distance) | (distance > self._sight.max_range)
@@ -120,7 +120,7 @@ class Costs:
             hidden |= ahead < math.cos(self._sight.half_fov)
         return hidden
 
-    def clearance(self, ways: Rollout, scene: Scene) -> Array:
+    def clearance(self, ways: Rollout, scene: Situation) -> Array:
         """Return how far obstacles and walkers are from the robot (steps, n)."""
         least: Array = np.full_like(ways.x, np.inf)
         disc = self._body.disc

@@ -23,7 +23,7 @@ SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
 Floats = npt.NDArray[np.float64]
 
 
-class Track(NamedTuple):
+class Mover(NamedTuple):
     """Somebody's place [m] and velocity [m/s] in odom, the time of it and how often seen."""
 
     x: float
@@ -42,11 +42,11 @@ class Track(NamedTuple):
         """Return where they are at a time [s]: constant velocity."""
         return self.x + self.vx * (time - self.time), self.y + self.vy * (time - self.time)
 
-    def seen(self, time: float, x: float, y: float) -> Track:
+    def seen(self, time: float, x: float, y: float) -> Mover:
         """Return the track, corrected by a place at which they were seen."""
         px, py = self.at(time)
         gain = BETA / max(time - self.time, 1e-3)
-        return Track(
+        return Mover(
             px + ALPHA * (x - px),
             py + ALPHA * (y - py),
             self.vx + gain * (x - px),
@@ -60,7 +60,7 @@ class Movers:
     """Everything as wide as legs, with its velocity."""
 
     def __init__(self) -> None:
-        self.tracks: list[Track] = []
+        self.tracks: list[Mover] = []
 
     def update(self, time: float, places: Sequence[tuple[float, float]]) -> None:
         """Take where legs are at `time` [s]; the nearest pairs belong together."""
@@ -70,12 +70,12 @@ class Movers:
             for j, place in enumerate(places)
         )
         tracks, left = dict(enumerate(self.tracks)), dict(enumerate(places))
-        known: list[Track] = []
+        known: list[Mover] = []
         for distance, i, j in pairs:
             if distance <= GATE_M and i in tracks and j in left:
                 known.append(tracks.pop(i).seen(time, *left.pop(j)))
         unseen = [track for track in tracks.values() if time - track.time <= FORGET_S]
-        self.tracks = known + unseen + [Track(x, y, 0.0, 0.0, time) for x, y in left.values()]
+        self.tracks = known + unseen + [Mover(x, y, 0.0, 0.0, time) for x, y in left.values()]
 
     def places(self, time: float) -> Floats:
         """Return where those are who walk (n, 2)."""

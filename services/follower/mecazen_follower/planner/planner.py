@@ -15,7 +15,7 @@ from mecazen.messages import LaserScan
 from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.planner.costs import Body, Costs, Scene, Sight
+from mecazen_follower.planner.costs import Costs, Extents, Sight, Situation
 from mecazen_follower.planner.field import Shadows
 from mecazen_follower.planner.law import PolarGains, towards
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
@@ -54,7 +54,7 @@ class Planner:
         gains: PolarGains,
         drive: Drive,
         max_speed: float,
-        body: Body,
+        body: Extents,
         sight: Sight,
         seed: int,
     ) -> None:
@@ -146,7 +146,7 @@ class Planner:
         if not obstacle:
             self.plan, self._commands = OPEN, None
             return
-        scene = Scene(prediction.poses, goals.poses[..., 0], movers, standing, shadows)
+        scene = Situation(prediction.poses, goals.poses[..., 0], movers, standing, shadows)
         modes = nominal.commands
         if self._commands is not None:
             modes = np.concatenate((modes, _shifted(self._commands, elapsed / self._dt)), axis=-1)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mecazen.geometry_batch import to_rectangle
 from mecazen.standoff import Standoff
 
-from mecazen_follower.planner.costs import Body, Costs, Scene
+from mecazen_follower.planner.costs import Costs, Extents, Situation
 from mecazen_follower.planner.field import Shadows
 from mecazen_follower.planner.modes import Prediction
 from mecazen_follower.planner.rollout import Rollout
@@ -37,7 +37,7 @@ def free(
     ways: Rollout,
     standing: Floats,
     movers: Floats,
-    body: Body,
+    body: Extents,
     person: Prediction,
     shadows: Shadows,
     clearance: float,
@@ -67,7 +67,7 @@ def free(
 
 
 def verdict(
-    way: Rollout, scene: Scene, costs: Costs, standoff: Standoff, obstacle: str, last: str
+    way: Rollout, scene: Situation, costs: Costs, standoff: Standoff, obstacle: str, last: str
 ) -> Plan:
     """Return what a single way is, that is taken because of an obstacle.
 
