@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mecazen.drive import Drive
 from mecazen.geometry import Twist2D
 from mecazen_controller.kinematics import DeadReckoning, MecanumKinematics, WheelSpeeds
 
@@ -108,3 +109,13 @@ def test_the_way_back_ends_where_it_began(x, y, yaw):
     odometry.update(Twist2D(x, y, yaw), 0.3)
     odometry.update(Twist2D(-x, -y, -yaw), 0.3)
     assert odometry.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+@given(st.floats(0.2, 5.0), st.floats(0.3, 2.0), st.floats(0.05, 0.5), twists)
+def test_a_drive_is_slowed_as_the_controller_slows_its_wheels(rim_speed, sideways, lever, twist):
+    radius, half = 0.05, 0.15
+    kinematics = MecanumKinematics(radius, half, lever - half * sideways, sideways)
+    driven = kinematics.forward(kinematics.inverse(twist).desaturate(rim_speed / radius))
+    slowed = Drive(rim_speed, sideways, lever).slowed(twist)
+    # speeds are rounded, and divided by a lever of 0.05 m
+    assert tuple(slowed) == pytest.approx(driven, abs=1e-9)
