@@ -11,7 +11,6 @@ from containers import docker
 from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
 from mecazen.loading import load_scenario
-from mecazen_bench import latency
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 
@@ -107,10 +106,3 @@ def test_a_recording_outlives_its_recorder(stacks, tmp_path):
     for file in recordings:
         samples = [sample.key for sample in Recording(file).samples()]
         assert {"odom", "cmd_vel", "target/observation"} <= set(samples)
-
-
-def test_the_bench_compares_containers_with_processes(images):
-    (group,) = latency.run_containers(puts=20)
-    assert [row.subject for row in group.rows] == ["processes", "containers"]
-    for row in group.rows:
-        assert 0.0 < row.figures["median ms"].value <= row.figures["p99 ms"].value < 1000.0
