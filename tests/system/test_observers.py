@@ -31,8 +31,8 @@ def test_an_observer_that_takes_5_ms_a_sample_delays_no_tick(stack, mode):
     with slow_observer(running.scenario.bus, mode) as heard:
         running.start()
         running.wait(lambda: trajectory.complete)
-        # had the run waited for it, it would have taken all
-        assert heard.value < running.scenario.sim.ticks
+        # had the run waited for it, it would have taken nearly all: eight a tick
+        assert heard.value < 4 * running.scenario.sim.ticks
     expected = simulate(load_scenario(BACK, RUN), "back")[0].trajectory_sha256
     assert trajectory.sha256() == expected
 

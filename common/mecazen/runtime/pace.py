@@ -17,9 +17,9 @@ from mecazen.wire import Stamp
 
 EVERY = "every"
 """A liveliness token `<name>/every` means that its holder needs every sample."""
-TICKS_AHEAD = 16
+TICKS_AHEAD = 64
 """Maximum number of ticks by which the clock is ahead of the slowest holder."""
-TICKS_APART = 4
+TICKS_APART = 16
 """Number of ticks from one receipt to the next."""
 TAKERS_AT_MOST = 64
 """Maximum number of holders that the clock waits for, since any client may hold a token."""
