@@ -232,6 +232,29 @@ def test_in_real_time_a_tick_ends_when_it_is_due_and_counts_what_was_missed(wall
     assert anew.message.missed_deadlines == 0
 
 
+@pytest.mark.parametrize(
+    ("patience_s", "alive", "missed"), [(1e6, True, 0), (1e6, False, 1), (0.0, True, 1)]
+)
+def test_in_real_time_time_starts_once_the_first_answers_have_come_or_can_not(
+    monkeypatch, patience_s, alive, missed
+):
+    rig = Rig(("physics", "controller"), mode="real_time", answer_timeout_s=patience_s)
+    rig.bus.presence.update("controller", alive=alive)
+    deliveries = [rig.answer, None, None]  # two waits in which nothing comes
+
+    def deliver(timeout_s=None):
+        delivery = deliveries.pop()
+        if delivery is None:
+            return False
+        delivery("controller")
+        return True
+
+    monkeypatch.setattr(rig.bus, "spin_once", deliver)
+    rig.clock._await_answers()
+    assert bool(deliveries) == bool(missed)
+    assert rig.clock.missed_deadlines == missed
+
+
 def test_at_twice_the_speed_a_tick_takes_half_the_time_and_lockstep_has_none(wall):
     rig = Rig(ALONE, mode="real_time", speed=2.0)
     for speed, seconds in ((2.0, 0.1), (0.5, 0.4)):

@@ -170,6 +170,7 @@ class Clock:
         elif self.tick == 0:
             # first answers take longer, so time starts only once they have arrived
             self._await_all()
+            self.missed_deadlines += bool(self._unanswered)
             self.schedule.restart(self.tick)
         else:
             self._await_due()
@@ -189,8 +190,9 @@ class Clock:
         while self.asked_reset is None and (missing := self._unanswered):
             if self._deliver(PRESENCE_POLL_S):
                 continue
-            self._refuse_silence(missing, deadline)
-            if not self.lockstep:
+            if self.lockstep:
+                self._refuse_silence(missing, deadline)
+            elif self.tick or self._gone(missing) or time.monotonic() > deadline:
                 return
 
     def _has_come(self, slot: Slot) -> bool:
@@ -209,20 +211,23 @@ class Clock:
             self.host.bus.spin_once(wait_s)
         return True
 
+    def _gone(self, slots: list[Slot]) -> list[str]:
+        """Return the services of slots that are not alive."""
+        return [name for name in self._names(slots) if name not in self.host.bus.presence.names]
+
     def _refuse_silence(self, missing: list[Slot], deadline: float) -> None:
-        """Raise an error in lockstep if a service that has not answered is gone or silent.
+        """Raise an error if a service that has not answered is gone or silent.
 
         Raises:
             StepTimeoutError: A service is gone, the deadline has passed, or a turn of this process
                 gave no answer.
         """
-        names = self._names(missing)
-        gone = [name for name in names if name not in self.host.bus.presence.names]
+        gone = self._gone(missing)
         if any(not slot.is_remote for slot in missing):  # its turn is over
             deadline = 0.0
-        if self.lockstep and (gone or time.monotonic() > deadline):
+        if gone or time.monotonic() > deadline:
             raise StepTimeoutError(
-                f"{', '.join(gone or names)} did not answer tick {self.tick} "
+                f"{', '.join(gone or self._names(missing))} did not answer tick {self.tick} "
                 f"(t = {self.stamp.time_ns / 1e9} s)"
             )
 
