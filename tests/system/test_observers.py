@@ -72,6 +72,7 @@ def test_a_recorder_that_stays_frozen_is_given_up_and_the_run_goes_on(stack, tmp
     )
     trajectory = trajectory_of(running)
     running.start()
+    running.wait(lambda: trajectory.done > 100)
     os.kill(running.supervisor.pids["recorder"], signal.SIGSTOP)
     running.wait(lambda: trajectory.complete)
     os.kill(running.supervisor.pids["recorder"], signal.SIGCONT)
