@@ -12,8 +12,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.geometry import Twist2D
+from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.robot import WHEELS, Robot
-from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.model import Link

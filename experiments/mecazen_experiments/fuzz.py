@@ -26,12 +26,12 @@ from mecazen.keys import (
     TARGET_ODOM,
     TARGET_SKELETON,
 )
+from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.loading import from_tables
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
 from mecazen.wire import encode
-from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 
 from mecazen_experiments.config import Settings
 from mecazen_experiments.jobs import Job, Key, fingerprint, version

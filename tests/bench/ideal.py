@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from mecazen.geometry import Pose2D
+from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.robot import WHEELS
 from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.stack import robot
-from mecazen_controller.kinematics import MecanumKinematics, WheelSpeeds
 
 STEP_S = 0.001
 

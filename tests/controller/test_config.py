@@ -8,7 +8,7 @@ import pytest
 from mecazen.config import ControllerConfig
 from mecazen.config.controller import OdometryScale
 from mecazen.drive import Limits, axis_limits
-from mecazen_controller.kinematics import MecanumKinematics
+from mecazen.kinematics import MecanumKinematics
 
 ROBOT = SimpleNamespace(
     cross_gain=1.0, wheels=SimpleNamespace(radius_m=0.05), half_wheelbase=0.15, half_track=0.1

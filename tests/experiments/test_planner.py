@@ -11,8 +11,8 @@ from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
 from mecazen.drive import LimiterState, axis_limits, limit_twist
 from mecazen.drive_batch import MotionLimits
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.kinematics import MecanumKinematics
 from mecazen.loading import load_scenario
-from mecazen_controller.kinematics import MecanumKinematics
 from mecazen_experiments.run import observe
 from mecazen_follower.planner.rollout import follow, roll
 from mecazen_tools.simulate import simulate

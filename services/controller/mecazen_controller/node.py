@@ -22,12 +22,13 @@ from mecazen.keys import (
     ODOM,
     Call,
 )
+from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
-from mecazen_controller.kinematics import DeadReckoning, MecanumKinematics, WheelSpeeds
+from mecazen_controller.dead_reckoning import DeadReckoning
 
 
 class OdometryNode(Node):

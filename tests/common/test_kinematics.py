@@ -1,4 +1,4 @@
-"""The published equations by hand, their round trip, and odometry in closed form."""
+"""The published equations, computed by hand, and their round trip."""
 
 import math
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.drive import Drive
 from mecazen.geometry import Twist2D
-from mecazen_controller.kinematics import DeadReckoning, MecanumKinematics, WheelSpeeds
+from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 
 ROBOT = MecanumKinematics(wheel_radius=0.05, half_wheelbase=0.15, half_track=0.1)
 speeds = st.floats(-100.0, 100.0)
@@ -76,39 +76,6 @@ def test_desaturation_keeps_the_direction_of_motion(twist, max_speed):
     expected = Twist2D(*(ratio * v for v in twist))
     assert ROBOT.forward(limited) == pytest.approx(expected, abs=1e-9)
     assert all(math.isfinite(speed) for speed in limited)
-
-
-def test_straight_and_sideways_add_up():
-    odometry = DeadReckoning()
-    odometry.update(Twist2D(0.5, 0.0, 0.0), 2.0)
-    assert odometry.update(Twist2D(0.0, 0.25, 0.0), 2.0) == pytest.approx((1.0, 0.5, 0.0))
-    assert odometry.twist == (0.0, 0.25, 0.0)
-
-
-def test_heading_wraps():
-    odometry = DeadReckoning()
-    odometry.update(Twist2D(0.0, 0.0, 1.0), 4.0)
-    assert odometry.pose.yaw == pytest.approx(4.0 - math.tau)
-
-
-def test_scale_calibrates_each_axis():
-    odometry = DeadReckoning(Twist2D(1.01, 0.98, 0.5))
-    odometry.update(Twist2D(1.0, 1.0, 0.0), 1.0)
-    assert odometry.pose == pytest.approx((1.01, 0.98, 0.0))
-    odometry.update(Twist2D(0.0, 0.0, 1.0), 1.0)
-    assert odometry.pose.yaw == pytest.approx(0.5)
-    assert odometry.twist == (0.0, 0.0, 0.5)
-
-
-velocity = st.floats(-5.0, 5.0)
-
-
-@given(velocity, velocity, velocity)
-def test_the_way_back_ends_where_it_began(x, y, yaw):
-    odometry = DeadReckoning()
-    odometry.update(Twist2D(x, y, yaw), 0.3)
-    odometry.update(Twist2D(-x, -y, -yaw), 0.3)
-    assert odometry.pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
 @given(st.floats(0.2, 5.0), st.floats(0.3, 2.0), st.floats(0.05, 0.5), twists)
