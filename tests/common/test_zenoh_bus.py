@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
+import zenoh
 from harness import error_of, wait
 from mecazen import keys
 from mecazen.bus import StoppedError, base
@@ -197,6 +198,18 @@ def test_who_closes_is_gone_for_all(open_bus):
     far.close()
     wait(near, lambda: "physics" not in near.presence.names)
     wait(asker, lambda: asker.alive() == {"near"})
+
+
+def test_a_session_that_can_not_close_is_reported_and_hides_no_other_error(open_bus, caplog):
+    class Stuck:
+        def close(self):
+            raise zenoh.ZError("close operation timed out! at close.rs:135.")
+
+    bus = open_bus()
+    session, bus._session = bus._session, Stuck()
+    bus.close()
+    bus._session = session
+    assert "the session did not close: close operation timed out!" in caplog.text
 
 
 def test_who_comes_late_sees_who_is_alive_and_oneself(open_bus):

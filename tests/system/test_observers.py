@@ -68,7 +68,7 @@ def test_a_recorder_that_stays_frozen_is_given_up_and_the_run_goes_on(stack, tmp
         *RUN,
         'services=["physics","controller","target","follower","recorder"]',
         f'recorder.file="{tmp_path / "run.mcap"}"',
-        "sim.answer_timeout_s=1.0",
+        "sim.answer_timeout_s=4.0",
     )
     trajectory = trajectory_of(running)
     running.start()

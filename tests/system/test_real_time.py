@@ -20,8 +20,8 @@ TWIST = '{"linear":{"x":0.3}}'
 
 
 def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack):
-    # ticks of 0.1 s of wall time: 20 times what the loop takes, so no deadline is missed
-    settings = ("sim.duration_s=1.5", "target.path.start_after_s=0.2", "sim.speed=0.1")
+    # ticks of 0.25 s of wall time: 50 times what the loop takes, so no deadline is missed
+    settings = ("sim.duration_s=0.6", "target.path.start_after_s=0.2", "sim.speed=0.04")
     running = stack(SCENARIOS / "back.toml", *settings)
     sim = running.scenario.sim
     trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -30,6 +31,8 @@ from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
 from mecazen.wire import ENCODINGS, MAX_ENVELOPE_BYTES, Format, RefusedError, Stamp, encode
+
+logger = logging.getLogger(__name__)
 
 Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""
@@ -342,8 +345,15 @@ class ZenohBus(Bus):
         self._queue.put(_raise_stopped)
 
     def close(self) -> None:
-        """Close the session, which also drops the tokens."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        """Close the session, which also drops the tokens.
+
+        A frozen process does not answer, so that Zenoh gives up after 10 s. The caller then ends
+        for its own reason, which must stay visible.
+        """
+        try:
+            self._session.close()  # type: ignore[no-untyped-call]
+        except zenoh.ZError as error:
+            logger.warning("msg=%r", f"the session did not close: {reason_of(error)}")
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
         alive = sample.kind == zenoh.SampleKind.PUT
