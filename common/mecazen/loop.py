@@ -42,7 +42,7 @@ class Slot:
     """
 
     __slots__ = (
-        *("awaited", "count", "fresh", "heard", "is_remote", "keeps_all", "late"),
+        *("awaited", "count", "due", "fresh", "heard", "is_remote", "keeps_all", "late"),
         *("message", "need", "tick", "until", "waiting"),
     )
 
@@ -61,6 +61,8 @@ class Slot:
         self.message: Message | None = None
         self.fresh = False
         """Whether the message has arrived since the last step."""
+        self.due: int | None = None
+        """Tick of the step that the message was meant for; None for a message without a stamp."""
         self.tick = -1
         """Tick of the newest sample that a step can use."""
         self.heard = -1
@@ -73,7 +75,7 @@ class Slot:
 
     def give(self, message: Message, tick: int) -> None:
         """Store a message without a stamp, with the tick in which it arrived."""
-        self.message, self.fresh, self.heard = message, True, tick
+        self.message, self.fresh, self.due, self.heard = message, True, None, tick
         self.count += 1
 
     def receive(self, message: Message | None, stamp: Stamp, tick: int) -> None:
@@ -96,7 +98,7 @@ class Slot:
             _, tick, message = waiting.popleft()
             self.tick = max(self.tick, tick)
             if message is not None:
-                self.message, self.fresh = message, True
+                self.message, self.fresh, self.due = message, True, tick + self.need.lag
         return self.awaited is not None and self.tick < self.awaited and not waiting
 
 
@@ -194,9 +196,12 @@ class Loop:
         """Make the step of a node and publish its outputs."""
         now_ns = stamp.time_ns
         samples: dict[Topic[Any], Message] = {}
+        due_ns: dict[Topic[Any], int] = {}
         for slot in runner.slots:
             if slot.fresh:
-                samples[slot.need.topic] = slot.message  # type: ignore[assignment]  # it is fresh
+                topic = slot.need.topic
+                samples[topic] = slot.message  # type: ignore[assignment]  # it is fresh
+                due_ns[topic] = now_ns if slot.due is None else slot.due * self.tick_ns
                 slot.fresh = False
         if runner.last is None:
             period_ns = runner.first_period_ns
@@ -205,12 +210,12 @@ class Loop:
             if k != runner.last:
                 runner.missed += (k - runner.last) // runner.turn.period - 1
         runner.last = k
-        inputs = Inputs(samples, runner.known_ns, now_ns)
+        inputs = Inputs(samples, runner.known_ns, now_ns, due_ns)
         outputs = runner.node.step(Tick(k, now_ns, period_ns / NS_PER_S), inputs)
         for topic, reason in inputs.refused:
             self._refuse(topic, reason)
         for topic in inputs.samples:
-            runner.known_ns[topic] = now_ns
+            runner.known_ns[topic] = due_ns[topic]
         self._publish(runner, k, stamp, outputs)
 
     def _publish(self, runner: Runner, k: int, stamp: Stamp, outputs: Outputs) -> None:

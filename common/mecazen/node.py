@@ -47,22 +47,25 @@ class Inputs:
 
     Args:
         samples: The newest message of each topic, if one has arrived.
-        known_ns: Simulated time of the last step that used a message, by topic [ns].
+        known_ns: Time of the newest message that earlier steps have used, by topic [ns].
         now_ns: Simulated time [ns].
+        due_ns: Time of each late sample: that of the step it was meant for [ns].
     """
 
-    __slots__ = ("_known_ns", "_now_ns", "refused", "samples")
+    __slots__ = ("_due_ns", "_known_ns", "_now_ns", "refused", "samples")
 
     def __init__(
         self,
         samples: Mapping[Topic[Any], Message],
         known_ns: Mapping[Topic[Any], int] | None = None,
         now_ns: int = 0,
+        due_ns: Mapping[Topic[Any], int] | None = None,
     ) -> None:
         self.samples = samples
         """Messages that the node has not refused, by topic."""
         self._known_ns = known_ns or {}
         self._now_ns = now_ns
+        self._due_ns = due_ns or {}
         self.refused: list[tuple[Topic[Any], str]] = []
         """Topics of the messages that the node refused, each with the reason."""
 
@@ -79,11 +82,17 @@ class Inputs:
         return self.samples.get(topic)  # type: ignore[return-value]
 
     def age_s(self, topic: Topic[Any]) -> float:
-        """Return the time since the topic's newest message was first used [s]; inf: no message."""
-        return 0.0 if topic in self.samples else self.gap_s(topic)
+        """Return the age of a topic's newest message [s]; inf: there is none.
+
+        It counts from the step that the message was meant for. So a message that arrives in time
+        has the age 0 in its step.
+        """
+        if topic in self.samples:
+            return (self._now_ns - self._due_ns.get(topic, self._now_ns)) / NS_PER_S
+        return self.gap_s(topic)
 
     def gap_s(self, topic: Topic[Any]) -> float:
-        """Return the time since an earlier step last used a message of a topic [s]; inf: never."""
+        """Return the age of a topic's newest message in earlier steps [s]; inf: there is none."""
         known_ns = self._known_ns.get(topic)
         return math.inf if known_ns is None else (self._now_ns - known_ns) / NS_PER_S
 
@@ -91,7 +100,8 @@ class Inputs:
         """Return the inputs of the topics that are keys of the mapping, under its values."""
         samples = {to: self.samples[topic] for topic, to in topics.items() if topic in self.samples}
         known = {to: self._known_ns[of] for of, to in topics.items() if of in self._known_ns}
-        return Inputs(samples, known, self._now_ns)
+        due = {to: self._due_ns[of] for of, to in topics.items() if of in self._due_ns}
+        return Inputs(samples, known, self._now_ns, due)
 
     def refuse(self, topic: Topic[Any], reason: str) -> None:
         """Refuse a message: drop it, count it and report the reason."""

@@ -95,8 +95,8 @@ def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
         ("reset", 5),  # as the scenario has it
         ("reset", 9),  # as the run has it
         (4, 0.01, 0.0, never),
-        (5, 0.01, 0.0, never),
-        (7, 0.02, 0.02, 0.0),
+        (5, 0.01, 0.01, never),  # of tick 4
+        (7, 0.02, 0.03, 0.0),
     ]
 
 

@@ -238,6 +238,19 @@ def test_a_refused_sample_is_reported_and_as_if_it_never_came():
     assert node.ages == {"a": float("inf"), "b": 0.01}
 
 
+def test_a_late_sample_is_as_old_as_the_step_that_it_was_meant_for():
+    log: list = []
+    late, of_the_tick_before = slot(A, "due", keeps_all=False), slot(B, "due", lag=1)
+    node = Toy(log, "n", late, of_the_tick_before)
+    loop = loop_of(node)
+    late.receive(String(), at(2), 2)
+    of_the_tick_before.receive(String(), at(3), 3)
+    list(loop.step(4, at(4)))
+    assert node.ages == {"a": 0.02, "b": 0.0}
+    list(loop.step(5, at(5)))
+    assert node.ages == {"a": 0.03, "b": 0.01}
+
+
 def test_a_reset_leaves_nothing_of_the_run_before():
     log: list = []
     one = slot(A, "due", period=2)

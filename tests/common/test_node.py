@@ -32,6 +32,11 @@ def test_a_sample_is_as_old_as_its_last_use_and_new_ones_have_no_age():
         inputs[CMD_VEL]
 
 
+def test_a_late_sample_is_older_than_its_step():
+    inputs = Inputs({ODOM: Odometry()}, {ODOM: 0}, 30_000_000, {ODOM: 10_000_000})
+    assert (inputs.age_s(ODOM), inputs.gap_s(ODOM)) == (0.02, 0.03)
+
+
 def test_a_refused_sample_is_as_old_as_the_one_before():
     given = {ODOM: Odometry(), CMD_VEL: Twist()}
     inputs = Inputs(given, {ODOM: 10_000_000}, 30_000_000)
@@ -44,10 +49,12 @@ def test_a_refused_sample_is_as_old_as_the_one_before():
 
 def test_inputs_of_a_robot_go_by_its_own_topics():
     two = of_robot(ODOM, "two")
-    inputs = Inputs({two: Odometry(), ODOM: Odometry()}, {two: 0, CMD_VEL: 0}, 20_000_000)
+    known, due = {two: 0, CMD_VEL: 0}, {two: 10_000_000, ODOM: 0}
+    inputs = Inputs({two: Odometry(), ODOM: Odometry()}, known, 20_000_000, due)
     renamed = inputs.renamed({two: ODOM, of_robot(CMD_VEL, "two"): CMD_VEL})
     assert [*renamed.samples] == [ODOM]
     assert (renamed.gap_s(ODOM), renamed.gap_s(CMD_VEL)) == (0.02, math.inf)
+    assert renamed.age_s(ODOM) == 0.01
 
 
 def test_time_of_a_tick_for_headers():

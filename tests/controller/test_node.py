@@ -7,7 +7,7 @@ from harness import Rig, Steps, load_robot
 from hostile import forged, malformed
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import ControllerConfig, Scenario, SimConfig, StartConfig
+from mecazen.config import ControllerConfig, Scenario, SensorConfig, SimConfig, StartConfig
 from mecazen.config import controller as c
 from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
 from mecazen.errors import ConfigError
@@ -96,6 +96,30 @@ def test_a_stale_reference_brings_the_robot_to_rest_within_its_deceleration_limi
     assert speeds[14:] == [0.0, 0.0, 0.0]
     # the next good one moves it again
     assert controller.forward(range(20, 22), 0.1) == pytest.approx([0.05, 0.1])
+
+
+def test_a_guard_that_has_fallen_silent_is_obeyed_only_as_long_as_it_counts_on():
+    guarded = Scenario(robot=NEXUS, sensor=SensorConfig(also=("lidar",)))
+    controller = Steps(ControllerNode, guarded)
+    forward = {keys.GUARD_CMD_VEL: m.Twist.planar(Twist2D(0.5))}
+    speeds = []
+    for tick in range(60):
+        samples = joints(STANDING) | (forward if tick < 40 else {})
+        speeds.append(controller.step(tick, samples)[keys.JOINT_COMMAND].velocity[0] * 0.05)
+    braking = [0.5 - 0.025 * n for n in range(1, 16)]
+    # 0.05 s are five ticks more; then it brakes by 2.5 m/s²
+    assert speeds[39:] == pytest.approx([0.5] * 6 + braking)
+
+
+def test_a_controller_that_was_held_up_goes_on_from_the_motion_once_the_wheels_gave_it_up():
+    guarded = Scenario(robot=NEXUS, sensor=SensorConfig(also=("lidar",)))
+    forward = {keys.GUARD_CMD_VEL: m.Twist.planar(Twist2D(0.5))}
+    for missed, expected in ((4, 0.5), (5, 0.025)):  # 0.05 s, and more: the robot stands
+        controller = Steps(ControllerNode, guarded)
+        for tick in range(40):
+            controller.step(tick, joints(STANDING) | forward)
+        outputs = controller.step(40 + missed, joints(STANDING) | forward)
+        assert outputs[keys.JOINT_COMMAND].velocity[0] * 0.05 == pytest.approx(expected)
 
 
 def test_a_controller_that_joins_late_or_was_held_up_goes_on_from_how_the_robot_moves():

@@ -90,6 +90,39 @@ def test_a_late_command_corrects_its_tick():
     assert guard.drive()[0] == late
 
 
+def stopping_distance(guard):
+    """Return the distance of a wall at which the guard begins to brake a robot at 1 m/s [m]."""
+    beams = guard.scenario.sensors.lidar.beams
+    angles = [-math.pi + n * math.tau / beams for n in range(beams)]
+    command = m.Twist.planar(Twist2D(x=1.0))
+    for _ in range(60):
+        guard.drive(command, guard.scan())
+    for step in range(200):
+        wall = 2.0 - 0.01 * step
+        ranges = [wall / math.cos(a) if math.cos(a) > 0.2 else 100.0 for a in angles]
+        if guard.drive(command, guard.scan(ranges))[1].state != "clear":
+            return wall
+    raise AssertionError("it lets the robot into the wall")
+
+
+def test_it_counts_on_the_time_for_which_a_silent_guard_is_obeyed():
+    soon, late = (
+        stopping_distance(Guard(f"guard.hold_s={held}", "guard.person_margin_m=0.06"))
+        for held in (0.0, 0.2)
+    )
+    # 0.2 s at 1 m/s; the wall comes by steps of 0.01 m
+    assert late - soon == pytest.approx(0.2, abs=0.015)
+
+
+def test_a_guard_that_was_held_up_begins_with_the_motion_of_the_robot_again():
+    guard = Guard()
+    for _ in range(60):
+        guard.drive(m.Twist.planar(Twist2D(x=1.0)), guard.scan())
+    guard.tick += 100  # the robot stands, as the odometry says
+    guard.drive(FORWARD, guard.scan())
+    assert [axis.velocity for axis in guard.node.guard._state] == [0.0, 0.0, 0.0]
+
+
 def test_it_listens_to_the_key_that_the_controller_names():
     row = GuardNode.row(teleop("controller.command_key=joystick"))
     assert row.on_bus(CMD_VEL).key == "joystick"

@@ -16,6 +16,9 @@ class GuardConfig(Section):
     """The same from possible legs: feet and trunk reach farther than the shanks."""
     reaction_s: NonNegative = 0.06
     """From a decision until the wheels follow it."""
+    hold_s: NonNegative = 0.05
+    """Time for which the controller obeys a silent guard, and the wheels a silent controller. The
+    guard counts on it."""
     person_stop_s: NonNegative = 0.3
     """Shortest time in which a walking person can come to rest."""
     person_speed_m_s: Positive = 2.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from itertools import combinations
 from typing import Annotated, Any, NamedTuple, cast
@@ -117,6 +118,20 @@ class Scenario(Section):
     def features(self) -> frozenset[str]:
         """The features of the graph that the sensors ask for, and the guard with a lidar."""
         return with_guard(self.sensor.features, enabled=self.guard.enabled)
+
+    @property
+    def command_timeout_s(self) -> float:
+        """Age above which the controller no longer obeys a command [s]."""
+        if "guard" not in self.features:
+            return self.controller.reference_timeout_s
+        late_ticks = self.ticks_per(self.controller.update_rate_hz) - 1  # as seldom as odometry
+        return late_ticks * self.sim.tick_s + self.guard.hold_s
+
+    @property
+    def wheel_timeout_s(self) -> float:
+        """Age above which the wheels no longer obey a command [s]."""
+        held_s = self.guard.hold_s if "guard" in self.features else math.inf
+        return min(self.physics.watchdog_s, held_s)
 
     def _check_processes(self) -> None:
         grouped = [part for group in self.processes for part in group]

@@ -120,12 +120,14 @@ class ControllerNode(Node):
         self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
         self.limits = axis_limits(self.config.limits)
+        self.timeout_s = scenario.command_timeout_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
     def configure(self, scenario: Scenario) -> None:
-        """Use the limits of a changed scenario from now on."""
+        """Use the limits and the timeout of a changed scenario from now on."""
         super().configure(scenario)
         self.limits = axis_limits(self.config.limits)
+        self.timeout_s = scenario.command_timeout_s
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
@@ -150,7 +152,7 @@ class ControllerNode(Node):
         if command is not None:
             self.reference = command.to_planar()
         self.reference_age_s = inputs.age_s(self.command)
-        fresh = self.reference_age_s <= self.config.reference_timeout_s + ROUNDING_S
+        fresh = self.reference_age_s <= self.timeout_s + ROUNDING_S
         wanted = self.reference if fresh else Twist2D()
         self.next_velocity = limit_twist(self.velocity, wanted, self.limits, self.period_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
@@ -159,11 +161,11 @@ class ControllerNode(Node):
         return {JOINT_COMMAND: m.JointState(header=header, name=names, velocity=tuple(speeds))}
 
     def _begin(self, tick: Tick, inputs: Inputs) -> None:
-        """Go on from what was last commanded, or from how the robot moves after a long gap."""
+        """Continue from the last command, or, once the wheels dropped it, from measured motion."""
         self.period_s = tick.period_s
         self.velocity = self.next_velocity
         joins_late = not self.begun and tick.number > 0
-        if joins_late or tick.period_s > self.config.reference_timeout_s + ROUNDING_S:
+        if joins_late or tick.period_s > self.scenario.wheel_timeout_s + ROUNDING_S:
             self.period_s = self.scenario.sim.tick_s
             try:
                 measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)

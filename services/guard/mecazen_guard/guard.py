@@ -1,7 +1,8 @@
 """How much of a wanted twist can be let through: what can be stopped before anything is touched.
 
 Before each tick the robot is predicted: it follows the twist for a tick and for the reaction time,
-then every axis brakes as the controller brakes it. A twist is safe if in that time the robot's
+which includes the time for which a silent guard is obeyed, then every axis brakes as the controller
+brakes it. A twist is safe if in that time the robot's
 outline keeps its margin from every point, or comes no nearer than by braking at once. So there is
 always a safe twist, rest, and motion away from everything near is never held back. The idea is the
 inevitable collision states of T. Fraichard & H. Asama, Advanced Robotics 18, 2004.

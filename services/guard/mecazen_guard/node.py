@@ -42,7 +42,7 @@ class GuardNode(Node):
         x, y, _ = robot.lidar.position_m
         self.surroundings = Surroundings(config, lidar, Pose2D(x, y))
         self.guard = Guard(
-            robot.footprint, Drive.of(scenario), config.reaction_s, config.person_stop_s
+            robot.footprint, Drive.of(scenario), _reaction_s(scenario), config.person_stop_s
         )
 
     def configure(self, scenario: Scenario) -> None:
@@ -51,7 +51,7 @@ class GuardNode(Node):
         config = scenario.guard
         self.timeout_s = scenario.controller.reference_timeout_s
         self.surroundings.config = config
-        self.guard.configure(Drive.of(scenario), config.reaction_s, config.person_stop_s)
+        self.guard.configure(Drive.of(scenario), _reaction_s(scenario), config.person_stop_s)
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
@@ -85,7 +85,8 @@ class GuardNode(Node):
 
     def _place(self, tick: Tick, odom: m.Odometry) -> None:
         pose = odom.pose.pose.to_planar()
-        if len(self.poses) == 0:
+        obeyed_s = self.scenario.command_timeout_s + self.scenario.sim.tick_s
+        if len(self.poses) == 0 or tick.period_s > obeyed_s + ROUNDING_S:
             self.guard.begin(odom.twist.twist.to_planar())
         elif self.pose.distance(pose) > JUMP_M:
             self.surroundings.forget()
@@ -141,3 +142,11 @@ class GuardNode(Node):
         """Return what it does, and why."""
         said = {"guard": self.state.state, "let_through": round(self.state.factor, 2)}
         return said | ({"reason": self.state.reason} if self.state.reason else {})
+
+
+def _reaction_s(scenario: Scenario) -> float:
+    """Return the longest time for which the wheels follow a command after the next one was due [s].
+
+    Its last tick is that for which the controller waits for a silent guard.
+    """
+    return scenario.guard.reaction_s + scenario.guard.hold_s + scenario.sim.tick_s

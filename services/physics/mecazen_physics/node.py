@@ -71,12 +71,18 @@ class PhysicsWorld(World):
         self.followed = {name: name or "target" for name in scenario.names}
         """The name of the person whom each robot follows."""
 
+    def configure(self, scenario: Scenario) -> None:
+        """Brake wheels without a command within other limits from now on."""
+        super().configure(scenario)
+        for name, watchdog in self.watchdogs.items():
+            watchdog.configure(scenario.of(name))
+
     def reset(self, seed: int) -> None:
         """Put the robots back to the start, in a new simulation."""
         del seed
         self.simulation = self.make_simulation()
         self.robots = dict(zip(self.parts, self.simulation.robots, strict=True))
-        self.watchdogs = {name: Watchdog(self.config.watchdog_s) for name in self.parts}
+        self.watchdogs = {name: Watchdog(part) for name, part in self.parts.items()}
         self.reported: dict[str, ReportedPerson] = {}
         """Persons by name."""
         self.walking: dict[str, MovingPerson] = {}
