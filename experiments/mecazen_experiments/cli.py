@@ -198,6 +198,8 @@ def fuzz(
     hours: Annotated[float, Option(min=0.01, help="Simulated time.")] = 0.2,
     seed: Annotated[int, Option(min=0, help="Of the first minute; each has the next.")] = 1,
     physics: Annotated[bool, Option("--physics", help="In DART, not in a plane.")] = False,
+    follower: Annotated[bool, Option("--follower", help="A follower drives, not chance.")] = False,
+    freezes: Annotated[bool, Option("--freezes", help="Services freeze now and then.")] = False,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     store: Store = STORE,
@@ -211,7 +213,8 @@ def fuzz(
     from mecazen_experiments import commands  # noqa: PLC0415
 
     minutes = range(seed, seed + max(1, round(hours * 60.0)))
-    commands.fuzz(commands.Options(jobs, scheduler, store, json), minutes, physics=physics)
+    options = commands.Options(jobs, scheduler, store, json)
+    commands.fuzz(options, minutes, physics=physics, follower=follower, freezes=freezes)
 
 
 @app.command()

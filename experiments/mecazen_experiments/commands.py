@@ -186,7 +186,9 @@ def safety(
     console(WIDTH).print(tables.safety(rows))
 
 
-def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
+def fuzz(
+    options: Options, seeds: Sequence[int], *, physics: bool, follower: bool, freezes: bool
+) -> None:
     """Drive at random, a minute a seed; print and write what was touched.
 
     A line reports what was found so far each minute, and at the end, however it comes.
@@ -194,7 +196,8 @@ def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
     Raises:
         MecazenError: Anything was touched.
     """
-    settings = fuzzing.ROLLERS if physics else ()
+    settings = fuzzing.ROLLERS * physics + fuzzing.FOLLOWED * follower
+    kind = fuzzing.FREEZES if freezes else fuzzing.EPISODE
     jobs = fuzzing.jobs(seeds, named_file("nexus", "robot"), settings)
     keys = [job.key for job in jobs]
     with _session(options, "minutes") as session:
@@ -205,12 +208,12 @@ def fuzz(options: Options, seeds: Sequence[int], *, physics: bool) -> None:
             session.progress(done, total)
             if time.monotonic() - told >= TELL_S:
                 told = time.monotonic()
-                typer.echo(fuzzing.tell(store.find(fuzzing.EPISODE, keys).values()))
+                typer.echo(fuzzing.tell(store.find(kind, keys).values()))
 
         try:
-            run_all(fuzzing.EPISODE, jobs, store, session.workers, tell)
+            run_all(kind, jobs, store, session.workers, tell)
         finally:
-            done = [*store.find(fuzzing.EPISODE, keys).values()]
+            done = [*store.find(kind, keys).values()]
             typer.echo(fuzzing.tell(done))
     _write(options, {"minutes": done})
     if any(one.scores.contacts for one in done):

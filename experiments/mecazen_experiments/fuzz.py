@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,14 +33,20 @@ from mecazen.loading import from_tables
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
+from mecazen.ticks import ROUNDING_S
 from mecazen.wire import encode
+from mecazen_physics.watchdog import Watchdog, WheelCommand
+from mecazen_tools.simulate import InProcess
 
 from mecazen_experiments.config import Settings
+from mecazen_experiments.freezes import freeze
 from mecazen_experiments.jobs import Job, Key, fingerprint, version
-from mecazen_experiments.run import Kind, Record, Samples, observe
+from mecazen_experiments.run import Kind, Record, Samples, collect
 
 ROLLERS = ("programs={}",)
 """Settings with which the robot drives in DART, not in a plane without slip: many times slower."""
+FOLLOWED = ('services=["physics", "controller", "target", "follower"]',)
+"""Settings with which a follower drives the robot, not chance."""
 EPISODE_S = 60.0
 ROOM_M = 7.0
 """Length of the walls."""
@@ -59,8 +67,7 @@ AWAY = math.radians(70.0)
 FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
 """Limits of the commands; the wheels reach less."""
 
-Points = Sequence[tuple[float, float]]
-"""Places x, y [m]."""
+FEET = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("ankle", "heel", "foot")]
 
 
 class Plane(World):
@@ -72,13 +79,18 @@ class Plane(World):
         """Stand at the start."""
         self.pose, self.speeds = self.scenario.start.pose, np.zeros(4)
         self.kinematics = MecanumKinematics.of(self.scenario.robot)
+        self.watchdog = Watchdog(self.scenario)
 
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
         """Roll for a tick."""
-        command = inputs[""].get(JOINT_COMMAND)
-        if command is not None:
-            lag = 1.0 - math.exp(-tick.period_s / WHEEL_LAG_S)
-            self.speeds += lag * (np.array(command.velocity) - self.speeds)
+        joints = inputs[""].get(JOINT_COMMAND)
+        command = self.watchdog.command(
+            None if joints is None else WheelCommand(joints.velocity),
+            inputs[""].age_s(JOINT_COMMAND),
+            self.speeds.tolist(),
+        )
+        lag = 1.0 - math.exp(-tick.period_s / WHEEL_LAG_S)
+        self.speeds += lag * (np.array(command.values) - self.speeds)
         twist = self.kinematics.forward(WheelSpeeds(*self.speeds.tolist()))
         if tick.number:
             self.pose = self.pose.integrate(twist, tick.period_s)
@@ -111,19 +123,22 @@ def jobs(seeds: Iterable[int], robot: Path, settings: Settings = ()) -> list[Job
     return [Job("minute", None, robot, settings, Key(sha256, seed, version())) for seed in seeds]
 
 
-def _measure(job: Job) -> tuple[Episode, str]:
+def _measure(job: Job, *, freezes: bool) -> tuple[Episode, str]:
     """Drive at random for a minute, in a room made from a seed."""
     random = _random(job.key.seed)
     scenario = _scenario(job.key.seed, random, job.scenario, job.settings)
     rider = _Rider(random, scenario)
     topics = GROUND_TRUTH, TARGET_ODOM, TARGET_SKELETON, GUARD_STATE
-    found = observe(scenario, *topics, drive=rider.drive)
-    truth, person, bodies, guarded = found.samples.values()
-    robots, persons = ([odom.pose.pose.to_planar() for odom in of] for of in (truth, person))
+    with closing(InProcess(scenario)) as run:
+        if freezes:
+            freeze(run, job.key.seed)
+        samples = collect(run, *topics, drive=rider.drive)
+        sha256 = run.trajectory.sha256()
+    truth, person, bodies, guarded = samples.values()
+    robots = [odom.pose.pose.to_planar() for odom in truth]
     # a robot that moves meets the person where they were a tick ago
-    feet = _feet_by_tick(bodies, [odom.header.stamp.ns for odom in person])
-    around = zip(robots, [None, *persons], [(), *feet], strict=False)
-    gaps = [min(_gaps(scenario, *of_tick)) for of_tick in around]
+    persons, feet = _before(person, truth), _before(bodies, truth)
+    gaps = [min(_gaps(scenario, *of_tick)) for of_tick in zip(robots, persons, feet, strict=True)]
     touches = [gap < 0.0 for gap in gaps]
     held = {state.header.stamp.ns: state.factor < 1.0 for state in reversed(guarded)}
     episode = Episode(
@@ -132,22 +147,18 @@ def _measure(job: Job) -> tuple[Episode, str]:
         sum(after.distance(before) for before, after in pairwise(robots)),
         sum(held.values()) / scenario.sim.ticks,
     )
-    return episode, found.trajectory_sha256
+    return episode, sha256
 
 
-def _feet_by_tick(bodies: Sequence[m.Skeleton], stamps: Sequence[int]) -> list[Points]:
-    """Return the places of the feet at each stamp: those of the newest body."""
-    names = [f"{side}_{name}" for side in SIDES for name in ("ankle", "heel", "foot")]
-    times = [body.header.stamp.ns for body in bodies]
-    points: list[Points] = [()]
-    for body in bodies:
-        joints = [body.joints[INDEX[name]] for name in names]
-        points.append([(joint.x, joint.y) for joint in joints])
-    return [points[bisect_right(times, stamp)] for stamp in stamps]
+def _before(samples: Sequence[Any], ticks: Sequence[Any]) -> list[Any]:
+    """Return the newest of some samples before each of others; None before the first."""
+    times = [sample.header.stamp.ns for sample in samples]
+    found = (bisect_left(times, tick.header.stamp.ns) for tick in ticks)
+    return [samples[number - 1] if number else None for number in found]
 
 
 def _gaps(
-    scenario: Scenario, robot: Pose2D, person: Pose2D | None, feet: Points
+    scenario: Scenario, robot: Pose2D, person: m.Odometry | None, body: m.Skeleton | None
 ) -> Iterator[float]:
     """Yield the distance of the outline from each thing and from the person [m]."""
     half = scenario.robot.footprint
@@ -157,13 +168,17 @@ def _gaps(
         if place < NEAR_M + math.hypot(*half):
             yield gap(robot, half, thing)
     if person is not None:
-        yield from_outline(robot, half, *person[:2]) - scenario.world.person.radius_m
-    for foot in feet:
-        yield from_outline(robot, half, *foot) - FOOT_M
+        x, y, _ = person.pose.pose.to_planar()
+        yield from_outline(robot, half, x, y) - scenario.world.person.radius_m
+    for foot in [] if body is None else [body.joints[joint] for joint in FEET]:
+        yield from_outline(robot, half, foot.x, foot.y) - FOOT_M
 
 
-EPISODE = Kind("fuzz", Record[Episode], _measure, msgspec.structs.asdict)
-"""Contacts of a guarded robot in a minute."""
+EPISODE, FREEZES = (
+    Kind(name, Record[Episode], partial(_measure, freezes=freezes), msgspec.structs.asdict)
+    for name, freezes in (("fuzz", False), ("freezes", True))
+)
+"""Contacts of a guarded robot in a minute, without and with services that freeze."""
 
 
 def tell(done: Iterable[Record[Episode]]) -> str:
@@ -232,6 +247,8 @@ class _Rider:
         self._random = random
         self._things = [(_place(thing), _half(thing)) for thing in scenario.world.obstacles]
         self._radius = scenario.world.person.radius_m
+        self._tick_s = scenario.sim.tick_s
+        self._commands = "follower" not in scenario.services
         self._robot, self._robot_until = Twist2D(), 0
         self._at_person = False
         self._wanted, self._person_until = Twist2D(), 0
@@ -244,9 +261,13 @@ class _Rider:
             return {}
         robot, person = (odometry[-1].pose.pose.to_planar() for odometry in seen)
         put = {}
-        if tick % COMMAND_TICKS == 0:
+        if tick % COMMAND_TICKS == 0 and self._commands:
             put[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)), "json")
-        walk = m.Twist.planar(self.walk(tick, robot, person))
+        seen_s = samples[TARGET_ODOM.key][-1].header.stamp.ns / 1e9
+        is_frozen = (tick - 1) * self._tick_s > seen_s + ROUNDING_S
+        if is_frozen:  # else they would be somewhere else at once afterwards
+            self._speed = 0.0
+        walk = m.Twist() if is_frozen else m.Twist.planar(self.walk(tick, robot, person))
         return put | {TARGET_CMD_VEL.key: encode(walk, "json")}
 
     def _is_free(self, x: float, y: float) -> bool:

@@ -79,15 +79,21 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
     Raises:
         MecazenError: The run failed.
     """
-    samples: dict[str, list[Any]] = {topic.key: [] for topic in topics}
     with closing(InProcess(scenario)) as run:
-        for topic in topics:
-            run.bus.subscribe(topic, partial(_keep, samples[topic.key]), every=True)
-        for tick, _ in enumerate(run.ticks(), start=1):
-            for key, payload in drive(tick, samples).items():
-                run.bus.put_bytes(key, payload)
+        samples = collect(run, *topics, drive=drive)
         found = result(run.scenario, "", run.trajectory, 1.0)
         return Observed(Table.of(run.trajectory), found.trajectory_sha256, samples)
+
+
+def collect(run: InProcess, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Samples:
+    """Make a whole run, driven as in `observe`; return all samples of some topics."""
+    samples: dict[str, list[Any]] = {topic.key: [] for topic in topics}
+    for topic in topics:
+        run.bus.subscribe(topic, partial(_keep, samples[topic.key]), every=True)
+    for tick, _ in enumerate(run.ticks(), start=1):
+        for key, payload in drive(tick, samples).items():
+            run.bus.put_bytes(key, payload)
+    return samples
 
 
 def _keep(samples: list[Any], message: Any, _: object) -> None:

@@ -105,7 +105,8 @@ class Guard:
     def begin(self, twist: Twist2D) -> None:
         """Begin with a robot that moves with `twist`."""
         x, y, yaw = map(LimiterState, twist)
-        self._state = self._next = (x, y, yaw)
+        self._state = (x, y, yaw)
+        self._let_through = twist
         self._factor = self._last_factor = 1.0
         self._dt = 0.0
 
@@ -119,10 +120,10 @@ class Guard:
             dt: Time since the last tick.
         """
         if dt > 0.0:
-            self._state, self._last_factor, self._dt = self._next, self._factor, dt
+            self._state = limit_twist(self._state, self._let_through, self._drive.axes, dt)
+            self._last_factor, self._dt = self._factor, dt
         verdict = self._decide(wanted, points, age_s)
-        self._factor = verdict.factor
-        self._next = limit_twist(self._state, verdict.twist, self._drive.axes, self._dt)
+        self._let_through, self._factor = verdict.twist, verdict.factor
         return verdict
 
     def _decide(self, wanted: Twist2D, points: Points, age_s: float) -> Verdict:

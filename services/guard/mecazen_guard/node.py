@@ -85,8 +85,7 @@ class GuardNode(Node):
 
     def _place(self, tick: Tick, odom: m.Odometry) -> None:
         pose = odom.pose.pose.to_planar()
-        obeyed_s = self.scenario.command_timeout_s + self.scenario.sim.tick_s
-        if len(self.poses) == 0 or tick.period_s > obeyed_s + ROUNDING_S:
+        if len(self.poses) == 0 or tick.period_s > self._obeyed_s + ROUNDING_S:
             self.guard.begin(odom.twist.twist.to_planar())
         elif self.pose.distance(pose) > JUMP_M:
             self.surroundings.forget()
@@ -94,6 +93,11 @@ class GuardNode(Node):
             self.fault = "the odometry was set, and there is no scan since"
         self.pose = pose
         self.poses.add(tick.time_ns, pose)
+
+    @property
+    def _obeyed_s(self) -> float:
+        """Longest time for which the robot follows a command, if no other comes [s]."""
+        return self.scenario.command_timeout_s + self.scenario.sim.tick_s
 
     def _see(self, now: float, scan: m.LaserScan, inputs: Inputs) -> None:
         fault = self.surroundings.implausible(scan, now)
@@ -118,7 +122,8 @@ class GuardNode(Node):
         if fault:
             wanted = Twist2D()
         points = self.surroundings.seen_from(self.pose)
-        verdict = self.guard.step(wanted, points, min(age_s, self.silence_s), tick.period_s)
+        passed_s = min(tick.period_s, self._obeyed_s)
+        verdict = self.guard.step(wanted, points, min(age_s, self.silence_s), passed_s)
         return (verdict._replace(factor=0.0) if fault else verdict), fault
 
     def _state(self, time: m.Time, verdict: Verdict, fault: str) -> m.GuardState:

@@ -42,12 +42,12 @@ from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.robots import join_key
 from mecazen.skeleton import JOINTS
 
-from mecazen_physics.motors import Watchdog, WheelCommand
 from mecazen_physics.people import Floats, MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_obstacles, check_person, steps_per_tick
 from mecazen_physics.urdf import build_urdf, meshes
+from mecazen_physics.watchdog import Watchdog, WheelCommand
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 NEEDS_WHEELS = f"needs a velocity or an effort of {WHEEL_JOINTS}"

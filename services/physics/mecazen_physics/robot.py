@@ -12,12 +12,13 @@ from mecazen.robot import WHEELS, Robot
 from mecazen_physics import bodies, model
 from mecazen_physics.body import MAX_TILT_RAD, AllRollersBody, RobotBody
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, Footprint, horizon_steps
-from mecazen_physics.motors import Motors, Push, WheelCommand
+from mecazen_physics.motors import Motors, Push
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.ridges import RidgeContacts
 from mecazen_physics.scene import Scene
 from mecazen_physics.state import RobotState, check_converged
+from mecazen_physics.watchdog import WheelCommand
 
 NEARBY_M = 1.0
 """The obstacles nearby are found again after this way: a map may have hundreds."""

@@ -1,0 +1,48 @@
+"""Services of a simulated run that freeze at random moments, as processes do."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from functools import partial
+
+from mecazen.runtime.host import Service
+from mecazen.runtime.schedule import Schedule
+from mecazen_tools.simulate import InProcess
+
+BETWEEN_S = (0.5, 4.0)
+"""Shortest and longest time from the end of a freeze to the next [s]."""
+FROZEN_S = (0.05, 2.0)
+"""Shortest and longest freeze [s]."""
+
+
+def freeze(run: InProcess, seed: int) -> None:
+    """Freeze the services of a run, one at a time, drawn with a seed; never that of the world.
+
+    A frozen service takes no turn, and the run continues without it, as in real time.
+    """
+    chance = random.Random(seed)  # noqa: S311
+    world = run.host.world
+    assert world is not None  # else there is no clock
+    services = [one for one in run.host.services if one is not run.host.service_of(world)]
+    sim, begin_s = run.scenario.sim, 0.0
+    while (begin_s := begin_s + chance.uniform(*BETWEEN_S)) < sim.duration_s:
+        end_s = begin_s + chance.uniform(*FROZEN_S)
+        window = range(round(begin_s / sim.tick_s), round(end_s / sim.tick_s))
+        _freeze(chance.choice(services), window)
+        begin_s = end_s
+    run.host.revise = lambda: None  # type: ignore[method-assign]  # a frozen one repeats no step
+    run.clock.lockstep = False
+    run.clock.schedule = Schedule(sim.tick_s, math.inf)  # each tick is due at once
+
+
+def _freeze(service: Service, window: range) -> None:
+    """Let a service take no turn in some ticks."""
+    for _, runner in service.nodes:
+        triggered = partial(_is_triggered, window, runner.is_triggered)
+        runner.is_triggered = triggered  # type: ignore[method-assign]
+
+
+def _is_triggered(window: range, otherwise: Callable[[int], bool], tick: int) -> bool:
+    return tick not in window and otherwise(tick)
