@@ -101,6 +101,25 @@ class Drive(NamedTuple):
         """Return whether the wheels are slower than a planar speed [m/s] in every direction."""
         return self.rim_speed / min(self.sideways, 1.0) <= max_speed
 
+    def limited(self, state: Motion, wanted: Twist2D, dt: float) -> Motion:
+        """Return the motion `dt` [s] after `state`, on the way to `wanted`: see `limit`.
+
+        The wheels slow down what is wanted, so its direction stays. They also slow down what is
+        reached, and the next tick begins with that: a robot at its limit brakes at once.
+        """
+        goal = (
+            min(max(v, -axis.velocity), axis.velocity)
+            for v, axis in zip(wanted, self.axes, strict=True)
+        )
+        ends = limit_twist(state, self.slowed(Twist2D(*goal)), self.axes, dt)
+        twist = Twist2D(*(axis.velocity for axis in ends))
+        slowed = self.slowed(twist)
+        if slowed is twist:
+            return ends
+        reached = zip(state, slowed, strict=True)
+        x, y, yaw = (LimiterState(now, (now - last.velocity) / dt) for last, now in reached)
+        return x, y, yaw
+
     def step(self, twist: Twist2D, wanted: Twist2D, max_speed: float, dt: float) -> Twist2D:
         """Return the twist `dt` [s] after `twist`, on the way to `wanted`, but for the jerk limit.
 
@@ -166,12 +185,13 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     return LimiterState(velocity + wanted * dt, wanted)
 
 
+Motion = tuple[LimiterState, LimiterState, LimiterState]
+"""Of x, y and yaw."""
+
+
 def limit_twist(
-    state: tuple[LimiterState, LimiterState, LimiterState],
-    reference: Twist2D,
-    limits: tuple[Limits, Limits, Limits],
-    dt: float,
-) -> tuple[LimiterState, LimiterState, LimiterState]:
+    state: Motion, reference: Twist2D, limits: tuple[Limits, Limits, Limits], dt: float
+) -> Motion:
     """Return `limit` of each axis: x, y, yaw."""
     x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
     return x, y, yaw

@@ -186,3 +186,31 @@ def test_no_rim_is_faster_than_it_can_be_and_all_axes_are_slowed_down_alike():
 def test_without_limits_of_the_wheels_only_the_planar_speed_is_limited():
     x, y, yaw = Drive().step(Twist2D(), Twist2D(1.0, 1.0, 1.0), 1.0, 10.0)
     assert (math.hypot(x, y), yaw) == (pytest.approx(1.0), 1.0)
+
+
+FAST_AXES = (Limits(2.0, 2.5, 2.5),) * 3
+"""Of an axis that alone could be as fast as the wheels."""
+
+
+def driven(state, wanted, ticks, rim_speed=2.0):
+    """Return the twists of a robot whose wheels keep a limit, tick by tick."""
+    drive, twists = Drive(rim_speed, 1.0, 0.3, FAST_AXES), []
+    for _ in range(ticks):
+        state = drive.limited(state, wanted, 0.01)
+        twists.append(Twist2D(*(axis.velocity for axis in state)))
+    return state, twists
+
+
+def test_wheels_at_their_limit_keep_the_direction_of_what_is_wanted():
+    at_rest = (LimiterState(),) * 3
+    _, twists = driven(at_rest, Twist2D(3.0, -0.5), 100)
+    # beyond the limit of the axis counts as 2 m/s; then 2.5 m/s of rim speed become 2
+    assert twists[-1] == pytest.approx((1.6, -0.4, 0.0))
+
+
+def test_a_robot_whose_wheels_are_at_their_limit_brakes_at_once():
+    moving, twists = driven((LimiterState(),) * 3, Twist2D(2.0, -2.0), 100)
+    assert twists[-1] == pytest.approx((1.0, -1.0, 0.0))
+    _, twists = driven(moving, Twist2D(), 45)
+    assert [twist.x for twist in twists[:3]] == pytest.approx([0.975, 0.95, 0.925])
+    assert twists[-1] == Twist2D()

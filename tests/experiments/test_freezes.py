@@ -42,7 +42,7 @@ def test_a_robot_that_obeys_silent_services_for_longer_than_predicted_touches_so
 ):
     for timeout in ("command_timeout_s", "wheel_timeout_s"):
         monkeypatch.setattr(Scenario, timeout, 0.5)
-    (job,) = fuzz.jobs([4], ROBOTS / "nexus.toml", ("sim.duration_s=40.0",))
+    (job,) = fuzz.jobs([1], ROBOTS / "nexus.toml", ("sim.duration_s=40.0",))
     assert fuzz.FREEZES.measure(job)[0].contacts > 0
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mecazen.drive import Drive, LimiterState, Limits, limit_twist
+from mecazen.drive import Drive, LimiterState, Limits
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_guard.guard import BRAKING, Guard, Points
 
@@ -33,15 +33,14 @@ def made(twist=Twist2D(), drive=DRIVE):  # noqa: B008  # immutable
 
 def drive(wanted, places, start=Twist2D(), seconds=4.0, rim_speed=5.0):  # noqa: B008
     """Return the poses of a robot that is driven as its controller does it, and the verdicts."""
-    guard, state = made(start, DRIVE._replace(rim_speed=rim_speed)), tuple(map(LimiterState, start))
+    limits = DRIVE._replace(rim_speed=rim_speed)
+    guard, state = made(start, limits), tuple(map(LimiterState, start))
     poses, verdicts, pose = [Pose2D()], [], Pose2D()
     for _ in range(round(seconds / DT)):
         seen = points(*(pose.between(Pose2D(*place))[:2] for place in places))
         verdicts.append(guard.step(wanted, seen, 0.0, DT))
-        state = limit_twist(state, verdicts[-1].twist, AXES, DT)
-        x, y, yaw = (axis.velocity for axis in state)
-        slower = min(1.0, rim_speed / max(abs(x) + abs(y) + DRIVE.lever * abs(yaw), 1e-9))
-        pose = pose.integrate(Twist2D(slower * x, slower * y, slower * yaw), DT)
+        state = limits.limited(state, verdicts[-1].twist, DT)
+        pose = pose.integrate(Twist2D(*(axis.velocity for axis in state)), DT)
         poses.append(pose)
     return poses, verdicts
 

@@ -9,7 +9,7 @@ from typing import Any
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import diagonal_covariance
-from mecazen.drive import LimiterState, axis_limits, limit_twist
+from mecazen.drive import Drive, LimiterState, axis_limits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.graph import TABLE
@@ -119,15 +119,21 @@ class ControllerNode(Node):
         self.config = scenario.controller
         self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
-        self.limits = axis_limits(self.config.limits)
+        self.drive = self._drive()
         self.timeout_s = scenario.command_timeout_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
     def configure(self, scenario: Scenario) -> None:
         """Use the limits and the timeout of a changed scenario from now on."""
         super().configure(scenario)
-        self.limits = axis_limits(self.config.limits)
+        self.drive = self._drive()
         self.timeout_s = scenario.command_timeout_s
+
+    def _drive(self) -> Drive:
+        """Return the limits of the robot as the configured lengths have them."""
+        wheels = self.kinematics
+        rim_speed, axes = self.max_speed * wheels.wheel_radius, axis_limits(self.config.limits)
+        return Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
@@ -154,7 +160,7 @@ class ControllerNode(Node):
         self.reference_age_s = inputs.age_s(self.command)
         fresh = self.reference_age_s <= self.timeout_s + ROUNDING_S
         wanted = self.reference if fresh else Twist2D()
-        self.next_velocity = limit_twist(self.velocity, wanted, self.limits, self.period_s)
+        self.next_velocity = self.drive.limited(self.velocity, wanted, self.period_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
         speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
         header, names = m.Header(stamp=tick.time), self.config.wheel_joints

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.drive import Drive, LimiterState, limit_twist
+from mecazen.drive import Drive, LimiterState
 from mecazen.drive_batch import bounds, slow_down
 from mecazen.geometry import Twist2D
 from mecazen.geometry_batch import Floats, to_rectangle
@@ -120,7 +120,7 @@ class Guard:
             dt: Time since the last tick.
         """
         if dt > 0.0:
-            self._state = limit_twist(self._state, self._let_through, self._drive.axes, dt)
+            self._state = self._drive.limited(self._state, self._let_through, dt)
             self._last_factor, self._dt = self._factor, dt
         verdict = self._decide(wanted, points, age_s)
         self._let_through, self._factor = verdict.twist, verdict.factor
