@@ -160,7 +160,8 @@ class Intruder:
             sizes = (*SIZES, 16) if self._forge else SIZES
             self._session.put(key, payload, attachment=self._random.randbytes(choice(sizes)))
         else:
-            name = f"mecazen/[/{self._random.randrange(1000)}]\x1b"
+            form = choice(("mecazen/[/{}]\x1b", "mecazen/viewer/{}/every", "{}/mecazen/viewer"))
+            name = form.format(self._random.randrange(1_000_000))
             self._tokens.append(self._session.liveliness().declare_token(name))
             if len(self._tokens) > 100:
                 self._tokens.pop(0).undeclare()

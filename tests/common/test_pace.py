@@ -2,7 +2,6 @@
 
 import pytest
 from harness import wait
-from mecazen.messages import Clock
 from mecazen.runtime.pace import TICKS_AHEAD, TICKS_APART, Pace, Receipts, receipts
 from mecazen.wire import Stamp
 
@@ -86,14 +85,3 @@ def test_one_who_joins_in_the_middle_of_a_run_owes_nothing_of_before(zenoh_pair,
     wait(zenoh_pair.near, lambda: "record/every" in zenoh_pair.near.presence.names)
     pace.keep(1000 + TICKS_AHEAD)
     assert not caplog.records
-
-
-def test_anyone_may_claim_to_take_every_sample_but_not_without_end(zenoh_pair):
-    pace = Pace(zenoh_pair.near, TICK_NS, PATIENCE_S)
-    for number in range(100):
-        zenoh_pair.far.declare_alive(f"stranger{number}/every")
-    zenoh_pair.link()
-    zenoh_pair.settle()
-    zenoh_pair.far.publisher(receipts("stranger0")).put(Clock(), at(0))
-    wait(zenoh_pair.near, lambda: "stranger99/every" in zenoh_pair.near.presence.names)
-    assert len(pace._taken) == 64

@@ -35,3 +35,16 @@ def test_a_robots_service_waits_for_those_of_all_robots_and_says_so_once(scenari
     for _ in range(2):
         bus.presence.update("two/target", alive=True)
     assert announced == [("target/ready", "one")]
+
+
+def test_names_that_no_scenario_has_are_not_noted_even_after_they_have_gone(scenario):
+    bus, told = LocalBus(), []
+    scenario = msgspec.structs.replace(scenario, services=("controller", "target"))
+    announce_readiness(bus, "controller", "", scenario)
+    bus.presence.on_change.append(lambda: told.append(1))
+    for name in ("stranger", "target/more", "two/target", "target/every", "viewer", "record/every"):
+        for alive in (True, False, True):
+            bus.presence.update(name, alive=alive)
+    assert bus.presence.names == bus.presence.returns.keys()
+    assert bus.presence.names == {"target/every", "viewer", "record/every"}
+    assert len(told) == 9

@@ -253,8 +253,8 @@ def test_nobody_answers_or_is_alive_in_anothers_name(net, physics, intruder):
     for name in MAY_PUT:
         session = intruder(name)
         for one in certificates.NAMES:
-            session.liveliness().declare_token(f"mecazen/{one}")
-            session.liveliness().declare_token(f"mecazen/{one}/ready")
+            for end in ("", "/ready", "/more", "/ready/more"):
+                session.liveliness().declare_token(f"mecazen/{one}{end}")
         session.declare_queryable("set_odometry", lambda query: query.reply("set_odometry", b""))
         settle(session)
         own = set() if name == "operator" else {f"mecazen/{name}", f"mecazen/{name}/ready"}

@@ -12,7 +12,8 @@ from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, services
 from mecazen.row import Row
-from mecazen.runtime.pace import receipts
+from mecazen.runtime.pace import EVERY, RECORD, receipts
+from mecazen.runtime.readiness import READY
 
 HEADER = """\
 // Mutual TLS, and who may publish what. For `bus.zenoh_config`, together with `bus.keys`, a folder
@@ -37,8 +38,8 @@ LATCHED = "**/@adv/**"
 """Keys that announce latched samples to late subscribers; `**` does not match them."""
 ANYONE, ROUTER = "anyone", "router"
 """Any certificate; the router's."""
-RECORD, TELEOP = "record", "teleop"
-"""The tokens of `mecazen record` and `mecazen teleop`, which the operator runs."""
+TELEOP = "teleop"
+"""The token of `mecazen teleop`, which the operator runs, as `mecazen record`."""
 
 
 def secure_json5() -> str:
@@ -123,7 +124,7 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
     for command in (RECORD, TELEOP):
-        yield OPERATOR, _rule(f"{command} is alive", ["liveliness_token"], [_token(command)])
+        yield OPERATOR, _rule(f"{command} is alive", ["liveliness_token"], _tokens(command))
     yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], tokens)
 
 
@@ -148,7 +149,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         kept = ["put", "declare_queryable", "reply", "liveliness_token"]
         exprs = [*latched, *(f"{key}/@adv/**" for key in latched)]
         yield service, _rule(f"{service} publishes for those who come later", kept, exprs)
-    tokens = [_token(service), *(bridge.tokens(service) for bridge in installed())]
+    tokens = [*_tokens(service), *(bridge.tokens(service) for bridge in installed())]
     yield service, _rule(f"{service} is alive", ["liveliness_token"], tokens)
 
 
@@ -183,8 +184,8 @@ def _others(given: Sequence[str]) -> list[str]:
     ]
 
 
-def _token(name: str) -> str:
-    return f"**/{LIVELINESS}/{name}/**"
+def _tokens(name: str) -> list[str]:
+    return [f"**/{LIVELINESS}/{name}{end}" for end in ("", f"/{READY}", f"/{EVERY}")]
 
 
 def _plain(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:

@@ -7,7 +7,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
@@ -70,6 +70,8 @@ class Presence:
     """
 
     def __init__(self) -> None:
+        self.known: Container[str] | None = None
+        """Names that are noted, since any client can invent names; None: all."""
         self.names: set[str] = set()
         self.returns: Counter[str] = Counter()
         """Number of returns of a service after it had gone, by name."""
@@ -80,7 +82,9 @@ class Presence:
         self._gone: set[str] = set()
 
     def update(self, name: str, *, alive: bool) -> None:
-        """Note that `name` has come or gone."""
+        """Note that `name` has come or gone, if it is known."""
+        if self.known is not None and name not in self.known:
+            return
         if not alive and name in self.names:
             self.names.remove(name)
             self._gone.add(name)

@@ -17,12 +17,12 @@ from mecazen.wire import Stamp
 
 EVERY = "every"
 """A liveliness token `<name>/every` means that its holder needs every sample."""
+RECORD = "record"
+"""Name of the command `mecazen record`, which needs every sample and is in no scenario."""
 TICKS_AHEAD = 64
 """Maximum number of ticks by which the clock is ahead of the slowest holder."""
 TICKS_APART = 16
 """Number of ticks from one receipt to the next."""
-TAKERS_AT_MOST = 64
-"""Maximum number of holders that the clock waits for, since any client may hold a token."""
 
 logger = logging.getLogger(__name__)
 
@@ -114,7 +114,7 @@ class Pace:
         end = f"/{EVERY}"
         names = {n.removesuffix(end) for n in self._bus.presence.names if n.endswith(end)}
         self._taken = {name: taken for name, taken in self._taken.items() if name in names}
-        for name in sorted(names - self._taken.keys())[: TAKERS_AT_MOST - len(self._taken)]:
+        for name in sorted(names - self._taken.keys()):
             self._taken[name] = self._tick
             self._hear(name)
 

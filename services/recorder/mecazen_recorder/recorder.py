@@ -23,7 +23,8 @@ from mecazen.keys import Topic, call_of_robot, of_robot, topic_of
 from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
 from mecazen.robots import split_key
-from mecazen.runtime.pace import Receipts
+from mecazen.runtime.pace import RECORD, Receipts
+from mecazen.runtime.readiness import READY
 from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
@@ -246,9 +247,10 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
     recorder = Recorder(bus, config, (), scenario)
     stop_on_signals(bus.stop)
     try:
-        for name in ("record", "record/ready"):
+        bus.presence.known = ()
+        for name in (RECORD, f"{RECORD}/{READY}"):
             bus.declare_alive(name)
-        Receipts(bus, "record").follow()
+        Receipts(bus, RECORD).follow()
         logger.info("msg=started file=%s", config.file)
         recorder.run()
     except StoppedError:

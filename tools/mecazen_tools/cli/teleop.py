@@ -97,6 +97,7 @@ class Driven:
         heard = (role.odometry, keys.GUARD_STATE) if role is ROBOT else (role.odometry,)
         for topic in heard:
             bus.subscribe(of_robot(topic, robot), partial(self._hear, topic.key))
+        bus.presence.known = {join_key(role.service, robot)}
         bus.declare_alive(TELEOP, robot)
         self._presence = bus.presence
         self._obeys = ""
