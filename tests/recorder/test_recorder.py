@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, RecorderConfig
+from mecazen.messages import SimState
 from mecazen.wire import Stamp, encode
 from mecazen_recorder import recorder as module
 from mecazen_recorder import writer
@@ -47,13 +48,28 @@ def rig(router, tmp_path):
             for key, message in tick(number).items():
                 tell(key, encode(message, "json"), stamp_of(number, run))
 
+        def physics_names(run):
+            bus.call = lambda *_: SimState(run=run)
+
+        def wait_for_answers():
+            while recorder._answer is not None:
+                recorder._answer.result()
+                recorder._go_on()
+
         def end():
             may_answer.set()
             recorder.close()
             return list(Recording(path).samples())
 
         yield SimpleNamespace(
-            bus=bus, tell=tell, tell_tick=tell_tick, asked=asked, may_answer=may_answer, end=end
+            bus=bus,
+            tell=tell,
+            tell_tick=tell_tick,
+            physics_names=physics_names,
+            wait_for_answers=wait_for_answers,
+            asked=asked,
+            may_answer=may_answer,
+            end=end,
         )
         may_answer.set()
 
@@ -88,18 +104,42 @@ def test_while_nobody_answers_all_is_kept_in_order_and_nobody_waits(rig):
     ]
 
 
-def test_runs_of_which_only_a_stranger_speaks_leave_room_for_real_ones(rig, monkeypatch):
+def test_the_run_that_physics_names_has_its_place_among_any_number_of_made_up_ones(
+    rig, monkeypatch
+):
     monkeypatch.setattr(module, "MAX_OTHER_RUNS", 3)
-    monkeypatch.setattr(module, "MAX_RUNS", 5)
+    rig.may_answer.set()
+    for number in range(20):
+        real = 7 if number < 15 else 8
+        rig.physics_names(real)
+        rig.tell_tick(0, 100 + number)
+        rig.tell_tick(number, real)
+        rig.wait_for_answers()
+    stamps = [sample.stamp for sample in rig.end()]
+    assert {stamp.run for stamp in stamps} == {100, 101, 102, 7, 8}
+    assert [stamp for stamp in stamps if stamp.run in {7, 8}] == [
+        stamp_of(n, 7 if n < 15 else 8) for n in range(20) for _ in tick(0)
+    ]
+
+
+def test_one_query_decides_about_all_runs_that_waited_for_it(rig, monkeypatch):
+    monkeypatch.setattr(module, "MAX_OTHER_RUNS", 0)
+    rig.physics_names(7)
+    for run in range(100, 200):
+        rig.tell_tick(0, run)
+    rig.tell_tick(0)
+    rig.may_answer.set()
+    rig.wait_for_answers()
+    assert len(rig.asked) == 3  # about the first made-up run, the second one, and run 7
+    assert {sample.stamp.run for sample in rig.end()} == {7}
+
+
+def test_where_no_physics_answers_a_file_holds_a_number_of_runs(rig, monkeypatch):
+    monkeypatch.setattr(module, "MAX_OTHER_RUNS", 3)
     rig.may_answer.set()
     for run in range(100, 120):
-        for _ in range(2):
-            rig.tell("diagnostics/viewer", b"{}", Stamp(0, run, 0))
-    for run in (7, 8, 9):
         rig.tell_tick(0, run)
-    runs = {sample.stamp.run for sample in rig.end()}
-    assert len(runs) == 5
-    assert {7, 8} <= runs
+    assert {sample.stamp.run for sample in rig.end()} == {100, 101, 102}
 
 
 def test_made_up_keys_leave_room_for_those_of_the_table(rig, monkeypatch):

@@ -150,6 +150,8 @@ class SimState(Message):
     ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/SimState"
     clock: Time = Time()
     tick: Count = 0
+    run: UInt32 = 0
+    """As in the stamps of its samples."""
     seed: UInt32 = 0
     mode: str = ""
     paused: bool = False

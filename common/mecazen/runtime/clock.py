@@ -255,6 +255,7 @@ class Clock:
         return SimState(
             clock=self.stamp.time,
             tick=self.tick,
+            run=self.stamp.run,
             seed=self.stamp.seed,
             mode=self.scenario.sim.mode,
             paused=self.paused,

@@ -34,12 +34,8 @@ from mecazen_recorder.writer import SYNC_S, RecordingWriter
 BYTES_PER_MIB = 1 << 20
 ANSWER_S = 1.0
 """Timeout of queries, during which samples wait."""
-MAX_RUNS = 1000
-"""Maximum number of runs in a file, each with its configuration."""
 MAX_OTHER_RUNS = 100
-"""Number of runs after which only samples on `GUARDED` keys begin another run."""
-GUARDED = [topic for topic in keys.TOPICS if not topic.open and "*" not in topic.key]
-"""Topics on which access control allows only one service to publish."""
+"""Maximum number of runs in a file that physics has not named, since any client can invent runs."""
 
 logger = logging.getLogger(__name__)
 
@@ -47,6 +43,8 @@ logger = logging.getLogger(__name__)
 class _Answer(NamedTuple):
     """The answer to queries about a run."""
 
+    run: int | None
+    """The run that physics simulates, if physics answers."""
     scenario: str | None
     """The configuration in TOML, if known."""
     descriptions: dict[str, RobotDescription]
@@ -81,10 +79,16 @@ class Recorder:
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
+        self._other_runs = 0
+        """Number of them that physics has not named."""
         self._firsts = FirstSamples(lambda key: bus.refuse(key, "no second sample of its run"))
         self._asking = ThreadPoolExecutor(1)
         self._answer: Future[_Answer] | None = None
-        """The pending answer about the newest run; until it arrives, samples wait here."""
+        """The pending answer about a run; until it arrives, samples wait here."""
+        self._asked = self.now
+        """The run that the last query was about ..."""
+        self._asked_for = 0
+        """... and the number of samples that had arrived before it and waited."""
         self._waiting: deque[Sent] = deque()
         self._waiting_bytes, self._most_bytes = 0, config.backlog_mib * BYTES_PER_MIB
         self._described: set[str] = set()
@@ -148,14 +152,27 @@ class Recorder:
     def _go_on(self) -> None:
         """Record the samples that wait for an answer, once it has arrived."""
         while self._answer is not None and self._answer.done():
-            self._begin(self._answer.result())
-            self._answer = None
+            answer, self._answer = self._answer.result(), None
+            self._admit(answer)
+            asked_for = self._asked_for
             while self._waiting and self._answer is None:
                 sample = self._waiting.popleft()
                 self._waiting_bytes -= SAMPLE_BYTES + bytes_of(sample)
-                self._record(sample)
+                self._record(sample, answer if asked_for > 0 else None)
+                asked_for -= 1
 
-    def _record(self, sample: Sent) -> None:
+    def _admit(self, answer: _Answer) -> None:
+        """Begin the run that was asked about if physics names it or there is room for others."""
+        if answer.run != self._asked.run:
+            if self._other_runs >= MAX_OTHER_RUNS:
+                return
+            self._other_runs += 1
+        self._runs.add(self._asked.run)
+        self.now = self._asked
+        self._begin(answer)
+
+    def _record(self, sample: Sent, answer: _Answer | None = None) -> None:
+        """Record a sample; `answer` is one to a query after its arrival."""
         key, payload, encoding, attachment = sample
         try:
             topic = self._topic_of(key)
@@ -164,7 +181,7 @@ class Recorder:
                 # on keys outside the table the attachment may be anything
                 stamp = None if attachment is None else Stamp.unpack(attachment)
             if stamp is not None and stamp.run not in self._runs:
-                self._meet(stamp, sample, guarded=topic in GUARDED)
+                self._meet(stamp, sample, answer)
             elif topic is None:
                 self._note(stamp)
                 self.writer.write_bytes(key, payload, encoding, stamp, self.now.time_ns)
@@ -173,25 +190,24 @@ class Recorder:
         except RefusedError as refusal:
             self._bus.refuse(key, str(refusal))
 
-    def _meet(self, stamp: Stamp, sample: Sent, *, guarded: bool) -> None:
-        """Begin a run with its second sample; later samples wait for the answer about the run."""
+    def _meet(self, stamp: Stamp, sample: Sent, answer: _Answer | None) -> None:
+        """Ask about a run with its second sample; later samples wait for the answer."""
+        is_other = answer is not None and answer.run != stamp.run
+        if is_other and self._other_runs >= MAX_OTHER_RUNS:
+            raise RefusedError(f"a file holds at most {MAX_OTHER_RUNS} runs unknown to physics")
         first = self._firsts.second(stamp.run, sample)
         if first is None:
             return
-        most = MAX_RUNS if guarded else MAX_OTHER_RUNS
-        if len(self._runs) >= most:
-            raise RefusedError(f"a file holds at most {most} runs")
-        self._runs.add(stamp.run)
-        self.now = stamp
         self._waiting.extendleft((sample, first))
         self._waiting_bytes += 2 * SAMPLE_BYTES + bytes_of(sample) + bytes_of(first)
+        self._asked, self._asked_for = stamp, len(self._waiting)
         calls = [call_of_robot(keys.ROBOT_DESCRIPTION, robot) for robot in self._robots]
         served = any(map(self._bus.serves, calls))
         if self._most_bytes and not served:
             self._answer = self._asking.submit(self._ask)
         else:
             self._answer = Future()
-            self._answer.set_result(self._ask() if served else _Answer(None, {}))
+            self._answer.set_result(self._ask() if served else _Answer(None, None, {}))
 
     def _take(self, key: str, message: Message, stamp: Stamp | None) -> None:
         self._note(stamp)
@@ -224,14 +240,16 @@ class Recorder:
             self._described.add(robot)
 
     def _ask(self) -> _Answer:
-        """Query scenario and robots; over Zenoh in a thread, since answers may take long."""
-        scenario = self._scenario()
+        """Query scenario, run and robots; over Zenoh in a thread, since answers may take long."""
+        scenario, run = self._scenario(), None
+        with suppress(BusError):  # no simulation runs, as in a replay of another recording
+            run = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S).run
         robots = self._robots if scenario is None else robots_in(scenario)
         descriptions = {}
         for robot in [one for one in robots if one not in self._described]:
-            with suppress(BusError):  # no simulation runs, as in a replay of another recording
+            with suppress(BusError):
                 descriptions[robot] = ask_description(self._bus, robot, ANSWER_S)
-        return _Answer(scenario, descriptions)
+        return _Answer(run, scenario, descriptions)
 
 
 def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
