@@ -98,6 +98,13 @@ class Plan:
         """Return the turn that publishes an input."""
         return None if need.giver is None else self.turns[need.giver]
 
+    def depth(self, need: Need) -> int:
+        """Return how many turns of a tick, one after the other, an input's publisher waits for."""
+        giver = self.giver(need)
+        needs = () if giver is None else giver.needs
+        waits = [n for n in needs if n.giver is not None and not n.lag and n.rule != "latest"]
+        return max((1 + self.depth(n) for n in waits), default=0)
+
     def awaited(self) -> frozenset[str]:
         """Return the services that the world waits for, directly or not, and its own service."""
         found: set[int] = set()

@@ -59,6 +59,15 @@ def test_every_giver_has_a_lower_number_except_of_what_the_world_takes(scenario)
             assert need.lag == turn.is_world
 
 
+def test_an_input_is_as_deep_as_the_chain_of_turns_that_its_publisher_waits_for(scenario):
+    plan = plan_of(scenario, sim=LOCKSTEP)
+    world = needs(plan, "physics")
+    assert [plan.depth(world[key]) for key in ("target/odom", "joint_command")] == [1, 3]
+    assert plan.depth(needs(plan, "controller")["cmd_vel"]) == 2
+    assert plan.depth(needs(plan, "target")["ground_truth/odom"]) == 0
+    assert plan.depth(needs(plan, "target")["target/cmd_vel"]) == 0  # of no node
+
+
 def test_a_circle_of_awaited_topics_is_refused_and_one_of_latest_topics_is_not(scenario):
     one = Row("one", inputs=(every(keys.CLOCK), latest(LOOP)), outputs=(OTHER,))
     two = Row("two", inputs=(every(OTHER),), outputs=(LOOP,))

@@ -10,10 +10,15 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, wait
+from mecazen.config import BusConfig, Process
+from mecazen.errors import BusError
 from mecazen.keys import SIM_STATE
 from mecazen.messages import Empty
+from mecazen.runtime import process as running
+from mecazen.runtime.report import Reporter
 from mecazen.wire import Stamp
 
 TOYS = """
@@ -284,3 +289,17 @@ def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
         _, err = process.communicate(timeout=COMMAND_GUARD_S)
         assert lines.read() == ""
     assert (process.returncode, err) == (code, "")
+
+
+def test_a_client_waits_for_the_router_once(monkeypatch, scenario):
+    opened = []
+
+    def open_bus(*_, **__):
+        opened.append(1)
+        raise BusError("nothing answers")
+
+    monkeypatch.setattr(running, "ZenohBus", open_bus)
+    scenario = msgspec.structs.replace(scenario, bus=BusConfig(mode="client"))
+    with pytest.raises(BusError, match="nothing answers"):
+        running.run_process(Process(("controller",)), scenario, Reporter(None))
+    assert opened == [1]

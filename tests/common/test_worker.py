@@ -34,7 +34,7 @@ class Toy:
         self.loop = Loop([self.runner], TICK_NS, lambda *_: None)
         self.steps = []
         self.has_news = False
-        bus = SimpleNamespace(spin_once=lambda: False)
+        bus = SimpleNamespace(spin_once=lambda *_: False, hears_itself=True)
         self.host = SimpleNamespace(
             loop=self.loop,
             lockstep=lockstep,

@@ -5,11 +5,12 @@ import re
 from pathlib import Path
 
 import pytest
-from harness import ROBOTS, ROOT, assert_one_line, error_of, mecazen
+from harness import ROBOTS, ROOT, SCENARIOS, assert_one_line, error_of, mecazen
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
+from mecazen_tools.processes import ProcessError
 from mecazen_tools.simulate import InProcess, simulate, simulate_distributed
 
 EXAMPLES = ROOT / "examples"
@@ -116,6 +117,21 @@ def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(tmp_path, 
     where = ("--distributed",) if distributed else ()
     done = mecazen("simulate", RANGE, *where, *program, PYTHONPATH=path)
     assert_one_line(done, 1, "error: range: TypeError: unsupported", "(wrong.py:4 step)")
+
+
+def test_a_node_that_hangs_is_named_and_not_those_that_wait_for_it(tmp_path):
+    (tmp_path / "hanging.py").write_text(
+        "import time\n"
+        "from mecazen_follower.node import FollowerNode\n"
+        "class Hanging(FollowerNode):\n"
+        "    def step(self, tick, inputs):\n"
+        "        time.sleep(1000.0 * (tick.number == 20))\n"
+        "        return super().step(tick, inputs)\n"
+    )
+    settings = (f"programs.follower={tmp_path}/hanging.py:Hanging", "sim.answer_timeout_s=1")
+    hung = "follower did not answer tick 20 "
+    with pytest.raises(ProcessError, match=hung):
+        simulate_distributed(SCENARIOS / "back.toml", settings, "back")
 
 
 def test_another_class_takes_the_sensors_place(tmp_path):

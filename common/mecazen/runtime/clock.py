@@ -180,30 +180,26 @@ class Clock:
         """The world's inputs that lack an answer to this tick."""
         return [slot for slot in self.world.slots if slot.lacks]
 
-    def _names(self, slots: list[Slot]) -> list[str]:
-        """Return the services that publish the inputs of slots."""
-        givers = [self.host.plan.giver(slot.need) for slot in slots]
-        return sorted({giver.service for giver in givers if giver is not None})
-
     def _await_all(self) -> None:
-        deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
+        begin_s = time.monotonic()
+        deadline = begin_s + self.scenario.sim.answer_timeout_s
         while self.asked_reset is None and (missing := self._unanswered):
             if self._deliver(PRESENCE_POLL_S):
                 continue
             if self.lockstep:
-                self._refuse_silence(missing, deadline)
+                self._refuse_silence(missing, begin_s)
             elif self.tick or self._gone(missing) or time.monotonic() > deadline:
                 return
 
     def _has_come(self, slot: Slot) -> bool:
         """Wait for a sample that a turn lacks; return False if a reset ends the tick."""
-        deadline = time.monotonic() + self.scenario.sim.answer_timeout_s
+        begin_s = time.monotonic()
         while slot.lacks:
             if self.asked_reset is not None:
                 return False
             if self.lockstep:
                 if not self.host.bus.spin_once(PRESENCE_POLL_S):
-                    self._refuse_silence([slot], deadline)
+                    self._refuse_silence([slot], begin_s)
                 continue
             wait_s = self.schedule.wait_s(self.tick, answered=False)
             if slot in self.world.slots or wait_s <= 0.0 or self.paused:
@@ -213,23 +209,26 @@ class Clock:
 
     def _gone(self, slots: list[Slot]) -> list[str]:
         """Return the services of slots that are not alive."""
-        return [name for name in self._names(slots) if name not in self.host.bus.presence.names]
+        names = self.host.givers(slots)
+        return [name for name in names if name not in self.host.bus.presence.names]
 
-    def _refuse_silence(self, missing: list[Slot], deadline: float) -> None:
+    def _refuse_silence(self, missing: list[Slot], begin_s: float) -> None:
         """Raise an error if a service that has not answered is gone or silent.
 
         Raises:
-            StepTimeoutError: A service is gone, the deadline has passed, or a turn of this process
-                gave no answer.
+            StepTimeoutError: A service is gone, the wait since `begin_s` was too long, or a turn of
+                this process gave no answer.
         """
         gone = self._gone(missing)
-        if any(not slot.is_remote for slot in missing):  # its turn is over
-            deadline = 0.0
-        if gone or time.monotonic() > deadline:
-            raise StepTimeoutError(
-                f"{', '.join(gone or self._names(missing))} did not answer tick {self.tick} "
-                f"(t = {self.stamp.time_ns / 1e9} s)"
-            )
+        waited_s = time.monotonic() - begin_s
+        silent = [
+            slot
+            for slot in missing
+            if not slot.is_remote  # its turn is over
+            or waited_s > self.host.patience_s(slot)
+        ]
+        if gone or silent:
+            raise self.host.silence_of(gone or self.host.givers(silent))
 
     def _deliver(self, timeout_s: float | None) -> bool:
         """Deliver one sample, query or event, and apply a command at once."""

@@ -11,7 +11,7 @@ from typing import Any
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, RefusedError
+from mecazen.errors import ConfigError, RefusedError, StepTimeoutError
 from mecazen.graph import SHARED
 from mecazen.keys import Call, Topic, call_of_robot
 from mecazen.loop import Loop, Runner, Slot
@@ -27,6 +27,10 @@ from mecazen.wire import NS_PER_S, Stamp
 
 EARLY_AT_MOST = 16
 """Maximum number of samples kept for a run that has not begun in this process."""
+
+LONGER_S = 0.5
+"""How much longer to wait for a turn than for one that it waits for [s]: more than it takes to note
+that a wait is over."""
 
 Part = tuple[str, str]
 """A service and its robot; the robot is empty for a single robot and for shared services."""
@@ -195,6 +199,27 @@ class Host:
             self._reported_s = second
             for service in self.services:
                 service.health.publish(self.stamp, service.diagnostics())
+
+    def givers(self, slots: Iterable[Slot]) -> list[str]:
+        """Return the services that publish the inputs of slots."""
+        givers = [self.plan.giver(slot.need) for slot in slots]
+        return sorted({giver.service for giver in givers if giver is not None})
+
+    def patience_s(self, slot: Slot) -> float:
+        """Return how long to wait for a sample in lockstep [s].
+
+        A silent node delays all later turns of its tick. The wait for these is longer, so the
+        process that waits for the silent node is the first to end, and names it.
+        """
+        return self.scenario.sim.answer_timeout_s + LONGER_S * self.plan.depth(slot.need)
+
+    def silence_of(self, services: Iterable[str]) -> StepTimeoutError:
+        """Return the error that services have not answered the present tick."""
+        time_ns = self.stamp.time_ns
+        return StepTimeoutError(
+            f"{', '.join(services)} did not answer tick {time_ns // self.tick_ns} "
+            f"(t = {time_ns / NS_PER_S} s)"
+        )
 
     def service_of(self, runner: Runner) -> Service:
         """Return the service that a turn belongs to."""

@@ -133,11 +133,13 @@ def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None
     router.
 
     Raises:
-        BusError: A service with one of these names is alive.
+        BusError: A service with one of these names is alive, or a client reaches no router.
     """
     try:
         bus = ZenohBus(config, "client", name=parts[0][0])
     except BusError:
+        if config.mode == "client":  # it has waited for the router
+            raise
         return  # without a router there is no other service
     try:
         alive = bus.alive()

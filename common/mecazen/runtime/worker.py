@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 from mecazen.loop import Slot
@@ -9,6 +10,9 @@ from mecazen.robots import join_key
 from mecazen.runtime.host import Host
 from mecazen.runtime.pace import Receipts
 from mecazen.wire import Stamp
+
+POLL_S = 0.25
+"""Time without a sample after which a wait in lockstep looks at the clock [s]."""
 
 
 class _RunEnded(Exception):  # noqa: N818 - no error: it ends the tick in progress
@@ -88,18 +92,33 @@ class Worker:
             self._lacking = host.loop.step(k, stamp)
             self._slot = next(self._lacking, None)
         while self._slot is not None:
-            while self._slot.lacks and not self._is_over(self._last):
-                if not self._wait():
-                    return False
+            if not self._await(self._slot):
+                return False
             self._slot = next(self._lacking, None)
         self._lacking = None
         host.has_news = True  # a command may have arrived after the turn that uses it
         host.revise()
         return True
 
-    def _wait(self) -> bool:
-        """Deliver one sample, query or event; return False if nothing can arrive any more."""
-        has_come = self.host.bus.spin_once()
+    def _await(self, slot: Slot) -> bool:
+        """Wait for a sample that the tick in progress lacks; return False if it can't arrive.
+
+        Raises:
+            StepTimeoutError: In lockstep, its publisher is silent.
+        """
+        host, begin_s = self.host, time.monotonic()
+        while slot.lacks and not self._is_over(self._last):
+            if self._wait(POLL_S):
+                continue
+            if host.bus.hears_itself:
+                return False
+            if host.lockstep and time.monotonic() - begin_s > host.patience_s(slot):
+                raise host.silence_of(host.givers([slot]))
+        return True
+
+    def _wait(self, timeout_s: float | None = None) -> bool:
+        """Deliver one sample, query or event; return False if none arrives."""
+        has_come = self.host.bus.spin_once(timeout_s)
         if self.host.next_run is not None:
             raise _RunEnded
         return has_come
