@@ -20,7 +20,7 @@ TOY = """
 import logging, signal, sys
 from pathlib import Path
 
-from mecazen.errors import BusError
+from mecazen.errors import BusError, ConfigError
 from mecazen.row import Row
 from mecazen.node import Node
 
@@ -51,11 +51,17 @@ class Crashes(Toy):
 
 
 class Works_First(Toy):
+    ERROR = BusError
+
     def reset(self, seed):
         mark = Path(__file__).with_suffix(".mark")
         if mark.exists():
-            raise BusError("no second time")
+            raise self.ERROR("no second time")
         mark.touch()
+
+
+class Misfit(Works_First):
+    ERROR = ConfigError
 
 
 class Quits(Toy):
@@ -68,7 +74,7 @@ class Deaf(Toy):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 """
 
-TOYS = ("toy", "quiet", "fails", "crashes", "quits", "deaf", "works_first")
+TOYS = ("toy", "quiet", "fails", "crashes", "quits", "deaf", "works_first", "misfit")
 
 
 @pytest.fixture
@@ -211,6 +217,15 @@ def test_a_process_that_keeps_ending_is_started_again_after_a_growing_pause(
         "no second time; it is started again in 0.5 s",
         "no second time; it is started again in 0.5 s",
     ]
+
+
+def test_a_process_that_its_scenario_does_not_suit_is_not_started_again_after_work_either(
+    restarting,
+):
+    start(restarting, "misfit")
+    kill(restarting, "misfit")
+    assert "at once" in await_line(restarting, "misfit", "SIGKILL").text
+    assert await_failure(restarting) == "misfit: no second time"
 
 
 def test_a_process_that_worked_steadily_is_started_again_at_once(restarting, monkeypatch):

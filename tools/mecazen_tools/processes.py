@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 
 from mecazen.bus.ports import LOOPBACK, free_port
 from mecazen.config import Process, Scenario
-from mecazen.errors import MecazenError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import OBSERVERS
 from mecazen.runtime.report import Report
 
@@ -94,7 +94,8 @@ class Supervisor:
     reaches only this process, which then ends them; and end by themselves if this process dies.
 
     With `restart` a process that has ended is started again, at once, or after a pause that grows
-    while it keeps ending. A process that fails before it has ever run is still an error.
+    while it keeps ending. A process that fails before it has ever run, or by its scenario, is still
+    an error.
 
     Args:
         path: The scenario's file.
@@ -210,7 +211,8 @@ class Supervisor:
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
         # an observer that says why it can't go on, as on a full disk, would say it again
         hopeless = not part.has_run or (not part.needed and part.error != "")
-        if not self._restart or (event.code and event.code > 0 and hopeless):
+        is_wrong = event.code == ConfigError.exit_code  # the scenario, which stays the same
+        if not self._restart or is_wrong or (event.code and event.code > 0 and hopeless):
             if part.needed:
                 raise ProcessError(f"{event.name}: {how}")
             return Line(event.name, f"{event.name} has ended: {how}; the others go on")
