@@ -111,6 +111,20 @@ def _checked(found: object, program: str) -> Kind:
     return found
 
 
+def reads_section(service: str, kinds: Mapping[str, Kind]) -> bool:
+    """Return whether a service reads its section, given its classes by the names of their nodes.
+
+    A user's class reads it if it names the type or derives from the class in whose place it is.
+    """
+    kind, known = kinds.get(service), installed_nodes()
+    return (
+        kind is None
+        or service not in known
+        or getattr(kind, "SECTION", None) is not None
+        or issubclass(kind, known[service].load())
+    )
+
+
 def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Graph:
     """Return the nodes of a scenario.
 

@@ -9,7 +9,7 @@ from mecazen.errors import ConfigError
 from mecazen.graph import SHARED
 from mecazen.node import Node
 from mecazen.parameters import changed, flat, refuse_unknown
-from mecazen.programs import classes
+from mecazen.programs import classes, reads_section
 from mecazen.ticks import whole_ticks
 
 Settings = dict[str, str]
@@ -93,15 +93,21 @@ def _laid(below: Settings, above: Settings) -> Settings:
 
 
 def refuse_unsuitable(scenario: Scenario, service: str) -> None:
-    """Refuse a scenario that a node of a service rejects; accept it if none is installed.
+    """Refuse changed settings that a node of a service rejects; accept them if none is installed.
 
     Raises:
-        ConfigError: The node's constructor rejects the scenario.
+        ConfigError: The node's constructor rejects them, or a user's class does not read them.
     """
     try:
         kinds = classes(service, scenario)
     except ConfigError:
         return
+    if not reads_section(service, kinds):
+        program = scenario.programs[service]
+        raise ConfigError(
+            f"{service}: no effect on {program}, which takes its place; if it reads "
+            f"scenario.{service}, let it name the type as its SECTION"
+        )
     shared = service in SHARED
     for part in (scenario,) if shared else map(scenario.of, scenario.names):
         for kind in kinds.values():
