@@ -33,6 +33,13 @@ def test_who_is_behind_by_more_than_a_second_begins_anew(schedule, wall):
     assert schedule.wait_s(1, answered=True) == pytest.approx(0.005)
 
 
+def test_the_real_time_factor_is_known_from_the_first_tick_on(schedule, wall):
+    assert schedule.rtf == 0.0
+    wall.now += 0.001  # a fast run in lockstep may end before a second has passed
+    schedule.published(1)
+    assert schedule.rtf == pytest.approx(10.0)
+
+
 def test_the_real_time_factor_is_that_of_the_last_second(schedule, wall):
     for tick in range(102):  # half of the double speed that was asked for
         wall.now = 100.0 + 0.01 * tick

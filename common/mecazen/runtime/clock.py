@@ -264,10 +264,11 @@ class Clock:
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return mode, real-time factor, missed deadlines and whether time is paused."""
+        """Return mode, real-time factor if known, missed deadlines and whether time is paused."""
+        rtf = round(self.schedule.rtf, 3)
         return {
             "mode": self.scenario.sim.mode,
-            "rtf": round(self.schedule.rtf, 3),
+            **({"rtf": rtf} if rtf else {}),
             "missed_deadlines": self.missed_deadlines,
             "paused": self.paused,
         }

@@ -19,7 +19,8 @@ class Schedule:
     def __init__(self, tick_s: float, speed: float) -> None:
         self.speed = speed
         self.rtf = 0.0
-        """Real-time factor over about the last second."""
+        """Real-time factor over about the last second, or since the first tick; 0 before it."""
+        self._is_first_window = True
         self._tick_s = tick_s
         self._period_s = tick_s / speed
         self.restart(0)
@@ -36,9 +37,11 @@ class Schedule:
         now = time.monotonic()
         self._published_s = now
         elapsed = now - self._window_s
-        if elapsed >= RTF_WINDOW_S:
+        is_over = elapsed >= RTF_WINDOW_S
+        if is_over or (self._is_first_window and elapsed):
             self.rtf = (tick - self._window_tick) * self._tick_s / elapsed
-            self._window_s, self._window_tick = now, tick
+        if is_over:
+            self._window_s, self._window_tick, self._is_first_window = now, tick, False
         if now - self._due_s(tick) > MAX_LAG_S:
             self.restart(tick)
 
