@@ -157,6 +157,18 @@ def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
     assert target.person(1000).x == pytest.approx(3.0)
 
 
+def test_a_walk_that_has_ended_is_reported_and_one_without_an_end_is_not():
+    target = Target(Straight(speed_m_s=1.0, length_m=3.0))
+    target.person(299)
+    assert "walk_ended" not in target.node.diagnostics()
+    target.person(300)
+    assert target.node.diagnostics()["walk_ended"] is True
+    for path in (DRIVEN, Circle(), Standing()):
+        endless = Target(path)
+        endless.person(100_000)
+        assert "walk_ended" not in endless.node.diagnostics()
+
+
 def test_what_no_target_can_do_is_one_clear_error_before_the_start(tmp_path):
     with pytest.raises(ConfigError, match=r"^target.path: .*none.csv: can't be read: No such .*$"):
         Target(Recorded(file=tmp_path / "none.csv"))

@@ -1,9 +1,14 @@
-"""What `mecazen up` does when it is asked to end."""
+"""What `mecazen up` prints, and what it does when it is asked to end."""
 
 import signal
 
 import pytest
-from mecazen_tools.cli.up import Interrupts
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.bus import LocalBus
+from mecazen.loading import load_scenario, scenario_path
+from mecazen.wire import Stamp
+from mecazen_tools.cli.up import Interrupts, Status, _work
 from mecazen_tools.forking import STOPPING
 
 
@@ -33,3 +38,27 @@ def test_an_interrupt_that_a_destructor_drops_is_not_lost():
     Dropping()
     with pytest.raises(KeyboardInterrupt):
         interrupts.check()
+
+
+def test_every_process_of_a_scenario_with_a_guard_is_described():
+    scenario = load_scenario(scenario_path("teleop"))
+    assert "guard" in scenario.services
+    assert all(_work(service, scenario) for service in scenario.services)
+
+
+def test_the_status_says_that_a_walk_has_ended_and_no_factor_that_is_unknown():
+    bus, scenario = LocalBus(), load_scenario(scenario_path("back"))
+    status = Status(bus, scenario)
+
+    def report(service, **values):
+        pairs = tuple(m.KeyValue(key=key, value=str(value)) for key, value in values.items())
+        array = m.DiagnosticArray(status=(m.DiagnosticStatus(name=service, values=pairs),))
+        bus.publisher(keys.diagnostics(service)).put(array, Stamp(0, 1, 1))
+
+    report("physics", mode="lockstep")
+    report("target", x_m=1.0, y_m=2.0)
+    assert status.text == "[bold]t = 0.0 s[/]  person (+1.00, +2.00)"
+    report("target", x_m=1.0, y_m=2.0, walk_ended=True)
+    assert status.text.endswith("person (+1.00, +2.00), the walk has ended")
+    report("physics", rtf=1.0, missed_deadlines=0)
+    assert status.text.endswith("  ·  1.0 × real time, 0 missed")

@@ -34,6 +34,22 @@ def test_tracking_and_health_are_logged_when_they_change():
     ]
 
 
+def test_the_end_of_a_walk_is_logged_once():
+    shown = picture()
+    ended = m.KeyValue(key="walk_ended", value="True")
+    walking, standing = (
+        m.DiagnosticArray(status=(m.DiagnosticStatus(name="target", message="ok", values=values),))
+        for values in ((), (ended,))
+    )
+    logged = [
+        entity.text.as_arrow_array()[0].as_py()
+        for report in (walking, walking, standing, standing)
+        for path, entity in shown.on_diagnostics(report, 0, "target")
+        if path != e.HEALTH
+    ]
+    assert logged == ["target: ok", "target: the walk has ended"]
+
+
 def test_of_several_robots_health_and_tracking_are_told_with_their_names():
     health, scenario = Health(), Scenario(robot=load_robot())
     pictures = [Picture(scenario, health, robot) for robot in ("", "one", "two")]

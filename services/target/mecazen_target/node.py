@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from mecazen import messages as m
@@ -117,9 +118,12 @@ class TargetNode(Node):
         return m.Observation(header=header, poses=tuple(pose for pose, _ in seen), ids=ids)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return where the person is, and the distance walked."""
+        """Return where the person is, the distance walked, and whether a walk has ended."""
         (x, y, _), _, walked = self.motion
+        end_s = math.inf if self.path is None else self.path.duration
+        has_ended = 0.0 < end_s <= self.tick * self.scenario.sim.tick_s
         return {
+            **({"walk_ended": True} if has_ended else {}),
             "time_s": self.tick * self.scenario.sim.tick_ns / 1e9,
             "x_m": round(x, 3),
             "y_m": round(y, 3),

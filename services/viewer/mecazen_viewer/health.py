@@ -57,10 +57,9 @@ class Health:
         for status in report.status:
             before = self._status.get(name)
             self._status[name] = status
-            if before is None or (before.level, before.message) != (status.level, status.message):
-                line = rr.TextLog(
-                    printable(f"{name}: {status.message}"), level=LEVELS[status.level]
-                )
+            if before is None or _summary(before) != _summary(status):
+                level, message = _summary(status)
+                line = rr.TextLog(printable(f"{name}: {message}"), level=LEVELS[level])
                 yield f"{e.LOG}/{service}", line
         yield e.HEALTH, rr.TextDocument(self._text(), media_type=rr.MediaType.MARKDOWN)
 
@@ -75,6 +74,12 @@ class Health:
             )
             paragraphs.append(f"**{name}** {NAMES[status.level]}: {values}")
         return "\n\n".join(paragraphs)
+
+
+def _summary(status: DiagnosticStatus) -> tuple[int, str]:
+    """Return level and message of a status; the end of a walk is a message, too."""
+    has_ended = status.level == 0 and any(pair.key == "walk_ended" for pair in status.values)
+    return status.level, "the walk has ended" if has_ended else status.message
 
 
 def _as_text(sent: str) -> str:

@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import sys
+import time
 from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
@@ -36,7 +37,7 @@ from rich.table import Table
 from mecazen_tools.cli.options import ScenarioArgument, Settings
 from mecazen_tools.cli.status import number
 from mecazen_tools.forking import STOPPING
-from mecazen_tools.processes import Supervisor
+from mecazen_tools.processes import Line, Supervisor
 from mecazen_tools.strays import Strays
 
 REFRESH_S = 0.25
@@ -46,6 +47,8 @@ REPORTING = {"physics", "target", "follower"}
 """Services whose health the status shows."""
 
 VIEWER = "viewer"
+VIEWER_START_S = 5.0
+"""Longest wait for the viewer's address before the rest is printed [s]."""
 
 
 def up(
@@ -111,6 +114,8 @@ def up(
                 supervisor.start(process, needed=process.services[0] not in OBSERVERS)
             if shown and VIEWER not in loaded.services:
                 supervisor.start(Process((VIEWER,)), needed=False)
+            if shown:
+                _await_viewer(console, supervisor)
             _introduce(console, loaded, supervisor, path)
             _watch(console, supervisor, bus, status, interrupts)
     except KeyboardInterrupt:
@@ -148,6 +153,20 @@ def _warn(console: Console, told: str) -> None:
     console.print(f"warning: {told}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
+def _show(console: Console, line: Line) -> None:
+    text = f"Watch it at [bold]{escape(line.text)}[/]" if line.is_address else escape(line.text)
+    console.print(text, highlight=False, soft_wrap=True)
+
+
+def _await_viewer(console: Console, supervisor: Supervisor) -> None:
+    """Show lines up to the viewer's first, its address, which comes before all else."""
+    end_s = time.monotonic() + VIEWER_START_S
+    while (line := supervisor.poll(end_s - time.monotonic())) is not None:
+        _show(console, line)
+        if line.name == VIEWER:
+            return
+
+
 def _watch(
     console: Console,
     supervisor: Supervisor,
@@ -160,11 +179,7 @@ def _watch(
             interrupts.check()
             line = supervisor.poll(REFRESH_S)
             while line is not None:
-                if line.is_address:
-                    text = f"Watch it at [bold]{escape(line.text)}[/]"
-                    console.print(text, highlight=False, soft_wrap=True)
-                else:
-                    console.print(line.text, markup=False, highlight=False, soft_wrap=True)
+                _show(console, line)
                 line = supervisor.poll(0.0)
             bus.drain()
             if console.is_terminal:
@@ -195,9 +210,9 @@ class Status:
         """The lines as Rich markup."""
         physics = self._health.get("physics", {})
         first, *others = [self._of(robot) for robot in self._robots]
-        if physics:
+        if "rtf" in physics:
             missed = physics.get("missed_deadlines", "?")
-            first.append(f"{physics.get('rtf', '?')} × real time, {missed} missed")
+            first.append(f"{physics['rtf']} × real time, {missed} missed")
         lines = "\n".join("  ·  ".join(words) for words in (first, *others))
         return f"[bold]t = {self._time_s:.1f} s[/]  {escape(lines)}"
 
@@ -221,7 +236,8 @@ class Status:
         if x is not None and y is not None:
             said.append(f"{robot or 'robot'} ({x:+.2f}, {y:+.2f})")
         if person_x is not None and person_y is not None:
-            said.append(f"person ({person_x:+.2f}, {person_y:+.2f})")
+            ended = ", the walk has ended" if "walk_ended" in person else ""
+            said.append(f"person ({person_x:+.2f}, {person_y:+.2f}){ended}")
         if error is not None:
             said.append(f"{follower.get('tracking', '?')}, {error:+.3f} m off")
         return said
@@ -238,7 +254,7 @@ def _work(process: str, scenario: Scenario) -> str:
     """Return a summary of a process from the nodes of its services."""
     if process == "router":
         return "connects processes and tools"
-    features = scenario.sensor.features
+    features = scenario.features
     table = services(row for row in GRAPH if row.within(features) is not None)
     rows = [row for part in process.split("+") for row in table.get(part) or (Row(part),)]
     if "+" in process:
