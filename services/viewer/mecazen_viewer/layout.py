@@ -13,8 +13,8 @@ BACKGROUND = (206, 211, 218)
 """Background of the scene: light, since the robot is dark, in both themes of the viewer."""
 PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
-LEGEND_SHARE = 0.25
-"""Share of a plot's width that the legend takes, right of the newest values."""
+WHEEL_SHARE = 1.8
+"""Height of the plot with the longest legend, relative to the others."""
 
 
 def application(robots: Sequence[str]) -> str:
@@ -34,27 +34,18 @@ def blueprint(robots: Sequence[str]) -> rrb.Blueprint:
 
 def _of_robot(robot: str) -> rrb.Horizontal:
     """Return views of the scene that follow a robot, and the robot's plots."""
-    past = rrb.VisibleTimeRange(
-        e.TIMELINE,
-        start=rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
-    )
+    start = rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS)
+    end = rrb.TimeRangeBoundary.cursor_relative()
+    past = rrb.VisibleTimeRange(e.TIMELINE, start=start, end=end)
 
-    def plot(path: str, name: str, width: float = 1.0) -> rrb.TimeSeriesView:
-        share = LEGEND_SHARE / width
+    def plot(path: str, name: str) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(
             origin=path if path in TIME_LINES else e.of_robot(path, robot),
             name=name,
             time_ranges=past,
-            axis_x=rrb.TimeAxis(
-                view_range=rrb.TimeRange(
-                    start=rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS),
-                    end=rrb.TimeRangeBoundary.cursor_relative(
-                        nanos=round(PLOTTED_NS * share / (1.0 - share))
-                    ),
-                )
-            ),
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
+            axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end)),
+            # over the oldest values
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         )
 
     def scene(name: str, eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
@@ -68,7 +59,7 @@ def _of_robot(robot: str) -> rrb.Horizontal:
         )
 
     follow = rrb.EyeControls3D(
-        position=(-1.4, 1.6, 1.2), look_target=(0.05, 0.0, 0.62), eye_up=(0.0, 0.0, 1.0)
+        position=(-1.75, 2.0, 1.4), look_target=(0.05, 0.0, 0.72), eye_up=(0.0, 0.0, 1.0)
     )
     above = rrb.EyeControls3D(
         position=(0.0, 0.0, 5.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0)
@@ -87,12 +78,11 @@ def _of_robot(robot: str) -> rrb.Horizontal:
         plot(e.DISTANCE, "distance error [m]"),
         plot(e.ANGLE, "heading error [°]"),
         rrb.Horizontal(
-            plot(e.VELOCITY, "body velocity [m/s]", 0.5),
-            plot(e.YAW_RATE, "yaw rate [rad/s]", 0.5),
+            plot(e.VELOCITY, "body velocity [m/s]"),
+            plot(e.YAW_RATE, "yaw rate [rad/s]"),
         ),
         plot(e.WHEEL_SPEED, "wheel speed [rad/s]"),
-        rrb.Horizontal(
-            plot(e.NEES, "estimator: NEES", 0.5), plot(e.REAL_TIME, "real-time factor", 0.5)
-        ),
+        rrb.Horizontal(plot(e.NEES, "estimator: NEES"), plot(e.REAL_TIME, "real-time factor")),
+        row_shares=[1, 1, 1, WHEEL_SHARE, 1],
     )
     return rrb.Horizontal(scenes, plots, column_shares=[3, 2], name=robot or None)

@@ -28,25 +28,21 @@ def _error_lines(band: str) -> tuple[Line, ...]:
     return (
         Line(band, e.GREY, 1.0),
         Line(band, e.GREY, 1.0),
-        Line("reference", e.GREEN),
         Line("as estimated", e.PURPLE, 1.0),
         Line("true", e.BLUE, 2.0),
     )
 
 
+COMMANDED = Line("commanded", e.GREY, 3.0)
+"""Lines of the same name have one entry in the legend."""
 LINES: dict[str, tuple[Line, ...]] = {
     e.DISTANCE: _error_lines("± 0.1 m"),
     e.ANGLE: _error_lines("± 10°"),
-    f"{e.VELOCITY}/commanded": (
-        Line("x commanded", e.ORANGE, 3.0),
-        Line("y commanded", e.SKY, 3.0),
-    ),
+    f"{e.VELOCITY}/commanded": (COMMANDED,) * 2,
     f"{e.VELOCITY}/measured": (Line("x", e.RED), Line("y", e.BLUE)),
-    f"{e.YAW_RATE}/commanded": (Line("commanded", e.ORANGE, 3.0),),
+    f"{e.YAW_RATE}/commanded": (COMMANDED,),
     f"{e.YAW_RATE}/measured": (Line("measured", e.RED),),
-    f"{e.WHEEL_SPEED}/commanded": tuple(
-        Line(f"{wheel.replace('_', ' ')} commanded", e.GREY, 3.0) for wheel in WHEELS
-    ),
+    f"{e.WHEEL_SPEED}/commanded": (COMMANDED,) * len(WHEELS),
     f"{e.WHEEL_SPEED}/measured": tuple(
         Line(wheel.replace("_", " "), colour)
         for wheel, colour in zip(WHEELS, (e.BLUE, e.ORANGE, e.GREEN, e.RED), strict=True)
@@ -94,9 +90,9 @@ def errors(
     if seen is not None:
         distance = math.hypot(seen.x, seen.y) - standoff.distance
         angle = wrap(seen.yaw - standoff.heading)
-    yield e.DISTANCE, scalars([*DISTANCE_BAND_M, 0.0, distance_error, distance])
+    yield e.DISTANCE, scalars([*DISTANCE_BAND_M, distance_error, distance])
     estimated, true = math.degrees(heading_error), math.degrees(angle)
-    yield e.ANGLE, scalars([*ANGLE_BAND_DEG, 0.0, estimated, true])
+    yield e.ANGLE, scalars([*ANGLE_BAND_DEG, estimated, true])
 
 
 def velocity(kind: str, twist: Twist2D) -> Iterator[Entity]:
