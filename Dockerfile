@@ -25,7 +25,7 @@ FROM base AS service-wheel
 ARG SERVICE
 COPY people /people
 COPY services/$SERVICE /src
-RUN case $SERVICE in target|crowd) pip wheel --no-deps -w /wheels /people; esac && \
+RUN case $SERVICE in target|crowd|viewer) pip wheel --no-deps -w /wheels /people; esac && \
     pip wheel --no-deps -w /wheels /src
 
 FROM sdk AS service

@@ -100,7 +100,7 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 	@touch $@
 
 # one service and nothing else: what it does not declare, it does not find
-.venv-target/ready .venv-crowd/ready: NEEDED := -e ./people
+.venv-target/ready .venv-crowd/ready .venv-viewer/ready: NEEDED := -e ./people
 .venv-recorder/ready: NEEDED := -e ./ros2 matplotlib
 .venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml ros2/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-$*,1/2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mecazen import messages as m
 from mecazen.geometry import Pose2D
+from mecazen.skeleton import LIMBS
 from mecazen_viewer import entities as e
 from viewer.pictures import COVARIANCE, following, odometry, picture, place, scalars
 from viewer_stage import values
@@ -79,9 +80,32 @@ def test_lines_have_ten_points_a_second():
 
 def test_the_grid_is_laid_anew_only_when_the_robot_has_gone_far():
     shown = picture()
-    assert list(shown.ground()) == []
+    assert list(shown.statics()) == []
     laid = []
     for x in (0.0, 1.0, 4.0, 12.0, 13.0):
         list(shown.on_ground_truth(odometry(Pose2D(x)), 0))
-        laid.append(len(list(shown.ground())))
+        laid.append(len(list(shown.statics())))
     assert laid == [1, 0, 0, 1, 0]
+
+
+def test_estimate_goal_and_ellipses_have_no_shape_before_they_have_a_place():
+    shown = picture()
+    list(shown.on_target_odom(odometry(Pose2D(3.0)), 0))
+    assert [path for path, _ in shown.statics()] == [f"{e.PERSON}/arrow"]
+    frame = m.Observation(m.Header(frame_id="world"), (SEEN,))
+    list(shown.on_observation(frame, 0))
+    assert [path for path, _ in shown.statics()] == [f"{e.OBSERVATION_ELLIPSE}/outline"]
+    list(shown.on_follower_state(following(Pose2D(), Pose2D()), 0))
+    placed = {path.rpartition("/")[0] for path, _ in shown.statics()}
+    assert placed == {e.ESTIMATE, e.ESTIMATE_ELLIPSE, e.GOAL}
+    list(shown.on_follower_state(following(Pose2D(), Pose2D()), 100 * MS))
+    assert list(shown.statics()) == []
+
+
+def test_a_person_whose_joints_no_service_publishes_has_a_body_all_the_same():
+    entities = dict(picture().on_target_odom(odometry(Pose2D(3.0, 2.0)), 0))
+    limbs = np.array(values(entities, e.BODY, "LineStrips3D:strips"))
+    assert len(limbs) == len(LIMBS)
+    low, high = limbs.reshape(-1, 3).min(axis=0), limbs.reshape(-1, 3).max(axis=0)
+    assert (low + high)[:2] / 2 == pytest.approx((3.0, 2.0), abs=0.1)
+    assert high[2] - low[2] == pytest.approx(1.65, abs=0.1)  # from sole to the middle of the head

@@ -25,6 +25,7 @@ from mecazen_viewer.entities import Entity
 from mecazen_viewer.health import Health
 from mecazen_viewer.robot import RobotModel
 from mecazen_viewer.track import PoseSeries
+from mecazen_viewer.walking import WalkingBody
 
 OBSERVATIONS = 25
 """Number of observations shown: 1 s of the default sensor."""
@@ -68,17 +69,18 @@ class Picture:
         self._centre: tuple[int, int] | None = None
         self._shown_ns: dict[str, int] = {}
         self._standoff = scenario.follower.standoff
+        self._has_skeleton = "skeleton" in scenario.sensor.features
+        self._body: WalkingBody | None = None
+        person, base = scenario.world.person, scenario.robot.base
+        self._unplaced = things.marks(base.length_m, base.width_m, person.height_m)
+        self._placed: list[Entity] = []
 
     def shapes(self) -> Iterator[Entity]:
         """Return the static entities that belong to the robot, without its body."""
-        person, base = self._scenario.world.person, self._scenario.robot.base
-        yield from things.marks(base.length_m, base.width_m)
-        yield things.arrow(person.height_m)
-        if "skeleton" in self._scenario.sensor.features:
-            camera, tracker = self._scenario.robot.camera, self._scenario.sensors.tracker
-            yield from senses.styles(camera, tracker, person.height_m)
-        else:
-            yield from things.person(person.radius_m, person.height_m)
+        yield from things.styles()
+        yield from senses.styles(self._scenario.world.person.height_m)
+        if {"tracker", "depth"} & self._scenario.sensor.features:
+            yield senses.frustum(self._scenario.robot.camera, self._scenario.sensors.tracker)
         if self._name:
             yield things.label(self._name)
         yield from plots.styles(plots.LINES)
@@ -126,9 +128,12 @@ class Picture:
             yield from plots.velocity("measured", odom.twist.twist.to_planar())
 
     def on_target_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
-        """Move the person."""
+        """Move the person, whose body walks by itself if no service publishes its joints."""
         pose = _planar(odom)
-        yield things.frame(e.PERSON, pose)
+        yield self._place(things.frame(e.PERSON, pose))
+        if not self._has_skeleton:
+            self._body = self._body or WalkingBody(self._scenario.world.person.height_m)
+            yield senses.limbs(self._body.walk(pose, odom.twist.twist.to_planar(), time_ns))
         if self._person.add(time_ns, pose):
             yield things.trail("person", self._person.trail)
         # a follower that publishes its state has the errors plotted with it
@@ -185,7 +190,7 @@ class Picture:
             spread = covariance.planar(frame.poses[0].covariance)
             axes = None if spread is None else covariance.ellipse_axes(spread, seen.yaw)
         x, y, _ = self._seen[-1]
-        yield things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes)
+        yield self._place(things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes))
 
     def on_follower_state(self, state: m.FollowerState, time_ns: int) -> Iterator[Entity]:
         """Show estimate and goal, and plot the errors of robot and estimate."""
@@ -195,9 +200,9 @@ class Picture:
         person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
         spread = covariance.planar(state.estimate[0].pose.covariance)
         axes = None if spread is None else covariance.ellipse_axes(spread)
-        yield things.frame(e.ESTIMATE, person)
-        yield things.ellipse(e.ESTIMATE_ELLIPSE, person.x, person.y, axes)
-        yield things.frame(e.GOAL, goal)
+        yield self._place(things.frame(e.ESTIMATE, person))
+        yield self._place(things.ellipse(e.ESTIMATE_ELLIPSE, person.x, person.y, axes))
+        yield self._place(things.frame(e.GOAL, goal))
         robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
         seen = None if robot is None or truth is None else truth.between(robot)
         wanted = person.between(goal)
@@ -230,11 +235,18 @@ class Picture:
                 if service == "physics" and pair.key == "rtf":
                     yield plots.real_time(_number(pair.value))
 
-    def ground(self) -> Iterator[Entity]:
-        """Return the grid if it has to be moved."""
+    def statics(self) -> Iterator[Entity]:
+        """Return the shapes of what has been placed since the last call, and a moved grid."""
+        yield from self._placed
+        self._placed.clear()
         if self._centre is not None and self._centre != self._grid:
             self._grid = self._centre
             yield things.ground(self._grid)
+
+    def _place(self, frame: Entity) -> Entity:
+        """Return a frame, and have its shapes drawn if they are not yet."""
+        self._placed += self._unplaced.pop(frame[0], ())
+        return frame
 
     def _is_due(self, what: str, time_ns: int) -> bool:
         """Return whether an entity limited to ten times a second is due."""

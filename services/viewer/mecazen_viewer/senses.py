@@ -19,22 +19,20 @@ from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 from mecazen_viewer import components
 from mecazen_viewer import entities as e
 from mecazen_viewer.entities import Entity
-from mecazen_viewer.things import CLOTHES, SKIN, TROUSERS, Array
+from mecazen_viewer.things import Array
 
 BONE_RADIUS = rr.Radius.ui_points(1.2)
 BEAM_RADIUS = rr.Radius.ui_points(1.6)
 FRUSTUM_M = 0.6
 """Depth to which a camera's field of view is drawn."""
+CLOTHES, TROUSERS, SKIN = (112, 128, 150), (70, 78, 92), (226, 180, 160)
 _LOOKS = {"trunk": CLOTHES, "arm": CLOTHES, "head": SKIN, "thigh": TROUSERS, "shank": TROUSERS}
 _BONES = [(INDEX[parent], INDEX[joint]) for joint, parent in PARENTS.items() if parent is not None]
 _ENDS = [(INDEX[limb.begin], INDEX[limb.end]) for limb in LIMBS]
 
 
-def styles(camera: Camera, tracker: TrackerConfig, height: float) -> Iterator[Entity]:
-    """Return the static looks of body, skeleton, scan and camera.
-
-    The body is `height` [m] tall; the camera's field of view is drawn in base_link.
-    """
+def styles(height: float) -> Iterator[Entity]:
+    """Return the static looks of a body of `height` [m], of seen bones and of a scan."""
     colours = [
         next((look for part, look in _LOOKS.items() if limb.name.endswith(part)), CLOTHES)
         for limb in LIMBS
@@ -43,12 +41,30 @@ def styles(camera: Camera, tracker: TrackerConfig, height: float) -> Iterator[En
     yield e.BODY, rr.LineStrips3D.from_fields(colors=colours, radii=radii)
     yield e.SKELETON, rr.LineStrips3D.from_fields(colors=[e.ORANGE], radii=BONE_RADIUS)
     yield e.SCAN, rr.Points3D.from_fields(colors=[e.SKY], radii=BEAM_RADIUS)
-    yield e.FRUSTUM, _frustum(camera, tracker)
+
+
+def frustum(camera: Camera, tracker: TrackerConfig) -> Entity:
+    """Return a camera's field of view, in base_link."""
+    ahead, left, up = np.array(camera.axes)
+    wide = math.tan(math.radians(tracker.horizontal_fov_deg) / 2)
+    high = math.tan(math.radians(tracker.vertical_fov_deg) / 2)
+    apex = np.array(camera.position_m)
+    corners = [
+        apex + FRUSTUM_M * (ahead + i * wide * left + j * high * up)
+        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    strips: list[Any] = [[*corners, corners[0]], *([apex, corner] for corner in corners)]
+    view = rr.LineStrips3D(strips, colors=[e.GREY], radii=rr.Radius.ui_points(0.7))
+    return e.FRUSTUM, view
 
 
 def body(skeleton: m.Skeleton) -> Entity:
-    """Return the true body: a thick line for each limb, in world."""
-    joints = _joints(skeleton)
+    """Return the true body, in world."""
+    return limbs(_joints(skeleton))
+
+
+def limbs(joints: Array) -> Entity:
+    """Return a thick line for each limb of a body with these joints (20, 3) [m]."""
     strips = [joints[[begin, end]] for begin, end in _ENDS]
     strips = [
         _sphere(strip) if limb.begin == limb.end else strip
@@ -126,16 +142,3 @@ def _placed(points: Array, robot: Pose2D) -> Array:
     turn = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
     placed: Array = points @ turn + (robot.x, robot.y, 0.0)
     return placed
-
-
-def _frustum(camera: Camera, tracker: TrackerConfig) -> rr.LineStrips3D:
-    ahead, left, up = np.array(camera.axes)
-    wide = math.tan(math.radians(tracker.horizontal_fov_deg) / 2)
-    high = math.tan(math.radians(tracker.vertical_fov_deg) / 2)
-    apex = np.array(camera.position_m)
-    corners = [
-        apex + FRUSTUM_M * (ahead + i * wide * left + j * high * up)
-        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    ]
-    strips: list[Any] = [[*corners, corners[0]], *([apex, corner] for corner in corners)]
-    return rr.LineStrips3D(strips, colors=[e.GREY], radii=rr.Radius.ui_points(0.7))

@@ -152,7 +152,7 @@ class ViewerService(Observer):
             self.logged_ns = time_ns
         for path, archetype in entities:
             self.recording.log(of_robot(path, robot), archetype)
-        for path, archetype in self.pictures[robot].ground():
+        for path, archetype in self.pictures[robot].statics():
             self.recording.log(of_robot(path, robot), archetype, static=True)
 
     def begin(self) -> rr.RecordingStream:

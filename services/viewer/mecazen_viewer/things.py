@@ -38,8 +38,6 @@ GOAL_ARROW_M, ESTIMATE_ARROW_M = 0.3, 0.45
 POINT_RADIUS = 0.012
 
 OBSTACLE_COLOUR = (165, 140, 110)
-CLOTHES, TROUSERS = (112, 128, 150), (70, 78, 92)
-SKIN = (226, 180, 160)
 LABEL_Z = 0.35
 """Height of a robot's name [m]."""
 LABEL_COLOUR = (25, 25, 25)
@@ -49,8 +47,8 @@ OUTLINE = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
 """Corners of a rectangle of length and width 2."""
 DOT_M = 1e-3
 
-HIP, ARROW, SHOULDER, HEAD_RADIUS = 0.50, 0.42, 0.82, 0.065
-"""Heights of parts of the person's body, and radius of the head, relative to their height."""
+ARROW = 0.42
+"""Height of the person's arrow, relative to theirs."""
 PERSON_ARROW_M = 0.6
 
 
@@ -78,30 +76,6 @@ def ground(centre: tuple[int, int]) -> Entity:
     through_origin = np.concatenate([places + x, places + y]) == 0
     colours = np.where(through_origin[:, np.newaxis], AXES_COLOUR, GRID_COLOUR).astype(np.uint8)
     return e.GROUND, rr.LineStrips3D(strips, colors=colours, radii=GRID_RADIUS)
-
-
-def arrow(height: float) -> Entity:
-    """Return the red arrow of a person of a height [m], which shows where they face."""
-    return f"{e.PERSON}/arrow", _arrow(PERSON_ARROW_M, e.RED, ARROW * height, 2.0 * ARROW_RADIUS)
-
-
-def person(radius: float, height: float) -> Iterator[Entity]:
-    """Return a body of `radius` and `height` [m] that faces along x."""
-    hip, shoulder, head = (share * height for share in (HIP, SHOULDER, HEAD_RADIUS))
-    leg, trunk, arm = 0.32 * radius, 0.58 * radius, 0.22 * radius
-    limbs = [  # radius, length, y and z of the lower end, colour
-        (trunk, shoulder - hip - trunk, 0.0, hip, CLOTHES),
-        (leg, hip - leg, 0.42 * radius, leg, TROUSERS),
-        (leg, hip - leg, -0.42 * radius, leg, TROUSERS),
-        (arm, shoulder - hip, 0.78 * radius, hip - arm, CLOTHES),
-        (arm, shoulder - hip, -0.78 * radius, hip - arm, CLOTHES),
-    ]
-    radii, lengths, sides, heights, colours = zip(*limbs, strict=True)
-    places = [(0.0, y, z) for y, z in zip(sides, heights, strict=True)]
-    shapes: dict[str, Any] = {"radii": radii, "lengths": lengths, "translations": places}
-    yield f"{e.PERSON}/body", rr.Capsules3D(**shapes, colors=colours, fill_mode="solid")
-    sphere: dict[str, Any] = {"radii": [head], "centers": [(0.0, 0.0, height - head)]}
-    yield f"{e.PERSON}/head", rr.Ellipsoids3D(**sphere, colors=[SKIN], fill_mode="solid")
 
 
 def obstacle(number: int, size: Sequence[float], place: Pose2D, bottom: float = 0.0) -> Entity:
@@ -144,19 +118,30 @@ def patch(number: int, size: Sequence[float], place: Pose2D) -> Entity:
     return f"{e.PATCHES}/{number}", rr.LineStrips3D([line], colors=[e.GREY], radii=MARK_RADIUS)
 
 
-def marks(length: float, width: float) -> Iterator[Entity]:
-    """Return the shapes of goal, estimate and ellipses, and the styles of trails and points.
+def marks(length: float, width: float, height: float) -> dict[str, list[Entity]]:
+    """Return the shapes below each frame, which only exists once it is placed.
 
-    `length` and `width` [m] of the robot are those of the outline at the goal.
+    `length` and `width` [m] of the robot are those of the outline at the goal, `height` [m] of the
+    person that of the arrow which shows where they face.
     """
     corners = np.array(OUTLINE) * (length / 2, width / 2)
     angles = np.linspace(0.0, math.tau, CIRCLE_POINTS)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    yield f"{e.GOAL}/arrow", _arrow(GOAL_ARROW_M, e.GREEN)
-    yield f"{e.GOAL}/outline", _outline(corners, e.GREEN)
-    yield f"{e.ESTIMATE}/arrow", _arrow(ESTIMATE_ARROW_M, e.PURPLE)
-    yield f"{e.ESTIMATE_ELLIPSE}/outline", _outline(circle, e.PURPLE)
-    yield f"{e.OBSERVATION_ELLIPSE}/outline", _outline(circle, e.ORANGE)
+    shapes: dict[str, dict[str, rr.AsComponents]] = {
+        e.PERSON: {"arrow": _arrow(PERSON_ARROW_M, e.RED, ARROW * height, 2.0 * ARROW_RADIUS)},
+        e.GOAL: {"arrow": _arrow(GOAL_ARROW_M, e.GREEN), "outline": _outline(corners, e.GREEN)},
+        e.ESTIMATE: {"arrow": _arrow(ESTIMATE_ARROW_M, e.PURPLE)},
+        e.ESTIMATE_ELLIPSE: {"outline": _outline(circle, e.PURPLE)},
+        e.OBSERVATION_ELLIPSE: {"outline": _outline(circle, e.ORANGE)},
+    }
+    return {
+        frame: [(f"{frame}/{name}", shape) for name, shape in below.items()]
+        for frame, below in shapes.items()
+    }
+
+
+def styles() -> Iterator[Entity]:
+    """Return the styles of trails and points."""
     yield e.OBSERVATION, rr.Points3D.from_fields(colors=[e.ORANGE], radii=[POINT_RADIUS])
     for name, colour in TRAIL_COLOURS.items():
         line = rr.LineStrips3D.from_fields(colors=[colour], radii=TRAIL_RADIUS)
