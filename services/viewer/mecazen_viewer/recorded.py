@@ -20,8 +20,9 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.wire import RefusedError, Stamp
 
 from mecazen_viewer.layout import blueprint
-from mecazen_viewer.rerun_process import SERVES, SHOWS, RerunProcess, free_port, page, uri
+from mecazen_viewer.rerun_process import SHOWS, WINDOW, RerunProcess, free_port, page, uri
 from mecazen_viewer.service import FRAME_NS, ViewerService
+from mecazen_viewer.web import served_page
 
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of an MCAP file; Rerun shows an empty page for a file without them."""
@@ -76,13 +77,11 @@ def open_file(file: Path, *, native: bool) -> None:
                 sys.stderr.write(f"{error}; shown without the scene\n")
         try:
             if native:
-                with closing(RerunProcess("--port=auto", *map(str, shown), ready=SHOWS)) as window:
+                with closing(RerunProcess(*WINDOW, *map(str, shown), ready=SHOWS)) as window:
                     window.wait()
                 return
             data, web = free_port("data port", 0), free_port("web port", 0)
-            ports = f"--port={data}", f"--web-viewer-port={web}"
-            program = RerunProcess("--serve-web", *ports, *map(str, shown), ready=SERVES)
-            with closing(program) as server:
+            with served_page(data, web, *map(str, shown)) as server:
                 print(f"{file}: {page(web, uri(data))}\nCtrl-C ends it.", flush=True)
                 server.wait()
         except KeyboardInterrupt:

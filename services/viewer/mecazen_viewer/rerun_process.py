@@ -26,6 +26,8 @@ PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
 """The executable; terminating its Python wrapper would leave it running."""
 SERVES, SHOWS, HEADLESS = "Hosting a web-viewer", "wgpu adapter", "Headless viewer running"
 """Log lines that show that it serves, that its window is open, and that it runs without one."""
+WINDOW = "--port=auto", "--hide-welcome-screen"
+"""Arguments for a window, which asks no host for examples."""
 STOP_TIMEOUT_S = 3.0
 PR_SET_PDEATHSIG = 1
 
@@ -134,4 +136,5 @@ def uri(port: int) -> str:
 
 def page(port: int, server: str) -> str:
     """Return the address of the web page that shows the data of the server at a URI."""
-    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': server})}"
+    # the welcome screen would load examples from Rerun's site
+    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': server})}&hide_welcome_screen"

@@ -11,14 +11,15 @@ import rerun.blueprint as rrb
 from mecazen.config import ViewerConfig
 
 from mecazen_viewer.rerun_process import (
-    SERVES,
     SHOWS,
+    WINDOW,
     RerunError,
     RerunProcess,
     free_port,
     page,
     uri,
 )
+from mecazen_viewer.web import served_page
 
 logger = logging.getLogger(__name__)
 
@@ -55,14 +56,13 @@ def serving(config: ViewerConfig, layout: rrb.Blueprint) -> Iterator[Server]:
     """
     data = free_port("viewer.data_port", config.data_port)
     web = free_port("viewer.web_port", config.web_port)
-    arguments = (f"--port={data}", f"--web-viewer-port={web}", f"--server-memory-limit={BUFFER}")
+    memory = f"--server-memory-limit={BUFFER}"
     with ExitStack() as processes:
-        process = RerunProcess("--serve-web", *arguments, ready=SERVES, bind=config.listen)
-        processes.enter_context(closing(process))
+        process = processes.enter_context(served_page(data, web, memory, listen=config.listen))
         server = Server(process, data, web, layout)
         if config.native:
             try:
-                window = RerunProcess("--port=auto", f"--connect={server.uri}", ready=SHOWS)
+                window = RerunProcess(*WINDOW, f"--connect={server.uri}", ready=SHOWS)
                 processes.enter_context(closing(window))
             except RerunError as error:
                 logger.warning("msg=%r", f"no window: {error}")
