@@ -181,7 +181,7 @@ def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
         if section in SERVICES and section not in scenario.services:
             problem = f"{section} takes no part in this scenario"
         elif _is_setting(scenario, key):
-            problem = f"can't change while it runs: `--set {key}=…` counts from the start"
+            problem = "can't change while it runs: its value at the start counts"
         else:
             problem = "no such parameter; "
             problem += f"did you mean {close[0]}?" if close else "`mecazen param list` shows all"

@@ -59,8 +59,8 @@ def test_a_change_is_as_the_loader_takes_it_and_may_leave_out_what_may_be_left_o
         ("mine.bearing_deg", "9", "mine: bearing_deg and heading_deg must be given together"),
         ("mine.reach", "1", "mine.reach: no such parameter; did you mean mine.reach_m?"),
         ("a\nb", "1", r"a\nb: no such parameter; `mecazen param list` shows all"),
-        ("mine", "1", "mine: can't change while it runs: `--set mine=…` counts from the start"),
-        ("mine.file", "1", "mine.file: can't change while it runs: `--set mine.file=…` counts"),
+        ("mine", "1", "mine: can't change while it runs: its value at the start counts"),
+        ("mine.file", "1", "mine.file: can't change while it runs: its value"),
         ("guard.margin_m", "1", "guard.margin_m: guard takes no part in this scenario"),
     ],
 )

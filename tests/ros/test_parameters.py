@@ -193,7 +193,7 @@ def test_each_is_set_by_itself_and_a_refusal_has_the_reason():
         "mine.side: got 'up'; allowed: 'left' or 'right'",
         "mine.turns: got 1; allowed: true or false",
         "mine.reached_m: no such parameter; did you mean mine.reach_m?",
-        "mine.fixed: can't change while it runs: `--set mine.fixed=…` counts from the start",
+        "mine.fixed: can't change while it runs: its value at the start counts",
     ]
     assert node.value("reach_m") == Value(DOUBLE, double_value=2.0)
     assert node.value("count") == Value(INTEGER, integer_value=4)

@@ -1,6 +1,8 @@
 """A scenario from Python, step by step, over a world of a few lines."""
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ def test_it_is_at_the_first_tick_at_once_and_over_after_the_last(sim):
     assert sim.run(0.02).time_s == pytest.approx(0.03)
     assert sim.run().time_s == pytest.approx(0.04)
     assert sim.is_over
+    assert sim.run(1.0).time_s == sim.run(math.inf).time_s == pytest.approx(0.04)
     said = error_of(MecazenError, sim.step)
     assert said == "the run is over after 0.05 s; duration_s sets it"
 
@@ -60,16 +63,39 @@ def test_what_is_commanded_is_published_before_each_tick(sim):
         (lambda sim: sim.command(wz=math.nan), "must be finite numbers"),
         (lambda sim: sim.command_person(1.0), "target.path = { kind = 'driven' }"),
         *(
-            (lambda sim, seconds=seconds: sim.run(seconds), "must be a finite number >= 0")
-            for seconds in (-1.0, math.nan, math.inf)
+            (lambda sim, seconds=seconds: sim.run(seconds), "must be a number >= 0")
+            for seconds in (-1.0, math.nan)
         ),
-        (lambda sim: load(CARTS, {"follower.standof_m": 1.5}), "did you mean"),
+        (
+            lambda sim: load(CARTS, {"follower.standof_m": 1.5}),
+            "scenario with follower.standof_m: ",
+        ),
+        (lambda sim: Simulation(CARTS, duration=1.0), "duration: no option of Simulation; did you"),
+        (lambda sim: sim.set_parameters(**{"follower.standoff_m": 1.5}), "takes no part"),
+        (lambda sim: sim.set_parameters(**{"sim.tick_s": 0.02}), "can't change while it runs"),
         (lambda sim: sim.state_of("two"), "no robot 'two'; robots: "),
         (lambda sim: sim.view(), "view=True"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(sim, ask, reason):
     assert reason in error_of(MecazenError, lambda: ask(sim))
+
+
+def test_its_name_tells_scenario_time_and_seed(sim):
+    sim.step()
+    assert repr(sim) == "<Simulation scenario: 0.01 of 0.05 s, seed 0>"
+
+
+@pytest.mark.parametrize("copied", [pickle.dumps, copy.copy, copy.deepcopy])
+def test_a_copy_is_refused_with_a_remedy(sim, copied):
+    said = error_of(TypeError, lambda: copied(sim))
+    assert said.endswith("make another from its scenario: Simulation(sim.scenario)")
+
+
+def test_nothing_goes_on_after_it_is_closed(sim):
+    sim.close()
+    for ask in (sim.step, sim.run, sim.reset):
+        assert error_of(MecazenError, ask) == "the simulation is closed"
 
 
 def test_settings_of_python_are_those_of_toml():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import json
 import math
 from collections.abc import Mapping
@@ -9,7 +11,7 @@ from numbers import Integral
 from operator import index
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, NoReturn, Self
 
 from mecazen import keys
 from mecazen.config import Scenario
@@ -21,6 +23,7 @@ from mecazen.loading import effective, from_tables, load_scenario, scenario_path
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.programs import graph_of
 from mecazen.wire import NS_PER_S, Stamp
+from msgspec.structs import replace
 
 from mecazen_tools.simulate import InProcess
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -81,6 +84,7 @@ class Simulation:
         view: bool = False,
         **settings: Any,
     ) -> None:
+        refuse_unknown_options(settings, Simulation)
         if seed is not None:
             settings["seed"] = seed
         if duration_s is not None:
@@ -92,6 +96,8 @@ class Simulation:
             if record is not None:
                 settings[f"{RECORDER}.file"] = fspath(record)
             loaded = load(scenario, settings)
+        self._name = "scenario" if isinstance(scenario, Scenario) else fspath(scenario)
+        self._closed = False
         self._run = InProcess(loaded)
         self._graph = graph_of(loaded)
         self._latest: dict[str, Message] = {}
@@ -102,10 +108,26 @@ class Simulation:
                 self._listen(topic, robot)
         self._begin()
 
+    def __repr__(self) -> str:
+        """Return scenario, time and seed."""
+        of = f"{self.time_s:g} of {self._run.scenario.sim.duration_s:g} s, seed {self._seed}"
+        return f"<Simulation {self._name}: {of}{', closed' * self._closed}>"
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be copied: the state of the physics engine can't be."""
+        raise TypeError(
+            "a Simulation can't be pickled or copied; make another from its scenario: "
+            "Simulation(sim.scenario)"
+        )
+
+    @property
+    def _seed(self) -> int:
+        return self._run.clock.stamp.seed
+
     @property
     def scenario(self) -> Scenario:
-        """The whole configuration."""
-        return self._run.scenario
+        """The whole configuration, with the seed of this run and changed parameters."""
+        return replace(self._run.clock.changing.wanted, seed=self._seed)
 
     @property
     def time_s(self) -> float:
@@ -115,18 +137,21 @@ class Simulation:
     @property
     def is_over(self) -> bool:
         """Whether the scenario's duration has passed."""
-        return self._run.clock.tick >= self.scenario.sim.ticks - 1
+        return self._run.clock.tick >= self._run.scenario.sim.ticks - 1
 
     def reset(self, seed: int | None = None) -> State:
         """Restart with the noise of a seed or of the last run; return the first state.
 
         The run is bit-identical to that of a new simulation, which takes longer to create. The
-        trajectory and the commands are cleared. A recording continues with the new run.
+        trajectory and the commands are cleared; changed parameters stay. A recording continues with
+        the new run.
 
         Raises:
             ConfigError: The seed is out of range.
+            MecazenError: The simulation is closed.
         """
-        seed = self.scenario.seed if seed is None else index(seed)
+        self._refuse_closed()
+        seed = self._seed if seed is None else index(seed)
         if not 0 <= seed < 2**32:
             raise ConfigError(f"seed = {seed} must be between 0 and {2**32 - 1}")
         self._run.reset(seed)
@@ -139,31 +164,50 @@ class Simulation:
         """Simulate one tick, and return the state after it.
 
         Raises:
-            MecazenError: The scenario's duration has passed, or a service failed.
+            MecazenError: The scenario's duration has passed, a service failed, or the simulation is
+                closed.
         """
+        self._refuse_closed()
         if self.is_over:
             raise MecazenError(
-                f"the run is over after {self.scenario.sim.duration_s:g} s; duration_s sets it"
+                f"the run is over after {self._run.scenario.sim.duration_s:g} s; duration_s sets it"
             )
-        for topic, command in self._held.items():
-            self._run.bus.publisher(topic).put(command, None)
-        self._run.step()
+        self._step()
         return self.state
 
     def run(self, seconds: float | None = None) -> State:
-        """Simulate some seconds, or all that are left; return the state after them.
+        """Simulate some seconds, or until the end of the run; return the state there.
 
         Raises:
-            ConfigError: The time is negative or not finite.
-            MecazenError: As in `step`.
+            ConfigError: The time is negative or NaN.
+            MecazenError: A service failed, or the simulation is closed.
         """
-        if seconds is not None and not 0.0 <= seconds < math.inf:
-            raise ConfigError(f"seconds = {seconds} must be a finite number >= 0")
-        sim, now = self.scenario.sim, self._run.clock.tick
-        left = sim.ticks - 1 - now if seconds is None else round(seconds / sim.tick_s)
-        for _ in range(left):
-            self.step()
+        self._refuse_closed()
+        sim, now = self._run.scenario.sim, self._run.clock.tick
+        ticks = sim.ticks - 1 - now
+        if seconds is not None:
+            if not seconds >= 0.0:
+                raise ConfigError(f"seconds = {seconds} must be a number >= 0")
+            if seconds < ticks * sim.tick_s:
+                ticks = round(seconds / sim.tick_s)
+        for _ in range(ticks):
+            self._step()
         return self.state
+
+    def set_parameters(self, **settings: Any) -> None:
+        """Change parameters from the next tick on, as `mecazen param set` does.
+
+        >>> with Simulation("back", duration_s=8.0) as sim:
+        ...     sim.set_parameters(**{"follower.standoff_m": 1.5})
+        ...     state = sim.run()
+        >>> round(state.robot.distance(state.person), 1)
+        1.5
+
+        Raises:
+            ConfigError: A parameter can't change during a run, or a value is invalid; then nothing
+                changes.
+        """
+        self._run.clock.changing.ask({key: _toml(value) for key, value in settings.items()})
 
     def command(
         self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""
@@ -200,7 +244,7 @@ class Simulation:
     @property
     def state(self) -> State:
         """The state of the robot, or of the first of several."""
-        return self.state_of(self.scenario.names[0])
+        return self.state_of(self._run.scenario.names[0])
 
     def state_of(self, robot: str) -> State:
         """Return the state of one of several robots.
@@ -243,7 +287,7 @@ class Simulation:
     def scores(self, robot: str | None = None) -> Scores:
         """Return the published measures of following so far, of the first robot or a named one."""
         name = self.scenario.names[0] if robot is None else robot
-        return self.trajectory.scores(self.scenario.of(name).follower.standoff, name)
+        return self.trajectory.scores(self._run.scenario.of(name).follower.standoff, name)
 
     def view(self) -> Any:
         """Return Rerun's notebook widget, which shows the run from its start and follows it live.
@@ -258,6 +302,7 @@ class Simulation:
 
     def close(self) -> None:
         """End the services' work; a recording is whole then."""
+        self._closed = True
         self._run.close()
 
     def __enter__(self) -> Self:
@@ -268,6 +313,15 @@ class Simulation:
 
     def _begin(self) -> None:
         self._run.begin()
+
+    def _step(self) -> None:
+        for topic, command in self._held.items():
+            self._run.bus.publisher(topic).put(command, None)
+        self._run.step()
+
+    def _refuse_closed(self) -> None:
+        if self._closed:
+            raise MecazenError("the simulation is closed")
 
     def _listen(self, topic: Topic[Any], robot: str) -> None:
         on_bus = keys.of_robot(topic, robot)
@@ -306,9 +360,24 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
         ConfigError: One line with the file, the key and what is allowed.
     """
     overrides = tuple(f"{key}={_toml(value)}" for key, value in settings.items())
-    if isinstance(scenario, Scenario):
-        return from_tables(effective(scenario), Path("scenario"), overrides)
-    return load_scenario(scenario_path(fspath(scenario)), overrides)
+    try:
+        if isinstance(scenario, Scenario):
+            return from_tables(effective(scenario), Path("scenario"), overrides)
+        return load_scenario(scenario_path(fspath(scenario)), overrides)
+    except ConfigError as error:
+        raise ConfigError(str(error).replace("--set ", "")) from None  # in Python there is none
+
+
+def refuse_unknown_options(settings: Mapping[str, Any], made: type) -> None:
+    """Check settings for misspelt options of the class that is made.
+
+    Raises:
+        ConfigError: One is no section of a scenario, but similar to an option.
+    """
+    options = inspect.signature(made).parameters
+    for name in settings.keys() - set(Scenario.__struct_fields__):
+        if near := difflib.get_close_matches(name, options, n=1):
+            raise ConfigError(f"{name}: no option of {made.__name__}; did you mean {near[0]}?")
 
 
 def _toml(value: Any) -> str:
