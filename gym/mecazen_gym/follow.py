@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box
+from gymnasium.utils import EzPickle
 from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.drive import Drive
@@ -19,7 +20,7 @@ from mecazen.messages import Observation as Frame
 from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
 from mecazen.wire import NS_PER_S
-from mecazen_tools.simulation import Simulation, State, load
+from mecazen_tools.simulation import Simulation, State, load, refuse_unknown_options
 from msgspec.structs import replace
 
 Array = npt.NDArray[np.float32]
@@ -30,6 +31,12 @@ CHANGE_M_S = 0.01
 """Cost of a change of the action by 1."""
 AGE_S = 10.0
 """The highest age of an observation."""
+
+
+NO_PICTURES = (
+    "mecazen/Follow-v0 draws no pictures; env.unwrapped.sim.trajectory has every tick, and "
+    "mecazen.Simulation(..., record='run.mcap') a file for mecazen view"
+)
 
 
 class Observation(NamedTuple):
@@ -60,10 +67,11 @@ class Observation(NamedTuple):
         return Pose2D(self.person_x_m, self.person_y_m, yaw)
 
 
-class FollowEnv(gymnasium.Env[Array, Array]):
+class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     """A robot is to keep its place beside a walking person: docs/gym.md.
 
     An action is the twist of base_link (x, y, yaw), where 1 is `scale`. It holds for `period_s`.
+    A copy, by `pickle` or `deepcopy`, is a new environment with the same options.
 
     Args:
         scenario: A name, a TOML file, or a loaded scenario; its follower is left out, and its
@@ -71,6 +79,7 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         period_s: Simulated time of a step; whole ticks.
         duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
         far_m: An episode terminates where the robot is farther than this from its place.
+        render_mode: None, the only one.
         settings: Overrides of the scenario, by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
@@ -90,8 +99,15 @@ class FollowEnv(gymnasium.Env[Array, Array]):
         period_s: float = 0.1,
         duration_s: float | None = None,
         far_m: float = 3.0,
+        render_mode: None = None,
         **settings: Any,
     ) -> None:
+        EzPickle.__init__(
+            self, scenario, period_s=period_s, duration_s=duration_s, far_m=far_m, **settings
+        )
+        if render_mode is not None:
+            raise ConfigError(f"render_mode = {render_mode!r}: {NO_PICTURES}")
+        refuse_unknown_options(settings, FollowEnv)
         if duration_s is not None:
             settings["sim.duration_s"] = duration_s
         self.scenario = _without_follower(load(scenario, settings))
@@ -171,6 +187,14 @@ class FollowEnv(gymnasium.Env[Array, Array]):
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link, as near as one can."""
         return (np.array(twist) / self.scale).clip(-1.0, 1.0).astype(np.float32)
+
+    def render(self) -> NoReturn:
+        """Refuse to draw.
+
+        Raises:
+            NotImplementedError: Always; it says what draws instead.
+        """
+        raise NotImplementedError(NO_PICTURES)
 
     def close(self) -> None:
         """End the simulation."""

@@ -1,6 +1,8 @@
 """mecazen/Follow-v0 as Gymnasium wants it, and as its document says."""
 
+import copy
 import math
+import pickle
 
 import gymnasium
 import mecazen_gym
@@ -9,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from harness import ROOT
 from mecazen import Simulation
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Odometry
 from mecazen_gym.follow import CHANGE_M_S, HEADING_M_RAD, Observation
@@ -71,6 +73,31 @@ def test_the_same_seed_and_actions_give_the_same_bits_also_in_other_processes(ma
     finally:
         vector.close()
     assert np.array_equal(np.concatenate(found), expected)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])  # noqa: S301 - our own
+def test_a_copy_is_a_new_environment_with_the_same_options(make, copied):
+    env = make(scenario="side", period_s=0.05, **{"follower.standoff_m": 1.5})
+    expected = episode(env, seed=8)
+    copy_of_it = copied(env)
+    try:
+        assert np.array_equal(episode(copy_of_it, seed=8), expected)
+    finally:
+        copy_of_it.close()
+
+
+def test_what_draws_instead_is_said_where_a_picture_is_asked_for(make):
+    with pytest.raises(NotImplementedError, match="mecazen view"):
+        make().unwrapped.render()
+
+
+def test_nothing_goes_on_after_it_is_closed(make):
+    env = make()
+    env.reset()
+    env.close()
+    for ask in (env.reset, lambda: env.step(STILL)):
+        with pytest.raises(MecazenError, match="the simulation is closed"):
+            ask()
 
 
 def test_without_a_seed_each_episode_has_other_noise_and_all_follow_from_the_first_seed(make):
@@ -199,13 +226,21 @@ def test_the_place_is_that_of_the_scenarios_follower_also_of_a_loaded_scenario(m
         ({"period_s": 0.015}, "period_s: 0.015 s is not a whole number of ticks"),
         ({"period_s": 0.0}, "at least a tick"),
         ({"far_m": -1.0}, "far_m = -1 must be above 0"),
-        ({"follower.standof_m": 1.0}, "did you mean"),
+        ({"follower.standof_m": 1.0}, "did you mean standoff_m"),
+        ({"period": 0.1}, "period: no option of FollowEnv; did you mean period_s"),
     ],
 )
 def test_what_can_not_be_used_is_said_in_one_line(options, said):
     with pytest.raises(ConfigError, match=said) as error:
         gymnasium.make(NAME, **options)
     assert "\n" not in str(error.value)
+    assert "--set" not in str(error.value)
+
+
+@pytest.mark.filterwarnings("ignore:.*possible render_modes")  # Gymnasium's own
+def test_a_render_mode_is_refused():
+    with pytest.raises(ConfigError, match=r"^render_mode = 'human': .* draws no pictures"):
+        gymnasium.make(NAME, render_mode="human")
 
 
 def test_a_seed_that_the_scenario_can_not_have_is_refused(make):
