@@ -13,7 +13,7 @@ BACKGROUND = (206, 211, 218)
 """Background of the scene: light, since the robot is dark, in both themes of the viewer."""
 PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
-WHEEL_SHARE = 1.8
+WHEEL_SHARE = 1.5
 """Height of the plot with the longest legend, relative to the others."""
 
 

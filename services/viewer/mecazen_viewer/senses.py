@@ -132,8 +132,8 @@ def _joints(skeleton: m.Skeleton | m.Person) -> Array:
 
 
 def _sphere(strip: Array) -> Array:
-    """Return a line so short that with its round ends it is a sphere."""
-    return np.add(strip, ((0.0, 0.0, -0.01), (0.0, 0.0, 0.01)))
+    """Return a line so short that with its round ends it is a sphere, from above as well."""
+    return np.add(strip, ((-0.01, -0.01, -0.01), (0.01, 0.01, 0.01)))
 
 
 def _placed(points: Array, robot: Pose2D) -> Array:
