@@ -1,5 +1,7 @@
-"""Pauses of the receiving thread: after what has gathered, and none where none is wanted."""
+"""The receiving thread: its pauses, and Python's state of it between two samples."""
 
+import threading
+from collections import Counter
 from types import SimpleNamespace
 
 import pytest
@@ -39,3 +41,26 @@ def test_a_pause_follows_once_what_has_gathered_is_kept(time):
     receive(2)
     assert time.slept == [0.02, 0.02]
     assert kept == [0, 1, 2]
+
+
+def test_python_keeps_its_state_of_a_receiving_thread_from_one_sample_to_the_next(
+    zenoh_pair, monkeypatch
+):
+    local, received = threading.local(), []
+
+    def bytes_of(_):  # counts on the receiving thread
+        local.number = getattr(local, "number", 0) + 1  # a part of that state
+        received.append((threading.get_ident(), local.number))
+        return 0
+
+    monkeypatch.setattr("mecazen.bus.zenoh_bus.bytes_of", bytes_of)
+    zenoh_pair.near.subscribe_bytes("samples", lambda *_: None)
+    zenoh_pair.link()
+    for _ in range(20):
+        zenoh_pair.far.put_bytes("samples", b"")
+        zenoh_pair.settle()
+    numbers = Counter()  # the router's runtime, which this process shares, has several threads
+    for thread, number in received:
+        numbers[thread] += 1
+        assert number == numbers[thread]
+    assert numbers.total() == 20

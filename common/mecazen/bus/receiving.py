@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import time
 from collections.abc import Callable
+from threading import get_ident
 from typing import Any, TypeVar
 
 import zenoh
@@ -14,9 +16,30 @@ BETWEEN_PAUSES = 0.1
 """Time to receive the samples that have gathered during a pause, as a share of the pause."""
 
 
+_known_threads: set[int] = set()
+"""Zenoh's threads whose Python state is kept."""
+
+
 def direct(function: Callable[[Any], None]) -> Any:
     """Return a handler that runs on Zenoh's receiving thread, which saves a hop."""
-    return zenoh.handlers.Callback(function, indirect=False)
+
+    def receive(received: Any) -> None:
+        _keep_state()
+        function(received)
+
+    return zenoh.handlers.Callback(receive, indirect=False)
+
+
+def _keep_state() -> None:
+    """Keep Python's state of this thread until the process ends.
+
+    Otherwise Python creates and destroys the state with each call that comes from Zenoh, and the
+    system maps and unmaps memory for it. Without this a distributed run of `back` makes 13 % fewer
+    ticks a second.
+    """
+    if get_ident() not in _known_threads:
+        _known_threads.add(get_ident())
+        ctypes.pythonapi.PyGILState_Ensure()
 
 
 class Pause:
