@@ -38,7 +38,7 @@ LABELS = (
 )  # fmt: skip
 CALLS = {call.key: call for call in keys.CALLS}
 EXPRESSIONS = ("**", "*", "*/odom", "sim/*", "diagnostics/*", "**/cmd_vel")
-SIZES = (1, 15, 17, 40, 2000, 70_000)
+SIZES = (1, 15, 16, 17, 40, 2000, 70_000)
 """Of attachments that are no stamps."""
 OPEN_QUERIES = 50
 """Queries that wait for their answers at most: services refuse unread what comes while a hundred
@@ -121,12 +121,10 @@ class Intruder:
     Args:
         session: A client's.
         good: Real messages by key.
-        forge: Whether good messages with forged stamps are among them: only access control
-            refuses these.
     """
 
-    def __init__(self, session: Any, good: Good, *, forge: bool) -> None:
-        self._session, self._forge = session, forge
+    def __init__(self, session: Any, good: Good) -> None:
+        self._session = session
         self._random = random.Random(SEED)
         self._malformed = malformed(good)
         self._good = [
@@ -157,8 +155,7 @@ class Intruder:
             self._ask(choice(EXPRESSIONS), choice(self._good)[1], None, malformed=False)
         elif which < 0.98:
             key, payload = choice(self._puts)
-            sizes = (*SIZES, 16) if self._forge else SIZES
-            self._session.put(key, payload, attachment=self._random.randbytes(choice(sizes)))
+            self._session.put(key, payload, attachment=self._random.randbytes(choice(SIZES)))
         else:
             form = choice(("mecazen/[/{}]\x1b", "mecazen/viewer/{}/every", "{}/mecazen/viewer"))
             name = form.format(self._random.randrange(1_000_000))

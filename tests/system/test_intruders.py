@@ -42,7 +42,7 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     running.start()
     payloads, early = PAYLOADS * scale, None
     with open_session(config, "client", "viewer") as session:
-        intruder = Intruder(session, sample_messages(tmp_path), forge=secured)
+        intruder = Intruder(session, sample_messages(tmp_path))
         while intruder.sent < payloads or not trajectory.complete:
             # half of them at least while it runs
             if intruder.sent < payloads and trajectory.done * payloads >= (

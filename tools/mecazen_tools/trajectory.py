@@ -80,15 +80,15 @@ class Trajectory:
         self._needed: dict[tuple[str, str], int] = {}
         for robot, every in ticks_per_odom.items():
             follow = partial(self._follow, bus, robot)
-            follow(keys.GROUND_TRUTH, _motion)
+            follow("physics", keys.GROUND_TRUTH, _motion)
             if "controller" in services:
-                follow(keys.ODOM, _pose, every)
+                follow("controller", keys.ODOM, _pose, every)
             if "target" in services:
-                follow(keys.TARGET_ODOM, _motion)
+                follow("target", keys.TARGET_ODOM, _motion)
             if "follower" in services:
                 # a user's follower may publish no state; ours does so before it commands
-                follow(keys.FOLLOWER_STATE, _estimate, None)
-                follow(keys.CMD_VEL, Twist.to_planar, every)
+                follow("follower", keys.FOLLOWER_STATE, _estimate, None)
+                follow("follower", keys.CMD_VEL, Twist.to_planar, every)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -180,6 +180,7 @@ class Trajectory:
         self,
         bus: Bus,
         robot: str,
+        service: str,
         topic: keys.Topic[Any],
         read: Callable[[Any], Row],
         every: int | None = 1,
@@ -193,7 +194,8 @@ class Trajectory:
             if stamp is not None:
                 column.setdefault(stamp.time_ns // tick_ns, read(message))
 
-        bus.subscribe(keys.of_robot(topic, robot), take, every=True)
+        of = join_key(service, robot)
+        bus.subscribe(keys.of_robot(topic, robot), take, every=True, of=of)
 
 
 def _planar(row: Row) -> Pose2D:

@@ -134,12 +134,13 @@ class Bus(ABC):
         *,
         every: bool = False,
         nothing: Nothing | None = None,
+        of: str = "",
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
         The newest valid sample replaces those that still wait, so a flood causes neither delay
         nor growth of memory. With `every` all samples are kept. `nothing` is called for a tick
-        that has no message.
+        that has no message. `of` names the service whose samples alone count.
         """
 
     @abstractmethod

@@ -47,9 +47,10 @@ class LocalBus(Bus):
         *,
         every: bool = False,
         nothing: Nothing | None = None,
+        of: str = "",
     ) -> None:
         """Deliver every sample of a topic to `handler`, in the order of subscription."""
-        del every, nothing
+        del every, nothing, of
         self._topics.setdefault(topic.key, topic)
         self._handlers[topic.key].append(handler)
 

@@ -25,6 +25,7 @@ from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals
 from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
 from mecazen.bus.receiving import Pause, direct
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
+from mecazen.bus.sources import Sources
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
@@ -76,8 +77,9 @@ class ZenohBus(Bus):
         self._format: Format = config.format
         self._queue: Queue = queue.SimpleQueue()
         self._refusals = Refusals(self._queue, self.refuse)
-        self._heard: dict[tuple[str, bool], list[Handler[Any]]] = {}
-        """Handlers of each Zenoh subscriber, by full key and `every`."""
+        self._sources = Sources(self.presence)
+        self._heard: dict[tuple[str, bool, str], list[Handler[Any]]] = {}
+        """Handlers of each Zenoh subscriber, by full key, `every` and `of`."""
         self._listeners: dict[str, list[Handler[Any]]] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
         self._session = open_session(config, mode or config.mode, name)
@@ -107,16 +109,17 @@ class ZenohBus(Bus):
         *,
         every: bool = False,
         nothing: Nothing | None = None,
+        of: str = "",
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
         All subscriptions to a key share one Zenoh subscriber, which decodes each sample once.
-        Those with `every` share another one.
+        Those with `every`, or of one service alone, share another one.
         """
-        handlers = self._heard.setdefault((topic.key, every), [])
+        handlers = self._heard.setdefault((topic.key, every, of), [])
         handlers.append(handler)
         if len(handlers) == 1:
-            self._hear(topic, handlers, every=every, nothing=nothing)
+            self._hear(topic, handlers, every=every, nothing=nothing, of=of)
 
     def _hear(
         self,
@@ -125,6 +128,7 @@ class ZenohBus(Bus):
         *,
         every: bool,
         nothing: Nothing | None,
+        of: str,
     ) -> None:
         """Subscribe to a topic's samples of other processes."""
         key = topic.key
@@ -160,7 +164,9 @@ class ZenohBus(Bus):
             return True
 
         def receive(sample: zenoh.Sample) -> None:
-            if len(sample.payload) > topic.max_bytes:
+            if of and self._sources.is_second(of, sample):
+                refuse(f"not from {of}, which alone publishes it")
+            elif len(sample.payload) > topic.max_bytes:
                 refuse(f"payload of more than {topic.max_bytes} bytes")
             elif envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
                 refuse(TOO_LONG)
@@ -371,18 +377,20 @@ class _ZenohPublisher(Publisher[MessageT]):
         ready: Queue,
     ) -> None:
         self._publisher = publisher
+        self._source = zenoh.SourceInfo(publisher.id, 0)
         self._format: Format = form
         self._listeners = listeners
         self._ready = ready
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
         attachment = None if stamp is None else stamp.pack()
-        self._publisher.put(encode(message, self._format), attachment=attachment)
+        payload = encode(message, self._format)
+        self._publisher.put(payload, attachment=attachment, source_info=self._source)
         if self._listeners:
             self._ready.put(partial(deliver, self._listeners, message, stamp))
 
     def put_nothing(self, stamp: Stamp) -> None:
-        self._publisher.put(b"", attachment=stamp.pack())
+        self._publisher.put(b"", attachment=stamp.pack(), source_info=self._source)
 
 
 def name_of(token: zenoh.Sample) -> str:

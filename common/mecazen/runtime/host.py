@@ -18,7 +18,7 @@ from mecazen.loop import Loop, Runner, Slot
 from mecazen.messages import Message
 from mecazen.node import Computing, Node, World
 from mecazen.parameters import changed, settings_of
-from mecazen.plan import Turn, compile_plan
+from mecazen.plan import Need, Turn, compile_plan
 from mecazen.programs import Kind, classes, graph_of
 from mecazen.robots import join_key, seed_of
 from mecazen.runtime.health import Health
@@ -286,15 +286,29 @@ class Host:
         """Subscribe to the inputs that other processes publish."""
         for slots in self._by_key.values():
             need = slots[0].need
-            if not slots[0].is_remote and (self.lockstep or self.bus.hears_itself):
-                continue  # in lockstep only the graph's node may publish an input
+            giver = self._giver(need)
+            if not slots[0].is_remote and (giver or self.bus.hears_itself):
+                if not self.bus.hears_itself:
+                    self.bus.subscribe(need.on_bus, partial(self._refuse, need.on_bus, giver))
+                continue
             take = partial(self._arrive, slots, need.on_bus)
             nothing = partial(self._of_run, slots, need.on_bus, None) if self.lockstep else None
             # a node that no process waits for makes every step, however slow it is
             every = self.lockstep and need.giver is not None
-            self.bus.subscribe(need.on_bus, take, every=every, nothing=nothing)
+            self.bus.subscribe(need.on_bus, take, every=every, nothing=nothing, of=giver)
         if self.world is None:
-            self.bus.subscribe(keys.PARAMETERS, self._on_parameters, every=True)
+            world = next((turn.service for turn in self.plan.turns if turn.is_world), "")
+            self.bus.subscribe(keys.PARAMETERS, self._on_parameters, every=True, of=world)
+
+    def _giver(self, need: Need) -> str:
+        """Return the service that alone publishes an input; empty if others may do so."""
+        turn = self.plan.giver(need)
+        may_others = need.on_bus.open and not self.lockstep
+        return "" if turn is None or may_others else turn.service
+
+    def _refuse(self, topic: Topic[Any], giver: str, *_: object) -> None:
+        """Refuse a sample that does not come from the service that alone publishes its topic."""
+        self.bus.refuse(topic.key, f"not from {giver}, which alone publishes it")
 
     def _arrive(
         self, slots: Sequence[Slot], topic: Topic[Any], message: Message, stamp: Stamp | None
@@ -303,10 +317,11 @@ class Host:
         if stamp is not None:
             self._of_run(slots, topic, message, stamp)
             return
+        if giver := self._giver(slots[0].need):
+            self._refuse(topic, giver)
+            return
         for slot in slots:
             need = slot.need
-            if self.lockstep and need.giver is not None:
-                continue  # no external program may publish in place of a node that takes part
             if need.rule != "every" or need.lag:
                 slot.give(message, self.stamp.time_ns // self.tick_ns)
                 self.has_news = True
