@@ -19,13 +19,13 @@ def test_a_parent_with_another_thread_does_not_fork():
         "forking.serve(lambda: None)\n"
     )
     requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    reports, report_end = os.pipe()
+    _, report_end = pipe = os.pipe()
     request = Start(Process(("toy",)), (0,), os.SCHED_OTHER, 0)
     with requests, subprocess.Popen([sys.executable, "-c", threaded], stdin=theirs.fileno()):
         theirs.close()
         socket.send_fds(requests, [msgspec.json.encode(request)], [2, report_end])
-        os.close(report_end)
-        report = msgspec.json.decode(os.read(reports, 1000), type=Report)
-        os.close(reports)
+        report = msgspec.json.decode(requests.recv(1000), type=Report)
         requests.close()
+    for end in pipe:
+        os.close(end)
     assert (report.kind, report.text) == ("failed", "a process of 2 threads can't be forked")

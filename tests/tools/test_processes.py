@@ -17,7 +17,7 @@ from mecazen_tools import processes
 from mecazen_tools.processes import Line, ProcessError, Supervisor
 
 TOY = """
-import logging, signal, sys
+import logging, signal, subprocess, sys
 from pathlib import Path
 
 from mecazen.errors import BusError, ConfigError
@@ -64,6 +64,11 @@ class Misfit(Works_First):
     ERROR = ConfigError
 
 
+class Starts_Another(Toy):
+    def reset(self, seed):
+        logging.warning("%d", subprocess.Popen(["sleep", "1000"]).pid)
+
+
 class Quits(Toy):
     def reset(self, seed):
         sys.exit(7)
@@ -74,7 +79,17 @@ class Deaf(Toy):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 """
 
-TOYS = ("toy", "quiet", "fails", "crashes", "quits", "deaf", "works_first", "misfit")
+TOYS = (
+    "toy",
+    "quiet",
+    "fails",
+    "crashes",
+    "quits",
+    "deaf",
+    "works_first",
+    "misfit",
+    "starts_another",
+)
 
 
 @pytest.fixture
@@ -190,6 +205,14 @@ def test_when_a_process_is_killed_expect_that_said(supervisor):
     start(supervisor, "toy")
     kill(supervisor, "toy")
     assert await_failure(supervisor) == "toy: was killed by SIGKILL"
+
+
+def test_the_end_of_a_process_is_noted_while_its_own_subprocess_holds_its_log_open(supervisor):
+    start(supervisor, "starts_another")
+    other = int(await_line(supervisor, "starts_another", "").text.rpartition(" ")[2])
+    kill(supervisor, "starts_another")
+    assert await_failure(supervisor) == "starts_another: was killed by SIGKILL"
+    os.kill(other, signal.SIGKILL)  # which raises if it has ended
 
 
 @pytest.mark.parametrize("needed", [True, False])

@@ -66,24 +66,18 @@ class Child:
     """A process that was forked.
 
     Args:
+        pid: Its id.
         reports: Pipe with its reports, and with the parent's report of its end.
         errors: Pipe with its standard error.
     """
 
-    def __init__(self, reports: int, errors: int) -> None:
+    def __init__(self, pid: int, reports: int, errors: int) -> None:
+        self.pid = pid
         self.reports = open(reports, "rb")  # noqa: SIM115  # until it ends
         self.errors = open(errors, encoding="utf-8", errors="replace")  # noqa: SIM115
         self.code: int | None = None
         """Its exit code after its end, if the parent has reported it."""
         self.ended = threading.Event()
-        first = self.next_report()
-        if first is None or first.kind != "forked":
-            self.reports.close()
-            self.errors.close()
-            if first is None:
-                raise ParentEndedError("the parent of all processes has ended")
-            raise ForkError(first.text)
-        self.pid = first.number
 
     def next_report(self) -> Report | None:
         """Wait for its next report; None if it has ended."""
@@ -145,7 +139,17 @@ class Parent:
         self._ask(request, error_end, report_end)
         os.close(error_end)
         os.close(report_end)
-        return Child(reports, errors)
+        answer = b""
+        with suppress(ConnectionResetError):
+            answer = self._requests.recv(MAX_REQUEST_BYTES)
+        answered = msgspec.json.decode(answer, type=Report) if answer else None
+        if answered is not None and answered.kind == "forked":
+            return Child(answered.number, reports, errors)
+        os.close(reports)
+        os.close(errors)
+        if answered is None:
+            raise ParentEndedError("the parent of all processes has ended")
+        raise ForkError(answered.text)
 
     def signal(self, pid: int, number: int) -> None:
         """Send a fork a signal, unless it has ended and its number may be another's."""
@@ -220,11 +224,13 @@ class _Forks:
             ended = os.pidfd_open(pid)
             self._running[ended] = pid, reports
             self._ready.register(ended, selectors.EVENT_READ)
+            answer = Report("forked", number=pid)
         else:
-            failed = f"a process of {threads} threads can't be forked"
-            Reporter(reports).tell(Report("failed", failed))
+            answer = Report("failed", f"a process of {threads} threads can't be forked")
             os.close(reports)
         os.close(errors)
+        with suppress(BrokenPipeError):  # the end of the socket comes next
+            self._requests.send(msgspec.json.encode(answer))
         return False
 
     def _report_end(self, ended: int) -> None:
@@ -295,7 +301,6 @@ def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
         return
     start, errors, reports = forked
     reporter = Reporter(reports)
-    reporter.tell(Report("forked", number=os.getpid()))
     os.close(living)
     os.dup2(alive, 0)
     os.dup2(errors, 2)

@@ -9,6 +9,7 @@ import secrets
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,6 +33,9 @@ STEADY_S = 1.0
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """Pauses before repeated restarts [s]: the first, which doubles each time, and the longest."""
 
+
+LAST_LINES_S = 1.0
+"""Time to read the log of a process that has ended [s]. Its own subprocesses may keep it open."""
 
 ROUTER = Process(("router",))
 """The Zenoh router."""
@@ -250,19 +254,19 @@ class Supervisor:
         return killed
 
     def _watch(self, name: str, child: Child) -> None:
-        listener = threading.Thread(target=self._listen, args=(name, child), daemon=True)
-        listener.start()
-        last = ""
-        with child.errors:
-            for line in child.errors:
-                last = line.rstrip()
-                self._events.put(Line(name, last))
-        listener.join()
-        self._events.put(Ended(name, child.code, last))
-
-    def _listen(self, name: str, child: Child) -> None:
+        last: deque[str] = deque(maxlen=1)
+        reader = threading.Thread(target=self._read, args=(name, child, last), daemon=True)
+        reader.start()
         while (report := child.next_report()) is not None:
             self._events.put(Told(name, report))
+        reader.join(LAST_LINES_S)
+        self._events.put(Ended(name, child.code, last[0] if last else ""))
+
+    def _read(self, name: str, child: Child, last: deque[str]) -> None:
+        with child.errors:
+            for line in child.errors:
+                last.append(line.rstrip())
+                self._events.put(Line(name, last[0]))
 
 
 def _how(event: Ended, error: str) -> str:
