@@ -34,8 +34,8 @@ AGE_S = 10.0
 
 
 NO_PICTURES = (
-    "mecazen/Follow-v0 draws no pictures; env.unwrapped.sim.trajectory has every tick, and "
-    "mecazen.Simulation(..., record='run.mcap') a file for mecazen view"
+    "mecazen/Follow-v0 draws no pictures; with the recorder among `services` it writes episodes "
+    "for mecazen view"
 )
 
 
@@ -112,7 +112,9 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             settings["sim.duration_s"] = duration_s
         self.scenario = _without_follower(load(scenario, settings))
         self.follower = self.scenario.follower
-        self.period_s, self._ticks = period_s, _ticks(period_s, self.scenario.sim.tick_s)
+        if whole_ticks("period_s", period_s, self.scenario.sim.tick_s) < 1:
+            raise ConfigError(f"period_s = {period_s:g} must be at least a tick")
+        self.period_s = period_s
         if not far_m > 0.0:
             raise ConfigError(f"far_m = {far_m:g} must be above 0")
         self._far_m = far_m
@@ -145,7 +147,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         state = self.sim.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
         self._action = np.zeros(3)
         self._seen, self._seen_s = self.follower.standoff.person(Pose2D()), -math.inf
-        self._look(state)
+        self._look()
         return self._observation(), self._info(state)
 
     def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -156,12 +158,10 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         """
         last, self._action = self._action, self.valid(action).clip(-1.0, 1.0)
         self.sim.command(*(self._action * self.scale).tolist())
-        begin_s, state = self.sim.time_s, self.sim.state
-        for _ in range(self._ticks):
-            if self.sim.is_over:
-                break
-            state = self.sim.step()
-            self._look(state)
+        begin_s = self.sim.time_s
+        for _ in self.sim.ticks(self.period_s):
+            self._look()
+        state = self.sim.state
         info = self._info(state)
         place_m, heading_rad = info["place_error_m"], info["heading_error_rad"]
         cost = place_m + HEADING_M_RAD * abs(heading_rad)
@@ -200,18 +200,23 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         """End the simulation."""
         self.sim.close()
 
-    def _look(self, state: State) -> None:
+    def _look(self) -> None:
         """Note whom the sensor has seen last."""
-        frame, odom = self.sim.latest(keys.OBSERVATION.key), state.odom
-        if not isinstance(frame, Frame) or not frame.poses or odom is None:
+        frame = self.sim.latest(keys.OBSERVATION.key)
+        if not isinstance(frame, Frame) or not frame.poses:
             return
         pose = frame.poses[0].pose.to_planar()
-        self._seen = pose if frame.header.frame_id == "base_link" else odom.between(pose)
+        in_base_link = frame.header.frame_id == "base_link"
+        self._seen = pose if in_base_link else self._odom.pose.pose.to_planar().between(pose)
         self._seen_s = frame.header.stamp.ns / NS_PER_S
 
-    def _observation(self) -> Array:
+    @property
+    def _odom(self) -> Odometry:
         odom = self.sim.latest(keys.ODOM.key)
-        assert isinstance(odom, Odometry)  # published at every tick from the first on
+        assert isinstance(odom, Odometry)  # published from the first tick on
+        return odom
+
+    def _observation(self) -> Array:
         x, y, yaw = self._seen
         observation = Observation(
             x,
@@ -219,7 +224,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             math.cos(yaw),
             math.sin(yaw),
             self.sim.time_s - self._seen_s,
-            *odom.twist.twist.to_planar(),
+            *self._odom.twist.twist.to_planar(),
             *self._action.tolist(),
         )
         return np.array(observation, np.float32).clip(self._low, self._high)
@@ -260,10 +265,3 @@ def _without_follower(scenario: Scenario) -> Scenario:
         services=tuple(name for name in scenario.services if name != "follower"),
         programs={k: v for k, v in scenario.programs.items() if k != "follower"},
     )
-
-
-def _ticks(period_s: float, tick_s: float) -> int:
-    ticks = whole_ticks("period_s", period_s, tick_s)
-    if ticks < 1:
-        raise ConfigError(f"period_s = {period_s:g} must be at least a tick of {tick_s} s")
-    return ticks

@@ -6,7 +6,7 @@ import difflib
 import inspect
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from numbers import Integral
 from operator import index
 from os import PathLike, fspath
@@ -182,6 +182,17 @@ class Simulation:
             ConfigError: The time is negative or NaN.
             MecazenError: A service failed, or the simulation is closed.
         """
+        for _ in self.ticks(seconds):
+            pass
+        return self.state
+
+    def ticks(self, seconds: float | None = None) -> Iterator[None]:
+        """Simulate as `run` does, and yield after each tick.
+
+        Raises:
+            ConfigError: As `run`.
+            MecazenError: As `run`.
+        """
         self._refuse_closed()
         sim, now = self._run.scenario.sim, self._run.clock.tick
         ticks = sim.ticks - 1 - now
@@ -192,7 +203,7 @@ class Simulation:
                 ticks = round(seconds / sim.tick_s)
         for _ in range(ticks):
             self._step()
-        return self.state
+            yield
 
     def set_parameters(self, **settings: Any) -> None:
         """Change parameters from the next tick on, as `mecazen param set` does.
