@@ -24,7 +24,7 @@ from mecazen_tools.processes import private_router
 
 SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")
-WALK = ("robot=../robots/nexus.toml", "target.path.speed_m_s=0.5")
+WALK = ("robot=nexus", "target.path.speed_m_s=0.5")
 """Of the scenario `circle`, whose person walks without end; here as fast as people stroll."""
 
 STANDOFF_M = 1.0

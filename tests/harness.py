@@ -35,22 +35,25 @@ COMMAND_GUARD_S = 60.0
 """Far beyond what any command takes: only a hang gets there."""
 
 
-def command(arguments: Sequence[object], **variables: str) -> dict[str, Any]:
-    """What `subprocess` is told of a command, with some variables in its environment."""
+def command(arguments: Sequence[object], folder: Path = ROOT, **variables: str) -> dict[str, Any]:
+    """Return the arguments of `subprocess` for a command in a folder, with its environment."""
     return {
         "args": [sys.executable, "-m", "mecazen_tools", *map(str, arguments)],
         "text": True,
-        "cwd": ROOT,
+        "cwd": folder,
         "env": {**os.environ, "COLUMNS": "160", "TERM": "dumb", **variables},
     }
 
 
 def mecazen(
-    *arguments: object, before: Callable[[], None] | None = None, **variables: str
+    *arguments: object,
+    before: Callable[[], None] | None = None,
+    folder: Path = ROOT,
+    **variables: str,
 ) -> subprocess.CompletedProcess[str]:
     """Run a command to its end; `before` is called in its process, before it begins."""
     return subprocess.run(
-        **command(arguments, **variables),
+        **command(arguments, folder, **variables),
         capture_output=True,
         timeout=COMMAND_GUARD_S,
         check=False,

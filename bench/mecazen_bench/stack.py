@@ -26,7 +26,7 @@ START_S = 90.0
 
 def robot(name: str) -> Robot:
     """Return the robot of `configs/robots/<name>.toml`."""
-    return load_scenario(SCENARIOS / "back.toml", (f'robot="../robots/{name}.toml"',)).robot
+    return load_scenario(SCENARIOS / "back.toml", (f"robot={name}",)).robot
 
 
 class Stack(NamedTuple):

@@ -20,7 +20,7 @@ from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
 from mecazen.occupancy import take_map
 from mecazen.programs import find, installed_nodes
 from mecazen.robot import Robot
-from mecazen.schema import Folder, Section, SectionT
+from mecazen.schema import Folder, Output, Section, SectionT
 
 OWN = Path(__file__).parent
 """Where the scenarios, robots and worlds are that come with the package, in `configs`."""
@@ -36,17 +36,24 @@ def scenario_path(name: str) -> Path:
     Raises:
         ConfigError: There is no such file.
     """
-    return named_file(name, "scenario")
+    return given_file(name, "scenario")
+
+
+def given_file(name: str, kind: str) -> Path:
+    """Return a TOML file given on the command line by its path or as in `named_file`.
+
+    Raises:
+        ConfigError: There is no such file.
+    """
+    return path if (path := Path(name)).is_file() else named_file(name, kind)
 
 
 def named_file(name: str, kind: str, where: str = "") -> Path:
-    """Return a TOML file by its path, or its name in `configs/<kind>s` here, above or installed.
+    """Return a TOML file by its name in `configs/<kind>s` here, above or installed.
 
     Raises:
         ConfigError: There is no such file, `where` it is named.
     """
-    if (path := Path(name)).is_file():
-        return path
     above = (Path.cwd(), *Path.cwd().parents, OWN)
     folder = next(c for folder in above if (c := folder / "configs" / f"{kind}s").is_dir())
     if (file := folder / f"{name}.toml").is_file():
@@ -57,6 +64,8 @@ def named_file(name: str, kind: str, where: str = "") -> Path:
 
 def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     """Load a scenario file and check all of it.
+
+    A path is relative to the file that contains it, and in an override to the working directory.
 
     Args:
         path: The TOML file.
@@ -75,28 +84,30 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
         ConfigError: One line with the file, the key and what is allowed.
     """
     settings = dict(_parse_override(override) for override in overrides)
-    origin = _Origin(path, settings=tuple(settings))
+    origin = _Origin(path, settings=tuple(settings), given=_strings(list(settings.values())))
     for part in ("robot", "world"):
         if part in settings:
             raw[part] = settings.pop(part)
-        if (file := _read_part(part, raw, path)) is not None:
+        if (file := _read_part(part, raw, origin)) is not None:
             changes = (*origin.changes, *file[1])
             origin = origin._replace(files={**origin.files, part: file[0]}, changes=changes)
     for key, value in settings.items():
         _override(raw, key, value)
     if isinstance(world := raw.get("world"), dict):
-        take_map(world, path)  # of an override
+        take_map(world, origin.locate)  # of an override
     for name in NO_KEYS:
         if name in raw:
             raise ConfigError(f"{path}: unknown key '{name}'")
-    _take_programs(raw, path)
+    _take_programs(raw, origin)
     _take_sensors(raw)
     for robot in _tables(raw.get("robots")):
-        _complete(robot, raw, path)
+        _complete(robot, raw, origin)
     return _convert(raw, scenario_with(**_own_sections(raw, origin)), "", origin)
 
 
-def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequence[str]] | None:
+def _read_part(
+    part: str, table: dict[str, Any], origin: _Origin
+) -> tuple[Path, Sequence[str]] | None:
     """Read the file of a robot or a world that a table names; lay over it what else it says.
 
     It is a path, a name of ours, or a table with either: `{ file = "nexus", payload = { … } }`.
@@ -108,17 +119,18 @@ def _read_part(part: str, table: dict[str, Any], path: Path) -> tuple[Path, Sequ
     file: Path | None = None
     if isinstance(name, str):
         ours = re.fullmatch(r"[\w-]+", name)
-        file = named_file(name, part, f"{path}: {part}: ") if ours else path.parent / name
+        where = f"{origin.path}: {part}: "
+        file = named_file(name, part, where) if ours else origin.locate(name)
     below = _read_toml(file) if file else {}
     if part == "world":
-        take_map(below, file or path)
-        take_map(changes, path)
+        take_map(below, _Origin(file or origin.path).locate)
+        take_map(changes, origin.locate)
     if isinstance(given, dict) or file:
         table[part] = _laid_over(below, changes)
     return None if file is None else (file.resolve(), tuple(f"{part}.{key}" for key in changes))
 
 
-def _take_programs(raw: dict[str, Any], path: Path) -> None:
+def _take_programs(raw: dict[str, Any], origin: _Origin) -> None:
     """Resolve the paths of user programs, and add user nodes to the services.
 
     Wrong types are refused when the tables are converted.
@@ -130,12 +142,11 @@ def _take_programs(raw: dict[str, Any], path: Path) -> None:
     for part, program in programs.items():
         if part in taken or not re.fullmatch("[A-Za-z0-9_-]+", part):
             raise ConfigError(
-                f"{path}: programs: {part!r} can't be a node's name; a name of its own, of "
+                f"{origin.path}: programs: {part!r} can't be a node's name; a name of its own, of "
                 "letters, digits, _ and -, can"
             )
         if isinstance(program, str) and ".py:" in program:
-            # the path of a user program is relative to the scenario's folder
-            programs[part] = str((path.parent / program).resolve())
+            programs[part] = str(origin.locate(program).resolve())
     listed = raw.get("services", Scenario.__struct_defaults__[0])
     own = [name for name in programs if name not in TABLE and name not in listed]
     if own and isinstance(listed, list | tuple):
@@ -215,9 +226,9 @@ def _tables(value: Any) -> list[dict[str, Any]]:
     return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
 
 
-def _complete(robot: dict[str, Any], everyone: dict[str, Any], path: Path) -> None:
+def _complete(robot: dict[str, Any], everyone: dict[str, Any], origin: _Origin) -> None:
     """Read the file of one robot's table, and lay its sections over those for `everyone`."""
-    if (file := _read_part("robot", robot, path)) is not None:
+    if (file := _read_part("robot", robot, origin)) is not None:
         _convert(robot["robot"], Robot, "", _Origin(file[0]))
     for name in robot.keys() - {"name", "robot", "start"}:
         robot[name] = _laid_over(everyone.get(name, {}), robot[name])
@@ -243,7 +254,8 @@ def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
     for key, value in settings.items():
         if key.partition(".")[0] == "bus":
             _override(raw, key, value)
-    return _convert(raw["bus"], BusConfig, "bus", _Origin(path, settings=tuple(settings)))
+    origin = _Origin(path, settings=tuple(settings), given=_strings(list(settings.values())))
+    return _convert(raw["bus"], BusConfig, "bus", origin)
 
 
 def load_table(path: Path, kind: type[SectionT]) -> SectionT:
@@ -312,6 +324,14 @@ def _parse_override(override: str) -> tuple[str, Any]:
     return key, parsed["value"] if len(parsed) == 1 else text.strip()
 
 
+def _strings(value: Any) -> tuple[str, ...]:
+    """Return the strings in a value of TOML."""
+    if isinstance(value, dict | list):
+        each = value.values() if isinstance(value, dict) else value
+        return tuple(text for part in each for text in _strings(part))
+    return (value,) if isinstance(value, str) else ()
+
+
 def _override(raw: dict[str, Any], key: str, value: Any) -> None:
     *tables, last = names = key.split(".")
     for depth, name in enumerate(tables):
@@ -335,8 +355,15 @@ class _Origin(NamedTuple):
     """The files of robot and world, where they have one."""
     settings: tuple[str, ...] = ()
     """The keys that are overridden."""
+    given: tuple[str, ...] = ()
+    """The strings of the overrides, as objects: the file may contain equal ones."""
     changes: tuple[str, ...] = ()
     """The keys of such parts that the scenario changes."""
+
+    def locate(self, path: str) -> Path:
+        """Return a path of the file or of an override, which is relative to where it is given."""
+        is_given = any(path is text for text in self.given)
+        return (Path.cwd() if is_given else self.path.parent) / path
 
     def name(self, key: str, problem: str, *, of_table: bool) -> str:
         """Return the file of `key`, and the override that it may come from."""
@@ -354,15 +381,12 @@ class _Origin(NamedTuple):
 
 def _convert(raw: Any, kind: type[SectionT], prefix: str, origin: _Origin) -> SectionT:
     def to_path(wanted: type, value: Any) -> Path:
-        if wanted not in {Path, Folder} or not isinstance(value, str):
+        if wanted not in {Path, Folder, Output} or not isinstance(value, str) or not value:
             raise ValueError(f"got {show(value)}")
-        # paths of the command line are relative to its folder as well
-        for folder in (origin.path.parent, Path.cwd()):
-            found = (folder / value).resolve()
-            if found.is_dir() if wanted is Folder else found.is_file():
-                return wanted(found)
-        kind = "folder" if wanted is Folder else "file"
-        raise ValueError(f"{(origin.path.parent / value).resolve()}: no such {kind}")
+        found = origin.locate(value).resolve()
+        if wanted is not Output and not (found.is_dir() if wanted is Folder else found.is_file()):
+            raise ValueError(f"{found}: no such {'folder' if wanted is Folder else 'file'}")
+        return wanted(found)
 
     try:
         return msgspec.convert(raw, kind, dec_hook=to_path)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from sys import byteorder
 from typing import Any, NamedTuple
@@ -33,12 +33,12 @@ class Picture(NamedTuple):
     pixels: Sequence[int]
 
 
-def take_map(world: dict[str, Any], path: Path) -> None:
+def take_map(world: dict[str, Any], locate: Callable[[str], Path]) -> None:
     """Add the boxes of the occupancy image that a world names to the world's obstacles.
 
     Args:
-        world: The table of the file `path`; its conversion later refuses wrong types.
-        path: The world's file; the image's path is relative to it.
+        world: Its table; its conversion later refuses wrong types.
+        locate: Returns the file that a path in the table names.
 
     Raises:
         ConfigError: See `read_map`.
@@ -46,7 +46,7 @@ def take_map(world: dict[str, Any], path: Path) -> None:
     name, others = world.get("map"), world.get("obstacles", [])
     if isinstance(name, str) and isinstance(others, list):
         del world["map"]
-        world["obstacles"] = [*others, *read_map(path.parent / name)]
+        world["obstacles"] = [*others, *read_map(locate(name))]
 
 
 def read_map(path: Path) -> list[dict[str, Any]]:

@@ -25,6 +25,10 @@ class Folder(PosixPath):
     """A path to a folder; a plain `Path` in a configuration is one to a file."""
 
 
+class Output(PosixPath):
+    """A path to a file to write, which need not exist."""
+
+
 # msgspec's structs are immutable by inheritance, which type checkers can't see by themselves
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import msgspec
 from mecazen.errors import ConfigError
-from mecazen.loading import named_file
+from mecazen.loading import given_file
 from mecazen.schema import Finite, Positive, Section
 
 from mecazen_experiments.scores import Score
@@ -143,7 +143,7 @@ def experiment_path(name: str) -> Path:
     Raises:
         ConfigError: There is no such file.
     """
-    return named_file(name, "experiment")
+    return given_file(name, "experiment")
 
 
 def parse_sweeps(options: Iterable[str]) -> Mapping[str, tuple[str, ...]]:

@@ -20,6 +20,7 @@ from mecazen.config import Scenario
 from mecazen.config.people import Recorded
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario
+from mecazen.schema import Output
 from mecazen_people.paths import make_path
 from mecazen_tools.simulate import in_lockstep
 
@@ -150,6 +151,8 @@ def fingerprint(scenario: Scenario) -> str:
 def _content(value: Any) -> str:
     if not isinstance(value, Path):
         raise NotImplementedError(f"no way to write {type(value).__name__} as JSON")
+    if isinstance(value, Output):
+        return str(value)
     try:
         return hashlib.sha256(value.read_bytes()).hexdigest()
     except OSError as error:

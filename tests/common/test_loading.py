@@ -85,7 +85,8 @@ def test_a_scenario_changes_some_of_a_robot_file(write_scenario):
 
 
 def test_when_a_file_is_missing_expect_its_path(write_scenario):
-    assert problem(write_scenario(), "robot=none.toml") == "scenarios/none.toml: no such file"
+    problem_of_robot = problem(write_scenario(robot="robot = 'none.toml'\n"))
+    assert problem_of_robot == "scenarios/none.toml: no such file"
     path = write_scenario().with_name("none.toml")
     assert problem(path) == "scenarios/none.toml: no such file"
     path.write_bytes(b"\xff\xfe")
@@ -106,7 +107,7 @@ def test_when_a_file_is_missing_expect_its_path(write_scenario):
         ("start={x_m=2.0}", lambda s: s.start.pose, Pose2D(2.0, 0.0, 0.0)),
         ("services=[]", lambda s: s.services, ()),
         ("robot.wheels.track_m=0.4", lambda s: s.robot.half_track, 0.2),
-        ("robot=../robots/nexus.toml", lambda s: s.robot.name, "nexus"),
+        ("robot=nexus", lambda s: s.robot.name, "nexus"),
     ],
 )
 def test_an_override_is_taken_as_toml_and_a_bare_word_as_a_string(
@@ -123,7 +124,8 @@ def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
     write_scenario, tmp_path, monkeypatch
 ):
     path = write_scenario(
-        "[bus]\nzenoh_config = 'zenoh.json5'\n[programs]\nfollower = 'my.py:Mine'"
+        "[bus]\nzenoh_config = 'zenoh.json5'\n[programs]\nfollower = 'my.py:Mine'\n"
+        "[recorder]\nfile = 'mine.mcap'\n"
     )
     (path.parent / "zenoh.json5").write_text("{}")
     elsewhere = tmp_path / "elsewhere"
@@ -132,6 +134,7 @@ def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
     loaded = load_scenario(Path("..") / "scenarios" / "test.toml")
     assert loaded.bus.zenoh_config == path.parent / "zenoh.json5"
     assert loaded.programs == {"follower": f"{path.parent / 'my.py'}:Mine"}
+    assert loaded.recorder.file == path.parent / "mine.mcap"
     assert loaded.robot.name == "nexus"
 
 
@@ -158,17 +161,47 @@ def test_the_effective_configuration_holds_every_default(scenario):
     assert tables["robot"]["rollers"]["count"] == 9
 
 
-def test_a_path_is_found_from_the_scenario_and_then_from_where_one_is(
+def read_program(scenario):
+    return Path(scenario.programs["follower"].partition(":")[0])
+
+
+@pytest.mark.parametrize(
+    ("override", "read", "name"),
+    [
+        ("target.path={kind='recorded',file='w'}", lambda s: s.target.path.file, "w"),
+        ("target.path.file=walk.csv", lambda s: s.target.path.file, "walk.csv"),
+        ("bus.keys=keys", lambda s: s.bus.keys, "keys"),
+        ("programs.follower=my.py:Mine", read_program, "my.py"),
+        ("recorder.file=mine.mcap", lambda s: s.recorder.file, "mine.mcap"),
+    ],
+)
+def test_a_path_of_the_command_line_is_relative_to_the_working_directory(
+    write_scenario, tmp_path, monkeypatch, override, read, name
+):
+    path = write_scenario("[target.path]\nkind = 'recorded'\nfile = 'walk.csv'\n")
+    here = tmp_path / "here"
+    for folder in (here, path.parent):
+        (folder / "keys").mkdir(parents=True)
+        for file in ("w", "walk.csv"):
+            (folder / file).touch()
+    monkeypatch.chdir(here)
+    assert load_scenario(path).target.path.file == path.parent / "walk.csv"
+    assert read(load_scenario(path, (override,))) == here / name
+    if name == "keys":
+        (here / "keys").rmdir()
+        assert "here/keys: no such folder" in problem(path, override)
+
+
+def test_robot_world_and_map_of_the_command_line_are_relative_to_the_working_directory(
     write_scenario, tmp_path, monkeypatch
 ):
-    path = write_scenario("[bus]\nkeys = 'keys'\n")
-    (tmp_path / "elsewhere" / "keys").mkdir(parents=True)
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert load_scenario(path).bus.keys == tmp_path / "elsewhere" / "keys"
-    (path.parent / "keys").mkdir()
-    loaded = load_scenario(path)
-    assert loaded.bus.keys == path.parent / "keys"
-    assert effective(loaded)["bus"]["keys"] == str(path.parent / "keys")
+    path = write_scenario()
+    (tmp_path / "mine.toml").write_text((ROOT / "configs/robots/artbul.toml").read_text())
+    (tmp_path / "place.toml").write_text("ground_friction = 0.5\n")
+    monkeypatch.chdir(tmp_path)
+    loaded = load_scenario(path, ("robot=mine.toml", "world=place.toml"))
+    assert (loaded.robot.name, loaded.world.ground_friction) == ("artbul", 0.5)
+    assert problem(path, "world.map=none.yaml").startswith("none.yaml: can't be read")
 
 
 def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path, monkeypatch):

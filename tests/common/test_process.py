@@ -120,6 +120,7 @@ def start(write_scenario, tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             pass_fds=pass_fds,
+            cwd=scenario.parent,
         )
         with process:
             try:

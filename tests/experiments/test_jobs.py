@@ -95,7 +95,8 @@ def test_the_fingerprint_has_what_a_program_says_and_not_its_name(folder, monkey
     for name, text in texts.items():
         folder.write(name, text)
     first, copy, other = (
-        key_of(folder, f'programs.follower="{name}:A"') for name in ("a.py", "deep/b.py", "c.py")
+        key_of(folder, f'programs.follower="{folder.path}/{name}:A"')
+        for name in ("a.py", "deep/b.py", "c.py")
     )
     assert first == copy
     assert first != other

@@ -32,15 +32,9 @@ def test_each_section_is_one_screen():
 
 @pytest.mark.parametrize("line", [line for line in COMMANDS if "mecazen up" not in line])
 def test_a_command_of_the_page_works(folder, line):
-    words = [
-        str(folder / word.removeprefix("robot=")) if (folder / word).exists() else word
-        for word in shlex.split(line)[1:]
-    ]
-    words = [w if not w.startswith("robot=") else f"robot={folder / w[6:]}" for w in words]
-    if "--record" in words:
-        words[-1] = str(folder / words[-1])
+    words = shlex.split(line)[1:]
     short = SHORT if words[0] == "simulate" else ()
-    done = mecazen(*words, *short)
+    done = mecazen(*words, *short, folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -92,7 +92,7 @@ class Recorded(_Walk, tag="recorded", kw_only=True):
     """A recorded track, transformed so that it starts at the start pose."""
 
     file: Path
-    """CSV with the columns `t_s`, `x_m`, `y_m`; relative to the scenario's folder."""
+    """CSV with the columns `t_s`, `x_m`, `y_m`."""
 
 
 class ScriptStep(Section):

@@ -25,7 +25,7 @@ class RobotConfig(Section):
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
     """Its namespace within the run's."""
     robot: Robot | None = None
-    """Its robot file, relative to the scenario; or the same as a table."""
+    """Its robot file; or the same as a table."""
     start: StartConfig | None = None
     sensor: SensorConfig | None = None
     """This and the sections of its own services are laid over those of the scenario."""

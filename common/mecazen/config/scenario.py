@@ -57,7 +57,7 @@ class Scenario(Section):
     """
 
     robot: Robot
-    """The robot file, relative to the scenario; the same as a table; or a table that changes
+    """The robot file; the same as a table; or a table that changes
     some of a file: `{ file = "../robots/nexus.toml", payload = { … } }`."""
     services: tuple[str, ...] = ("physics", "controller", "target", "follower")
     """The services that take part."""
@@ -67,7 +67,7 @@ class Scenario(Section):
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
     world: WorldConfig = WorldConfig()
-    """A table; a world file, relative to the scenario; or a table that changes some of a file."""
+    """A table; a world file; or a table that changes some of a file."""
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     sensors: SensorsConfig = SensorsConfig()

@@ -66,6 +66,7 @@ def record(
     Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
     """
     from mecazen.config import RecorderConfig
+    from mecazen.schema import Output
 
     from mecazen_recorder import rerun
     from mecazen_recorder.recorder import record_until_stopped
@@ -74,7 +75,7 @@ def record(
         if encoding != "cdr":
             raise ConfigError("--rrd needs --encoding cdr: Rerun does not read the other")
         rerun.converter()
-    config = RecorderConfig(file=str(output), keys=tuple(keys or ["**"]), encoding=encoding)
+    config = RecorderConfig(file=Output(output), keys=tuple(keys or ["**"]), encoding=encoding)
     with tool_bus(connect, namespace, tls) as bus:
         count = record_until_stopped(bus, config)
         lost = bus.refused.total()

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext, suppress
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from mecazen import keys, log
@@ -96,7 +95,7 @@ class Recorder:
             includes(key, key)  # a wrong key is an error before the file exists
         # re-computation needs the changes of parameters
         recorded = (*config.keys, keys.PARAMETERS.key)
-        self.writer = RecordingWriter(Path(config.file), config.encoding)
+        self.writer = RecordingWriter(config.path, config.encoding)
         if isinstance(bus, ZenohBus):
             for index, key in enumerate(recorded):
                 take = partial(self._take_bytes, recorded[:index])
@@ -269,7 +268,7 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
         for name in (RECORD, f"{RECORD}/{READY}"):
             bus.declare_alive(name)
         Receipts(bus, RECORD).follow()
-        logger.info("msg=started file=%s", config.file)
+        logger.info("msg=started file=%s", config.path)
         recorder.run()
     except StoppedError:
         pass

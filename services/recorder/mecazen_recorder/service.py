@@ -34,7 +34,7 @@ class RecorderService(Observer):
         super().__init__(name, bus, scenario)
         config = scenario.recorder
         if scenario.sim.mode == "real_time":  # it may have been started again
-            config = msgspec.structs.replace(config, file=str(free_name(Path(config.file))))
+            config = msgspec.structs.replace(config, file=free_name(config.path))
         parts, topics = scenario.services, graph_of(scenario).topics
         toml = partial(to_toml, scenario)
         self.recorder = Recorder(bus, config, parts, toml, scenario.names, topics)
