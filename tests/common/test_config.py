@@ -5,11 +5,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from common.sections import problem
 from mecazen.config import BusConfig, ControllerConfig, Scenario, SensorsConfig, SimConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Folder
+
+WALKERS = "[{path={kind='standing',x_m=3.0},body={height_m=1.1}}]"
 
 
 def test_times_of_a_run_are_in_whole_ticks(scenario):
@@ -35,6 +38,13 @@ def test_processes_meet_at_the_usual_port_unless_something_else_is_said():
     assert BusConfig(connect=("tcp/127.0.0.1:1",)).router_endpoints == ("tcp/127.0.0.1:1",)
     assert BusConfig(zenoh_config=Path("zenoh.json5")).router_endpoints is None
     assert BusConfig(keys=Folder("keys")).router_endpoints == ("tls/127.0.0.1:7447",)
+
+
+@pytest.mark.parametrize("setting", ["target.body.limp={}", f"crowd.walkers={WALKERS}"])
+def test_a_body_that_no_sensor_sees_is_refused(write_scenario, setting):
+    path = write_scenario()
+    assert "no sensor sees a body; sensor.kind = 'body'" in problem(path, setting)
+    assert load_scenario(path, (setting, 'sensor.also=["lidar"]'))
 
 
 def test_a_scenario_is_immutable(scenario):

@@ -70,6 +70,16 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path,
     assert samples(second) == expected
 
 
+def test_a_recording_without_a_sample_is_an_error_and_no_file(net, tmp_path):
+    path = tmp_path / "none.mcap"
+    recorder = record(net, path, "odmo")
+    code, _, err = recorder.end()
+    assert "warning: odmo: no key of mecazen; did you mean odom?" in err
+    assert err.endswith(f"error: {path}: not written, since no sample came\n")
+    assert code == 1
+    assert not path.exists()
+
+
 def test_some_keys_are_recorded_once_each(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")

@@ -140,6 +140,12 @@ def test_a_driven_person_moves_by_the_commands_and_stops_when_they_end():
     assert target.person(9, turn) == pytest.approx(Pose2D(0.05).integrate(turn, 0.01))
 
 
+def test_a_person_on_a_path_refuses_commands():
+    target = Target(STANDING)
+    assert target.person(0) == target.person(1, Twist2D(1.0)) == target.person(2)
+    assert target.refused == ["target/cmd_vel"]
+
+
 def test_a_driven_person_makes_up_for_missed_ticks_but_not_beyond_the_timeout():
     target = Target(DRIVEN)
     target.person(0)

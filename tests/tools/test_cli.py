@@ -1,17 +1,22 @@
 """Parts of the commands, each by itself; whole command lines: tests/system/test_cli.py."""
 
+import resource
+import signal
+import subprocess
 import time
 from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
 import pytest
-from harness import error_of
+from harness import command, error_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.messages import Parameter, Parameters, Twist
 from mecazen_tools.cli import app, options, param, sim, talk, teleop
 from mecazen_tools.driving import Hand
+from mecazen_tools.strays import mistake
 from mecazen_tools.trajectory import Scores
 
 
@@ -96,12 +101,40 @@ def test_a_key_of_the_table_holds_its_message_and_another_any_json():
 
 
 def test_a_mistyped_key_is_told_of(capsys):
-    talk._warn_of_typo("cmd_vle")
-    talk._warn_of_typo("cmd_vel")
-    talk._warn_of_typo("target/*")
+    for key in ("cmd_vle", "cmd_vel", "target/*"):
+        talk._warn(mistake(key))
     (line,) = capsys.readouterr().err.splitlines()
     assert "cmd_vel" in line
     assert error_of(ConfigError, lambda: talk.pub("my/*", "{}")).startswith("my/*: an expression")
+
+
+def test_a_message_that_every_service_would_refuse_is_not_published():
+    told = error_of(ConfigError, lambda: talk.pub("cmd_vel", '{"linear":{"x":1e30}}'))
+    assert told == "cmd_vel: linear velocity 1e+30 is out of range, at most 1e+06 m/s"
+
+
+FULL = "error: the output is incomplete: "
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_output_that_does_not_fit_on_the_disk_is_one_line(tmp_path, unbuffered):
+    def run(target, *arguments):
+        """Run a command whose output may have 2000 bytes."""
+
+        def limit():
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+        told = command(arguments, PYTHONUNBUFFERED=unbuffered)
+        with Path(target).open("wb") as output:
+            pipes = {"stdout": output, "stderr": subprocess.PIPE}
+            done = subprocess.run(**told, **pipes, check=False, preexec_fn=limit)
+        return done.returncode, done.stderr
+
+    assert run("/dev/full", "config", "back") == (1, f"{FULL}No space left on device\n")
+    assert run("/dev/full", "topics") == (1, f"{FULL}No space left on device\n")
+    assert run(tmp_path / "back.toml", "config", "back") == (1, f"{FULL}File too large\n")
+    assert run(tmp_path / "version", "--version") == (0, "")
 
 
 @pytest.mark.parametrize(

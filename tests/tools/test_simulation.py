@@ -74,6 +74,7 @@ def test_what_is_commanded_is_published_before_each_tick(sim):
         (lambda sim: sim.set_parameters(**{"follower.standoff_m": 1.5}), "takes no part"),
         (lambda sim: sim.set_parameters(**{"sim.tick_s": 0.02}), "can't change while it runs"),
         (lambda sim: sim.state_of("two"), "no robot 'two'; robots: "),
+        (lambda sim: sim.latest("odmo"), "odmo: no key of this scenario; its keys: "),
         (lambda sim: sim.view(), "view=True"),
     ],
 )

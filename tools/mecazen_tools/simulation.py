@@ -100,7 +100,7 @@ class Simulation:
         self._closed = False
         self._run = InProcess(loaded)
         self._graph = graph_of(loaded)
-        self._latest: dict[str, Message] = {}
+        self._latest: dict[str, Message | None] = {}
         self._held: dict[Topic[Twist], Twist] = {}
         """Commands that are published before each tick."""
         for robot in loaded.names:
@@ -156,7 +156,7 @@ class Simulation:
             raise ConfigError(f"seed = {seed} must be between 0 and {2**32 - 1}")
         self._run.reset(seed)
         self._held.clear()
-        self._latest.clear()
+        self._latest = dict.fromkeys(self._latest)
         self._begin()
         return self.state
 
@@ -266,8 +266,8 @@ class Simulation:
         truth = self._motion(keys.GROUND_TRUTH, robot)
         person = self._motion(keys.TARGET_ODOM, robot) or (None, None)
         odom = self._motion(keys.ODOM, robot) or (None, None)
-        command = self.latest(keys.of_robot(keys.CMD_VEL, robot).key)
-        follower = self.latest(keys.of_robot(keys.FOLLOWER_STATE, robot).key)
+        command = self._latest.get(keys.of_robot(keys.CMD_VEL, robot).key)
+        follower = self._latest.get(keys.of_robot(keys.FOLLOWER_STATE, robot).key)
         if truth is None:
             raise ConfigError(f"no robot {robot!r}; robots: {', '.join(self.scenario.names)}")
         return State(
@@ -282,13 +282,20 @@ class Simulation:
         )
 
     def latest(self, key: str) -> Message | None:
-        """Return the newest message on a key, such as `scan` or `one/odom`; None: not yet one.
+        """Return the newest message on a key, such as `odom` or `one/odom`; None: not yet one.
 
         >>> with Simulation("back", duration_s=0.1) as sim:
-        ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("scan")
+        ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("cmd_vel")
         (0, 0.01, None)
+
+        Raises:
+            ConfigError: No node of the scenario takes or gives the key.
         """
-        return self._latest.get(key)
+        if key not in self._latest:
+            raise ConfigError(
+                f"{key}: no key of this scenario; its keys: {', '.join(self._latest)}"
+            )
+        return self._latest[key]
 
     @property
     def trajectory(self) -> Trajectory:
@@ -336,6 +343,7 @@ class Simulation:
 
     def _listen(self, topic: Topic[Any], robot: str) -> None:
         on_bus = keys.of_robot(topic, robot)
+        self._latest[on_bus.key] = None
 
         def take(message: Message, stamp: Stamp | None) -> None:
             del stamp
@@ -344,7 +352,7 @@ class Simulation:
         self._run.bus.subscribe(on_bus, take)
 
     def _motion(self, topic: Topic[Odometry], robot: str) -> tuple[Pose2D, Twist2D] | None:
-        odometry = self.latest(keys.of_robot(topic, robot).key)
+        odometry = self._latest.get(keys.of_robot(topic, robot).key)
         if not isinstance(odometry, Odometry):
             return None
         return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()

@@ -8,10 +8,16 @@ subscribes only to misspelt keys of `open` topics, on which no node publishes.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Iterator, Sequence
+import tomllib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any
 
+from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.keys import CALLS, TOPICS, topic_of
+from mecazen.errors import BusError
+from mecazen.graph import GRAPH
+from mecazen.keys import CALLS, SIM_SCENARIO, TARGET_CMD_VEL, TOPICS, Topic, topic_of
+from mecazen.messages import Empty
 from mecazen.robots import join_key, split_key
 from mecazen.text import shortened
 
@@ -22,6 +28,9 @@ KEYS = 20
 AFFIX = 3
 """Number of first or last characters that identify a misspelt name."""
 
+OWN_WAY = "the person goes their own way: target.path = { kind = 'driven' } obeys"
+ANSWER_S = 1.0
+"""Timeout of a query [s]."""
 OPEN = tuple(topic.key for topic in TOPICS if topic.open)
 
 
@@ -85,14 +94,78 @@ def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
     their own, so an unknown key is not an error.
     """
     known = [topic.key for topic in TOPICS] + [call.key for call in CALLS]
-    parts = key.split("/")
-    ends = ["/".join(parts[at:]) for at in range(len(parts))]
-    if any(topic_of(end) is not None or end in known for end in ends):
+    if _split(key)[1] is not None or f"/{key}".endswith(tuple(f"/{call.key}" for call in CALLS)):
         return None
     robot, name = split_key(key, robots)
     close = difflib.get_close_matches(name, known, n=1)
     meant = f"did you mean {join_key(close[0], robot)}?" if close else "`mecazen topics` shows all"
     return f"{shortened(key)}: no key of mecazen; {meant}"
+
+
+def mistake(key: str) -> str | None:
+    """Return a warning of a key that carries no samples; None for an expression.
+
+    Raises:
+        BusError: It is neither.
+    """
+    includes(key, key)
+    return None if "*" in key else asked_only(key) or unknown_key(key)
+
+
+def absent(bus: ZenohBus, key: str) -> str:
+    """Return why a key may have no samples."""
+    _, topic = _split(key)
+    here = _alive(bus)
+    givers = dict.fromkeys(row.part_of for row in GRAPH if topic in row.outputs)
+    if not here:
+        return "no simulation runs there"
+    if topic is None or here & givers.keys():
+        return "nothing has been published"
+    if not givers:
+        return "no service publishes it, only tools such as `mecazen pub`"
+    return f"{' and '.join(givers)} would publish it, and no such service runs"
+
+
+def ignored(bus: ZenohBus, key: str) -> str | None:
+    """Return why samples on a key have no effect; None if they may have one."""
+    robot, topic = _split(key)
+    if topic is None:
+        return None
+    rows = [row for row in GRAPH if not row.observes and topic in [i.topic for i in row.inputs]]
+    if not _alive(bus).intersection(row.part_of for row in rows):
+        return f"{key}: no service that runs there takes it"
+    if topic is TARGET_CMD_VEL and goes_own_way(scenario_at(bus), robot):
+        return f"{key}: {OWN_WAY}"
+    return None
+
+
+def scenario_at(bus: ZenohBus) -> dict[str, Any]:
+    """Return the tables of the scenario that runs there; empty if none answers."""
+    try:
+        return tomllib.loads(bus.call(SIM_SCENARIO, Empty(), ANSWER_S).data)
+    except (BusError, ValueError):
+        return {}
+
+
+def goes_own_way(scenario: Mapping[str, Any], robot: str) -> bool:
+    """Return whether the person of a robot takes no commands."""
+    own = [one for one in scenario.get("robots", ()) if one.get("name") == robot]
+    path = {**scenario, **(own[0] if own else {})}.get("target", {}).get("path", {})
+    return bool(path.get("kind", "driven") != "driven")
+
+
+def _alive(bus: ZenohBus) -> set[str]:
+    """Return the names of the services that are alive, without those of robots."""
+    return {part for name in bus.alive() for part in name.split("/")}
+
+
+def _split(key: str) -> tuple[str, Topic[Any] | None]:
+    """Return the robot of a key, and its topic if it is known."""
+    parts = key.split("/")
+    for at in range(len(parts)):
+        if (topic := topic_of("/".join(parts[at:]))) is not None:
+            return "/".join(parts[:at]), topic
+    return "", None
 
 
 def asked_only(key: str) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import cache
 from itertools import combinations
 from typing import Annotated, Any, NamedTuple, cast
@@ -15,6 +16,7 @@ from mecazen.config.controller import ControllerConfig
 from mecazen.config.crowd import CrowdConfig
 from mecazen.config.follower import FollowerConfig
 from mecazen.config.guard import GuardConfig
+from mecazen.config.people import Body
 from mecazen.config.physics import PhysicsConfig
 from mecazen.config.recorder import RecorderConfig
 from mecazen.config.robots import RobotConfig
@@ -110,9 +112,19 @@ class Scenario(Section):
                     f"robots: {robot.name}: sensor.kind and sensor.also are the same for all robots"
                 )
         places = {name: self.of(name) for name in self.names}
+        self._check_bodies(place.target.body for place in places.values())
         for (one, a), (other, b) in combinations(places.items(), 2):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
                 raise ValueError(f"robots: {one} and {other} overlap at their starts")
+
+    def _check_bodies(self, followed: Iterable[Body]) -> None:
+        others = [walker.body for walker in (*self.crowd.walkers, self.crowd.reactive) if walker]
+        if "skeleton" in self.features or all(body == Body() for body in (*followed, *others)):
+            return
+        raise ValueError(
+            "target.body and crowd: no sensor sees a body; sensor.kind = 'body', 'legs' or 'fused' "
+            "does, or any in sensor.also"
+        )
 
     @property
     def features(self) -> frozenset[str]:

@@ -20,7 +20,7 @@ from mecazen.explain import one_line
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
-from mecazen_tools.strays import OPEN
+from mecazen_tools.strays import OPEN, mistake
 from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
@@ -75,13 +75,22 @@ def record(
         if encoding != "cdr":
             raise ConfigError("--rrd needs --encoding cdr: Rerun does not read the other")
         rerun.converter()
+    for told in filter(None, map(mistake, keys or ())):
+        typer.echo(f"warning: {told}", err=True)
     config = RecorderConfig(file=Output(output), keys=tuple(keys or ["**"]), encoding=encoding)
     with tool_bus(connect, namespace, tls) as bus:
         count = record_until_stopped(bus, config)
         lost = bus.refused.total()
-    typer.echo(f"{output}: {count} samples" + (f", {lost} refused or dropped" if lost else ""))
+    if not count:
+        output.unlink()
+        raise MecazenError(f"{output}: not written, since no sample came" + _also_lost(lost))
+    typer.echo(f"{output}: {count} samples{_also_lost(lost)}")
     if rrd:
         typer.echo(f"{rerun.convert(output)}: the same for Rerun")
+
+
+def _also_lost(count: int) -> str:
+    return f", {count} refused or dropped" if count else ""
 
 
 def replay(

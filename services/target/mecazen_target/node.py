@@ -63,7 +63,9 @@ class TargetNode(Node):
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the person's pose, and in ticks that bring a frame what the sensor saw."""
         command = inputs.get(TARGET_CMD_VEL)
-        if command is not None:
+        if command is not None and self.path is not None:
+            inputs.refuse(TARGET_CMD_VEL, "the path is known; target.path.kind = 'driven' obeys")
+        elif command is not None:
             self.driven.command(command.to_planar())
         person = self.motion = self.motion_at(tick.number)
         outputs: dict[Topic[Any], m.Message] = {

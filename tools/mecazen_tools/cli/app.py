@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,6 +34,8 @@ from mecazen_tools.trajectory import Scores, Trajectory
 RECORDER = "recorder"
 ELSEWHERE = {"experiment": "mecazen-experiments", "bench": "mecazen-bench"}
 """Optional projects that provide a command."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a full disk."""
 
 TrajectoryFile = Annotated[
     Path | None,
@@ -296,17 +301,29 @@ def create(
 
 def main(commands: typer.Typer = app) -> None:
     """Run a command line; print an expected error in one line."""
+    if isinstance(unbuffered := sys.stdout.buffer, io.FileIO):  # PYTHONUNBUFFERED
+        # would drop the rest of a text without an error when the disk is full
+        sys.stdout = io.TextIOWrapper(io.BufferedWriter(unbuffered), encoding=sys.stdout.encoding)
     try:
         for argument in sys.argv[1:]:
             if argument != argument.encode(errors="replace").decode():
                 raise ConfigError(f"{argument!r}: not UTF-8, as all arguments must be")
-        sys.exit(commands(standalone_mode=False))
+        code = commands(standalone_mode=False)
+        sys.stdout.flush()
+        sys.exit(code)
     except typer.TyperException as error:
         sys.stderr.write(_usage_error(error))
         sys.exit(error.exit_code)
     except MecazenError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        sys.stderr.write(f"error: the output is incomplete: {error.strerror}\n")
+        # Python flushes the rest at its exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
 
 
 def _usage_error(error: typer.TyperException) -> str:

@@ -13,6 +13,7 @@ from mecazen.bus.session import includes
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import topic_of
+from mecazen.limits import refuse_implausible
 from mecazen.plan import compile_plan
 from mecazen.programs import graph_of
 from mecazen.suggest import unknown_fields
@@ -24,9 +25,11 @@ from rich.text import Text
 from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
 from mecazen_tools.generated import one_process_each
-from mecazen_tools.strays import asked_only, unknown_key
+from mecazen_tools.strays import absent, ignored, mistake
 
 LIVE_S = 1.0
+SILENCE_S = 2.0
+"""Time without a sample after which `echo` warns."""
 
 
 def graph(
@@ -136,9 +139,11 @@ def echo(
             typer.echo(printable(problem), err=True)
         shown += 1
 
-    _warn_of_typo(key)
+    _warn(mistake(key))
     with tool_bus(connect, namespace, tls) as bus:
         bus.subscribe_bytes(key, show)
+        if not bus.spin_once(SILENCE_S):
+            _warn(f"{key}: no sample for {SILENCE_S:g} s: {absent(bus, key)}")
         while count is None or shown < count:
             bus.spin_once()
 
@@ -169,15 +174,18 @@ def pub(
     payload = message.encode()
     try:
         read = _read(key, payload, JSON_ENCODING)
+        if (topic := topic_of(key)) is not None:
+            refuse_implausible(topic.key, read)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if isinstance(read, msgspec.Struct):
         for told in unknown_fields(msgspec.json.decode(payload), read):
-            typer.echo(f"warning: {key}: {told}", err=True)
+            _warn(f"{key}: {told}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
-    _warn_of_typo(key)
+    _warn(mistake(key))
     with tool_bus(connect, namespace, tls) as bus:
+        _warn(ignored(bus, key))
         begin, sent = time.monotonic(), 0
         while True:
             bus.put_bytes(key, payload, JSON_ENCODING)
@@ -194,8 +202,7 @@ def _read(key: str, payload: bytes, encoding: str) -> Any:
     return msgspec.json.decode(payload) if topic is None else decode(payload, topic.type, encoding)
 
 
-def _warn_of_typo(key: str) -> None:
-    """Warn on standard error of a key without samples, and suggest a similar key."""
-    told = None if "*" in key else asked_only(key) or unknown_key(key)
+def _warn(told: str | None) -> None:
+    """Print a warning, if there is one, on standard error."""
     if told is not None:
         typer.echo(f"warning: {told}", err=True)

@@ -7,7 +7,6 @@ import signal
 import sys
 import termios
 import time
-import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -16,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.errors import BusError, ConfigError
+from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.keys import Topic, of_robot
-from mecazen.messages import Empty, GuardState, Odometry, Twist
+from mecazen.messages import GuardState, Odometry, Twist
 from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import Stamp
@@ -31,6 +30,7 @@ from mecazen_tools import driving, gamepad
 from mecazen_tools.access import TELEOP
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen_tools.driving import Hand
+from mecazen_tools.strays import OWN_WAY, goes_own_way, scenario_at
 
 if TYPE_CHECKING:
     from blessed import Terminal
@@ -43,7 +43,7 @@ STALE_S = 1.0
 OTHERS_S = 0.5
 """Time after a command of another client during which that client counts as driving [s]."""
 ANSWER_S = 0.5
-"""Timeout of answers from the terminal and from the simulation [s]."""
+"""Timeout of answers from the terminal [s]."""
 KITTY = 0b1011
 """Flags of kitty's keyboard protocol: distinct keys, releases, and both for all keys."""
 OTHER = "other"
@@ -171,17 +171,13 @@ class Driven:
     def _ask(self) -> None:
         """Query the scenario, and check that the robot exists and obeys."""
         self._is_new, self._obeys = False, ""
-        try:
-            tables = tomllib.loads(self._bus.call(keys.SIM_SCENARIO, Empty(), ANSWER_S).data)
-        except (BusError, ValueError):
-            return
-        robots = {str(robot["name"]): robot for robot in tables["robots"]}
-        if (robots or self._robot) and self._robot not in robots:
+        tables = scenario_at(self._bus)
+        robots = [str(robot["name"]) for robot in tables.get("robots", ())]
+        if tables and (robots or self._robot) and self._robot not in robots:
             told = ", ".join(map(printable, robots)) or "one without a name"
             raise ConfigError(f"--robot {self._robot or 'is needed'}: there is {told}")
-        path = {**tables, **robots.get(self._robot, {})}.get("target", {}).get("path", {})
-        if self._role is PERSON and path.get("kind") != "driven":
-            self._obeys = "the person goes their own way: target.path = { kind = 'driven' } obeys"
+        if self._role is PERSON and goes_own_way(tables, self._robot):
+            self._obeys = OWN_WAY
 
 
 def teleop(
