@@ -47,10 +47,10 @@ Films = Annotated[
 DefaultFile = Annotated[str, Argument(metavar="FILE", help=FILE_HELP)]
 View = Annotated[list[str] | None, Option(help="One of its views.", show_default="all")]
 Standoffs = Annotated[
-    list[float] | None, Option(min=0.1, help="Distance to the person [m].", show_default="all")
+    list[float] | None, Option(min=0.1, help=r"Distance to the person \[m].", show_default="all")
 ]
 Speeds = Annotated[
-    list[float] | None, Option(min=0.05, help="Of the person [m/s].", show_default="all")
+    list[float] | None, Option(min=0.05, help=r"Of the person \[m/s].", show_default="all")
 ]
 MocapFigures = Annotated[
     Path | None, Option(metavar="FOLDER", help="Draw its figures there.", show_default="none")

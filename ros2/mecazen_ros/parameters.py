@@ -6,6 +6,7 @@ A node has the parameters of its service's section under names without the secti
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -94,8 +95,13 @@ class NodeParameters:
             settings = {self._key(one.name, known): _text(one) for one in parameters}
             self._ask(call, m.Parameters(parameters=to_message(settings)))
         except (RefusedError, BusError) as error:
-            return Result(False, str(error).removeprefix(f"{call.key}: "))
+            return Result(False, self._named(str(error).removeprefix(f"{call.key}: ")))
         return Result(True)
+
+    def _named(self, problem: str) -> str:
+        """Return a problem of the simulation with the names that the node's parameters have."""
+        own = "|".join(map(re.escape, self._prefixes))
+        return re.sub(rf"(^|did you mean )({own})", r"\1", problem)
 
     def _key(self, name: str, known: Mapping[str, m.ParameterDescriptor]) -> str:
         if name == USE_SIM_TIME:

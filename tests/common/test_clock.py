@@ -119,7 +119,7 @@ def test_pause_holds_time_and_resume_lets_it_go_on():
 
 def test_step_simulates_so_many_ticks_and_answers_when_they_are_done():
     rig = Rig()
-    assert rig.ask(keys.SIM_STEP, StepRequest()).error == "not paused: `sim/pause` first"
+    assert rig.ask(keys.SIM_STEP, StepRequest()).error == "not paused: `mecazen sim pause` first"
     rig.bus.call(keys.SIM_PAUSE, Empty())
     stepping = rig.ask(keys.SIM_STEP, StepRequest(ticks=3))
     assert rig.ask(keys.SIM_STEP, StepRequest()).error == "still stepping"
@@ -137,7 +137,7 @@ def test_a_lockstep_run_ends_with_its_last_tick_whatever_steps_are_asked_for():
     assert [len(rig.tick()) for _ in range(2)] == [3, 0]
     assert stepping.message.tick == 3
     late = rig.ask(keys.SIM_STEP, StepRequest())
-    assert late.error == "the run has ended: `sim/reset` begins it anew"
+    assert late.error == "the run has ended: `mecazen sim reset` begins another"
     rig.bus.call(keys.SIM_RESUME, Empty())
     assert rig.tick() == []
 

@@ -190,10 +190,10 @@ def test_each_is_set_by_itself_and_a_refusal_has_the_reason():
     # `ros2 param set … reach_m 2` sends a whole number
     wrong = node.set(reach_m=2, side="up", count=4, turns=1, most=inf, reached_m=1.0, fixed=4)
     assert wrong == [
-        "mine.side: got 'up'; allowed: 'left' or 'right'",
-        "mine.turns: got 1; allowed: true or false",
-        "mine.reached_m: no such parameter; did you mean mine.reach_m?",
-        "mine.fixed: can't change while it runs: its value at the start counts",
+        "side: got 'up'; allowed: 'left' or 'right'",
+        "turns: got 1; allowed: true or false",
+        "reached_m: no such parameter; did you mean reach_m?",
+        "fixed: can't change while it runs: its value at the start counts",
     ]
     assert node.value("reach_m") == Value(DOUBLE, double_value=2.0)
     assert node.value("count") == Value(INTEGER, integer_value=4)
@@ -206,7 +206,7 @@ def test_each_is_set_by_itself_and_a_refusal_has_the_reason():
 def test_a_value_of_another_type_or_out_of_its_range_is_refused(value):
     node = Node()
     (reason,) = node.set(reach_m=value)
-    assert reason.startswith("mine.reach_m: got ")
+    assert reason.startswith("reach_m: got ")
     assert node.value("reach_m").double_value == 0.5
 
 
@@ -215,7 +215,7 @@ def test_bytes_and_types_that_ros_does_not_have_are_refused():
         request = REQUEST["SetParameters"]((Parameter("reach_m", value),))
         (result,) = Node().parameters.set_parameters(request)["results"]
         assert not result.successful
-        assert result.reason.startswith("mine.reach_m: got [49]") or result.reason == (
+        assert result.reason.startswith("reach_m: got [49]") or result.reason == (
             "reach_m: there is no type 10"
         )
 
@@ -225,7 +225,7 @@ def test_what_only_goes_together_is_set_atomically_or_not_at_all():
     assert len(node.set(bearing_deg=1.0, heading_deg=2.0)) == 2
     assert node.set_together(bearing_deg=1.0, heading_deg=2.0).successful
     refused = node.set_together(reach_m=2.0, side="up")
-    assert refused.reason == "mine.side: got 'up'; allowed: 'left' or 'right'"
+    assert refused.reason == "side: got 'up'; allowed: 'left' or 'right'"
     assert node.value("reach_m").double_value == 0.5
     assert node.set_together(bearing_deg=None, heading_deg=None).successful
     assert node.value("bearing_deg") == Value()

@@ -1,5 +1,8 @@
 """The README says what is so."""
 
+import re
+import tomllib
+
 from harness import ROOT, SCENARIOS
 
 README = (ROOT / "README.md").read_text()
@@ -22,6 +25,27 @@ def test_its_links_lead_somewhere():
     files = [name.partition("#")[0] for name in targets if "://" not in name]
     missing = [name for name in files if not (ROOT / name).exists()]
     assert not missing
+
+
+def test_every_extra_that_is_named_exists():
+    parts = [
+        path.parent
+        for pattern in ("*", "services/*")
+        for path in ROOT.glob(f"{pattern}/pyproject.toml")
+    ]
+    files = [file for part in parts for file in part.glob("mecazen*/**/*.py")]
+    files += [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]
+    named = {
+        found for file in files for found in re.findall(r"(mecazen-\w+)\[(\w+)\]", file.read_text())
+    }
+    assert ("mecazen-people", "c3d") in named
+    projects = [tomllib.loads((part / "pyproject.toml").read_text())["project"] for part in parts]
+    extras = {
+        (project["name"], extra)
+        for project in projects
+        for extra in project.get("optional-dependencies", {})
+    }
+    assert named <= extras
 
 
 def test_every_scenario_is_named():

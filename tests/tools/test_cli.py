@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+import typer
 from harness import command, error_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
@@ -18,19 +19,21 @@ from mecazen_tools.cli import app, options, param, sim, talk, teleop
 from mecazen_tools.driving import Hand
 from mecazen_tools.strays import mistake
 from mecazen_tools.trajectory import Scores
+from rich.text import Text
 
 
 @pytest.mark.parametrize(
     ("argument", "told"),
     [
         ("fly", "No such command 'fly'; it comes with mecazen-wings, or with `make develop`"),
+        ("pubs", "No such command 'pubs'; it comes with mecazen-pubs, or with `make develop`"),
         ("sim", ""),  # which shows its help
         ("\udcff", "'\\udcff': not UTF-8, as all arguments must be"),
     ],
 )
 def test_what_is_wrong_with_a_command_line_is_one_line(argument, told, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["mecazen", argument])
-    monkeypatch.setattr(app, "ELSEWHERE", {"fly": "mecazen-wings"})
+    monkeypatch.setattr(app, "ELSEWHERE", {"fly": "mecazen-wings", "pubs": "mecazen-pubs"})
     with pytest.raises(SystemExit) as ended:
         app.main()
     assert ended.value.code == 2
@@ -111,6 +114,22 @@ def test_a_mistyped_key_is_told_of(capsys):
 def test_a_message_that_every_service_would_refuse_is_not_published():
     told = error_of(ConfigError, lambda: talk.pub("cmd_vel", '{"linear":{"x":1e30}}'))
     assert told == "cmd_vel: linear velocity 1e+30 is out of range, at most 1e+06 m/s"
+
+
+def commands(group, name="mecazen"):
+    """Yield every command of a group with its whole name."""
+    for part in (group, *getattr(group, "commands", {}).values()):
+        if part is not group:
+            yield from commands(part, f"{name} {part.name}")
+    yield name, group
+
+
+def test_the_help_of_every_command_shows_what_is_in_brackets():
+    for name, one in commands(typer.main.get_command(app.app)):
+        for part in one.params:
+            text = getattr(part, "help", None) or ""
+            shown = Text.from_markup(text).plain
+            assert shown == text.replace(r"\[", "["), f"{name} {part.name}"
 
 
 FULL = "error: the output is incomplete: "

@@ -3,12 +3,13 @@
 import signal
 
 import pytest
+from harness import SCENARIOS
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.wire import Stamp
-from mecazen_tools.cli.up import Interrupts, Status, _work
+from mecazen_tools.cli.up import Interrupts, Status, _work, hints
 from mecazen_tools.forking import STOPPING
 
 
@@ -18,6 +19,32 @@ def handlers():
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("settings", "options"),
+    [
+        ((), ""),
+        (('bus.connect=["tcp/127.0.0.1:7447"]',), ""),
+        (('bus.connect=["tcp/127.0.0.1:7448"]',), " --connect tcp/127.0.0.1:7448"),
+        (("bus.namespace=lab/a",), " --namespace lab/a"),
+        (("bus.keys=/",), " --tls ../../"),
+    ],
+)
+def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
+    scenario = load_scenario(SCENARIOS / "teleop.toml", settings)
+    lines = [line.partition("   #")[0] for line in hints(scenario, "my folder/teleop.toml")]
+    tools = [line for line in lines if line.startswith("mecazen ") and " up " not in line]
+    assert len(tools) >= 5
+    assert all(options in line for line in tools)
+    assert "--connect" in options or not any("mecazen" in x and "--connect" in x for x in tools)
+    namespace = scenario.bus.namespace
+    puts = [line for line in lines if line.startswith("zenoh ")]
+    assert all(f" -k {namespace + '/' if namespace else ''}cmd_vel " in line for line in puts)
+    other = load_scenario(SCENARIOS / "back.toml", settings)
+    assert any(
+        "up 'my folder/back.toml' --set" in line for line in hints(other, "my folder/back.toml")
+    )
 
 
 @pytest.mark.parametrize("number", STOPPING)

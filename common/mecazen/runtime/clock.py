@@ -291,9 +291,9 @@ class Clock:
     def _on_step(self, request: StepRequest, reply: Reply[SimState]) -> None:
         """Simulate a number of ticks while paused; answer after the last one."""
         if not self.paused:
-            reply.refuse("not paused: `sim/pause` first")
+            reply.refuse("not paused: `mecazen sim pause` first")
         elif self._at_the_end:
-            reply.refuse("the run has ended: `sim/reset` begins it anew")
+            reply.refuse("the run has ended: `mecazen sim reset` begins another")
         elif self.steps_left:
             reply.refuse("still stepping")
         else:

@@ -87,7 +87,7 @@ def _read_c3d(file: Path) -> MotionFile:
     try:
         ezc3d = importlib.import_module("ezc3d")
     except ImportError:
-        raise ConfigError("C3D needs the package ezc3d, as in mecazen-target[c3d]") from None
+        raise ConfigError("C3D needs ezc3d: pip install 'mecazen-people[c3d]'") from None
     with _parsed(file):
         content = ezc3d.c3d(str(file))
         parameters, points = content["parameters"]["POINT"], content["data"]["points"]

@@ -332,8 +332,10 @@ def _usage_error(error: typer.TyperException) -> str:
     if not told:
         return ""
     context = getattr(error, "ctx", None)  # set for an error in the usage of a command
-    hint = "" if context is None else f"; `{context.command_path} --help` tells what is allowed"
+    mark = "" if told.endswith("?") else ";"
+    hint = f"{mark} `{context.command_path} --help` tells what is allowed" if context else ""
     for name, project in ELSEWHERE.items():
-        if told == f"No such command '{name}'":
+        if told.startswith(f"No such command '{name}'"):
+            told = f"No such command '{name}'"
             hint = f"; it comes with {project}, or with `make develop`"
     return f"error: {told}{hint}\n"

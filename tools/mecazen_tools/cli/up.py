@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import sys
@@ -18,7 +19,7 @@ import typer
 from mecazen import keys
 from mecazen.bridges import bridge_of
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import Process, Scenario
+from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
 from mecazen.errors import ConfigError
@@ -116,7 +117,7 @@ def up(
                 supervisor.start(Process((VIEWER,)), needed=False)
             if shown:
                 _await_viewer(console, supervisor)
-            _introduce(console, loaded, supervisor, path)
+            _introduce(console, loaded, scenario, supervisor.pids)
             _watch(console, supervisor, bus, status, interrupts)
     except KeyboardInterrupt:
         console.print("stopping …")
@@ -262,39 +263,59 @@ def _work(process: str, scenario: Scenario) -> str:
     return "; ".join(scenario.programs.get(row.name, row.summary) for row in rows)
 
 
-def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, path: Path) -> None:
+def _introduce(console: Console, scenario: Scenario, given: str, pids: Mapping[str, int]) -> None:
+    """Show the processes of a scenario, given by a name or file, and how to attach to it."""
     table = Table("process", "pid", "what it does", title="running", title_justify="left")
-    for name, pid in supervisor.pids.items():
+    for name, pid in pids.items():
         table.add_row(name, str(pid), escape(_work(name.rpartition("/")[2], scenario)))
     console.print(table)
-    folder = scenario.bus.keys
-    endpoint = (scenario.bus.router_endpoints or (SECURE_ROUTER if folder else ROUTER,))[0]
-    tls = f" --tls {os.path.relpath(folder)}" if folder else ""
+    endpoint = _endpoints(scenario.bus)[0]
     console.print(f"Tools attach at [bold]{escape(endpoint)}[/]. In another terminal:")
+    for line in hints(scenario, given):
+        console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
+    console.print("Ctrl-C ends all of it.")
+
+
+def _endpoints(bus: BusConfig) -> tuple[str, str]:
+    """Return the endpoint for tools, and the one that they take by default."""
+    default = SECURE_ROUTER if bus.keys else ROUTER
+    return (bus.router_endpoints or (default,))[0], default
+
+
+def hints(scenario: Scenario, name: str) -> list[str]:
+    """Return commands for another terminal that act on a scenario, given by its name or file."""
+    bus = scenario.bus
+    endpoint, default = _endpoints(bus)
+    options = {
+        "connect": endpoint if endpoint != default else None,
+        "namespace": bus.namespace,
+        "tls": os.path.relpath(bus.keys) if bus.keys else None,
+    }
+    there = "".join(f" --{key} {shlex.quote(value)}" for key, value in options.items() if value)
     drive = '{"linear":{"x":0.3}}'
     odom, cmd_vel, walk = (
         join_key(topic.key, scenario.names[0])
         for topic in (keys.ODOM, keys.CMD_VEL, keys.TARGET_CMD_VEL)
     )
     lines = [
-        f"mecazen echo {odom}{tls}",
-        f"mecazen sim pause{tls}   # also: resume, reset, step, speed",
-        f"mecazen topics --live{tls}",
+        f"mecazen echo {odom}{there}",
+        f"mecazen sim pause{there}   # also: resume, reset, step, speed",
+        f"mecazen topics --live{there}",
     ]
     if "follower" in scenario.services:
         lines.append("mecazen up teleop   # instead of this: you drive the robot")
     else:
         whose = f" --robot {scenario.names[0]}" if scenario.robots else ""
-        lines.insert(0, f"mecazen teleop{whose}{tls}   # drives the robot by keyboard")
-        lines.insert(1, f"mecazen pub {cmd_vel} '{drive}' --rate 20{tls}   # drives the robot")
-        if not tls:
+        lines.insert(0, f"mecazen teleop{whose}{there}   # drives the robot by keyboard")
+        lines.insert(1, f"mecazen pub {cmd_vel} '{drive}' --rate 20{there}   # drives the robot")
+        if not bus.keys:
             zenoh = f"zenoh --mode client --connect {endpoint}"
-            lines.insert(2, f"{zenoh} put -k {cmd_vel} -v '{drive}'")
+            lines.insert(2, f"{zenoh} put -k {join_key(cmd_vel, bus.namespace or '')} -v '{drive}'")
     if isinstance(scenario.target.path, Driven):
-        lines.insert(0, f"mecazen pub {walk} '{drive}' --rate 20{tls}   # walks the person")
+        lines.insert(0, f"mecazen pub {walk} '{drive}' --rate 20{there}   # walks the person")
     else:
         driven = "--set target.path=\"{kind='driven'}\""
-        lines.append(f"mecazen up {path.stem} {driven}   # instead: you walk the person")
+        lines.append(f"mecazen up {shlex.quote(name)} {driven}   # instead: you walk the person")
     if scenario.bus.ros2:
         domain = scenario.bus.ros_domain_id
         environment = f"RMW_IMPLEMENTATION=rmw_zenoh_cpp ROS_DOMAIN_ID={domain}"
@@ -302,6 +323,4 @@ def _introduce(console: Console, scenario: Scenario, supervisor: Supervisor, pat
     if shutil.which("mecazen") is None:
         activate = Path(sys.prefix) / "bin" / "activate"
         lines.insert(0, f". {os.path.relpath(activate)}   # once")
-    for line in lines:
-        console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
-    console.print("Ctrl-C ends all of it.")
+    return lines
