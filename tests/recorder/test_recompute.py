@@ -168,7 +168,10 @@ def test_the_order_in_which_samples_of_a_tick_were_recorded_does_not_matter(mine
 
 @pytest.mark.parametrize(
     ("first", "kind", "words"),
-    [(1, "Mine", "without the beginning of a run"), (0, "Advances", "mecazen simulate")],
+    [
+        (1, "Mine", "holds no run from its first tick; `mecazen sim reset` begins one"),
+        (0, "Advances", "mecazen simulate"),
+    ],
 )
 def test_what_cant_be_computed_anew_is_one_line(program, recorded, first, kind, words):
     path = recorded(first=first)

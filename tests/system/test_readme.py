@@ -15,9 +15,9 @@ def test_the_example_shown_is_the_example_that_is_tested():
 def test_its_lines_of_python_run_as_they_stand(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     code = README.partition("```python\nfrom mecazen import Simulation\n")[2].partition("```")[0]
-    exec("from mecazen import Simulation\n" + code, {})  # noqa: S102 - our own text
-    assert "d_err_m=0.0" in capsys.readouterr().out
-    assert (tmp_path / "run.mcap").stat().st_size > 100_000
+    for _ in range(2):  # the second time beside what the first has left
+        exec("from mecazen import Simulation\n" + code, {})  # noqa: S102 - our own text
+        assert "d_err_m=0.0" in capsys.readouterr().out
 
 
 def test_its_links_lead_somewhere():

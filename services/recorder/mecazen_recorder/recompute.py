@@ -93,8 +93,9 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     known = {run: samples for run, samples in runs.items() if run in recording.scenarios}
     whole = {run: samples for run, samples in known.items() if samples[0].time_ns == 0}
     if not whole:
-        missing = "the beginning of a run" if known else "the configuration of a run"
-        raise RecordingError(f"{recording.path}: can't be computed anew without {missing}")
+        missing = "with its configuration" if not known else "from its first tick"
+        remedy = "`mecazen sim reset` begins one while `mecazen record` runs"
+        raise RecordingError(f"{recording.path}: holds no run {missing}; {remedy}")
     return whole
 
 
