@@ -228,7 +228,7 @@ def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
     assert not (tmp_path / "x.mcap").exists()
     assert_one_line(net.run("replay", path, "--keys", "nothing"), 1, "nothing on these keys")
     through = mecazen("replay", path, "--through", "follower")
-    assert_one_line(through, 1, "the configuration of a run")
+    assert_one_line(through, 1, "no run with its configuration")
 
 
 def test_rerun_and_json_do_not_go_together(tmp_path):

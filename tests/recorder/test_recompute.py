@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import pytest
 import tomli_w
 from harness import assert_one_line, load_robot, mecazen
@@ -16,6 +15,7 @@ from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
 from mecazen.runtime.host import Host
 from mecazen.runtime.worker import Worker
+from mecazen.schema import Output
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.recorder import Recorder
@@ -41,7 +41,7 @@ def recorded(tmp_path, mine):
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = LocalBus()
         workers = [Worker(Host([("follower", r)], bus, scenario)) for r in scenario.names]
-        config = msgspec.convert({"file": str(path), "encoding": encoding}, RecorderConfig)
+        config = RecorderConfig(file=Output(path), encoding=encoding)
         recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
         for run in range(7, 7 + runs):
             for number in range(first, TICKS):

@@ -1,9 +1,15 @@
 """What is written: what other programs read of it, and when it can't be."""
 
+import math
+import resource
+import signal
+from contextlib import contextmanager
+
 import msgspec
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from mecazen.geometry import Twist2D
 from mecazen.keys import TOPICS
 from mecazen.messages import Twist
 from mecazen.wire import RefusedError
@@ -13,6 +19,19 @@ from mecazen_recorder.writer import RecordingError, RecordingWriter, Sink
 from recorder.ticks import TICK_NS, stamp_of
 
 TICKS = range(20)
+
+
+@contextmanager
+def limited_files(size):
+    """Let files have at most a size: no process can fill a disk in a test."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
 
 
 def test_messages_in_cdr_are_what_readers_of_ros_bags_expect(make_recording):
@@ -58,6 +77,25 @@ def test_a_sync_that_fails_leaves_what_was_synced_before(tmp_path, monkeypatch):
         sink.sync()
     sink.close()
     assert (tmp_path / "a").read_bytes() == b"good"
+
+
+def test_what_fits_on_the_disk_is_kept_up_to_the_last_whole_chunk(tmp_path):
+    path, ticks = tmp_path / "a.mcap", 0
+    with limited_files(1_000_000):
+        recording = RecordingWriter(path, "json")
+        recording._synced_s = (
+            math.inf
+        )  # as in a run so fast that the disk is full at the first sync
+        while recording._sink.tell() < 2_000_000:
+            twist = Twist.planar(Twist2D(math.sin(ticks), math.cos(ticks)))
+            recording.write("cmd_vel", twist, stamp_of(ticks), ticks)
+            ticks += 1
+        with pytest.raises(RecordingError, match="what was recorded before can be read"):
+            recording.close()
+    kept = list(Recording(path).samples())
+    assert [sample.time_ns for sample in kept] == list(range(len(kept)))
+    assert ticks / 4 < len(kept) < ticks / 2
+    assert path.stat().st_size <= 1_000_000
 
 
 def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(tmp_path, monkeypatch):

@@ -6,9 +6,10 @@ import os
 import time
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, NamedTuple, cast
+from typing import IO, NamedTuple, NoReturn, cast
 
 import msgspec
+from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
 from mecazen.config.recorder import Encoding
@@ -21,6 +22,8 @@ from mecazen_ros import cdr
 from mecazen_ros.types import definition
 
 LIBRARY = "mecazen"
+CHUNK = bytes([Opcode.CHUNK])
+"""The first byte of a chunk."""
 URDF = "robot.urdf"
 SYNC_S = 0.5
 """Longest wall time for which a sample is only in memory."""
@@ -36,16 +39,18 @@ class RecordingError(MecazenError):
 
 
 class Sink:
-    """Buffers bytes in memory; `sync` writes them to the disk, or leaves the file unchanged.
+    """Buffers records in memory; `sync` writes them to the disk.
 
     Raises:
         RecordingError: The file exists, or can't be created.
     """
 
     def __init__(self, path: Path) -> None:
+        self.holds_chunk = False
+        """Whether a chunk of messages is on the disk."""
         self._path = path
-        self._waiting = bytearray()
-        self._synced = 0
+        self._waiting: list[bytes] = []
+        self._size = self._synced = 0
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         except FileExistsError:
@@ -53,13 +58,14 @@ class Sink:
         except OSError as error:
             raise RecordingError(f"{path}: can't be written: {error.strerror}") from None
 
-    def write(self, data: bytes) -> None:
-        """Buffer bytes."""
-        self._waiting += data
+    def write(self, record: bytes) -> None:
+        """Buffer whole records of the file."""
+        self._waiting.append(record)
+        self._size += len(record)
 
     def tell(self) -> int:
         """Return the number of bytes written so far."""
-        return self._synced + len(self._waiting)
+        return self._size
 
     def flush(self) -> None:
         """Do nothing; `sync` writes."""
@@ -68,19 +74,30 @@ class Sink:
         """Write everything to the disk.
 
         Raises:
-            RecordingError: Writing failed, most likely on a full disk; the file then ends where
-                it ended after the last sync.
+            RecordingError: Writing failed, most likely on a full disk; the file then ends with the
+                last record that had room.
         """
+        kept, holds_chunk = self._synced, self.holds_chunk
         try:
-            written = 0
-            while written < len(self._waiting):
-                written += os.write(self._file, self._waiting[written:])
+            for record in self._waiting:
+                left = memoryview(record)
+                while left:
+                    left = left[os.write(self._file, left) :]
+                kept += len(record)
+                holds_chunk |= record.startswith(CHUNK)
+        except OSError as error:
+            self.holds_chunk = holds_chunk
+            self._end_at(kept, error)
+        try:
             os.fsync(self._file)
         except OSError as error:
-            os.ftruncate(self._file, self._synced)
-            raise RecordingError(f"{self._path}: can't be written on: {error.strerror}") from None
-        self._synced += written
+            self._end_at(self._synced, error)
+        self._synced, self.holds_chunk = kept, holds_chunk
         self._waiting.clear()
+
+    def _end_at(self, size: int, error: OSError) -> NoReturn:
+        os.ftruncate(self._file, size)
+        raise RecordingError(f"{self._path}: can't be written on: {error.strerror}") from None
 
     def close(self) -> None:
         """Close the file."""
@@ -108,7 +125,7 @@ def schema_of(kind: type[Message], encoding: Encoding) -> Schema:
 class RecordingWriter:
     """Writes an MCAP file, which must not exist, with messages in an encoding.
 
-    If the disk is full before the first of them is on it, no file is left.
+    On a full disk the file ends after the last whole chunk. If there is none, no file is left.
 
     Raises:
         RecordingError: The file can't be created.
@@ -116,7 +133,6 @@ class RecordingWriter:
 
     def __init__(self, path: Path, encoding: Encoding) -> None:
         self.count = 0
-        self._synced_count = 0
         self._path = path
         self._encoding = encoding
         self._channels: dict[tuple[str, Stamp | None, type[Message] | str], int] = {}
@@ -184,13 +200,12 @@ class RecordingWriter:
         try:
             self._sink.sync()
         except RecordingError as error:
-            self._sink.close()
-            self._sink = None
-            if self._synced_count:
+            sink, self._sink = self._sink, None
+            sink.close()
+            if sink.holds_chunk:
                 raise RecordingError(f"{error}; what was recorded before can be read") from None
             self._path.unlink(missing_ok=True)
             raise
-        self._synced_count = self.count
         self._synced_s = time.monotonic()
 
     def _channel(self, key: str, stamp: Stamp | None, kind: type[Message] | str) -> int:
