@@ -72,9 +72,11 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path,
 
 def test_a_recording_without_a_sample_is_an_error_and_no_file(net, tmp_path):
     path = tmp_path / "none.mcap"
-    recorder = record(net, path, "odmo")
+    recorder = net.start("record", "-o", path, "odmo")
+    warning = recorder.process.stderr.readline()
+    assert warning == "warning: odmo: no key of mecazen; did you mean odom?\n"
+    recorder.await_start()
     code, _, err = recorder.end()
-    assert "warning: odmo: no key of mecazen; did you mean odom?" in err
     assert err.endswith(f"error: {path}: not written, since no sample came\n")
     assert code == 1
     assert not path.exists()

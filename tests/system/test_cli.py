@@ -187,10 +187,29 @@ def test_when_the_port_is_taken_up_says_so_in_one_line():
     up = Up("back")
     up.read_until("t = ")
     flags = options(up.router)
-    assert_one_line(mecazen("up", "teleop", *flags), 1, "port is taken")
+    port_taken = mecazen("up", "teleop", *options(up.router[:1]))
     name_taken = mecazen("run", "target", "back", *flags)
     up.end(signal.SIGTERM)
+    assert_one_line(port_taken, 1, "port is taken")
     assert_one_line(name_taken, 1, "another target is already running")
+
+
+def test_two_runs_share_a_router_if_each_has_a_namespace():
+    first = Up("back", "sim.speed=2")
+    first.read_until("following")
+    others = (first.router[0], "bus.namespace=second", "sim.speed=2")
+    second = Command("up", "side", "--no-viewer", *options(others))
+    second.read_until("following")
+    assert "│ physics" in second.text
+    assert "│ router" not in second.text
+    shown = f"mecazen echo odom --connect {first.tools[1]} --namespace second"
+    assert shown in second.text
+    odom = mecazen(*shown.split()[1:], "--count", 1).stdout
+    assert msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"] > 0.5  # beside the person
+    assert second.end()[0] == 0
+    odom = mecazen("echo", "odom", "--count", 1, *first.tools).stdout
+    assert abs(msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"]) < 0.5  # behind them
+    assert first.end()[0] == 0
 
 
 def test_when_up_itself_is_killed_its_processes_end_too():

@@ -234,7 +234,8 @@ def open_session(
         if mode == "router" and "Address already in use" in reason:
             raise BusError(
                 f"can't listen on {endpoints}: the port is taken, by another `mecazen up` or "
-                "router? (--set bus.connect='[\"tcp/127.0.0.1:PORT\"]' takes another)"
+                "router? (--set bus.connect='[\"tcp/127.0.0.1:PORT\"]' takes another; with "
+                "--set bus.namespace=NAME `mecazen up` shares its router)"
             ) from None
         if mode == "client" and "Unable to connect" in reason:
             raise BusError(f"nothing answers at {endpoints}: is `mecazen up` running?") from None

@@ -22,7 +22,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
-from mecazen.errors import ConfigError
+from mecazen.errors import BusError, ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
@@ -105,7 +105,8 @@ def up(
     try:
         name, where = escape(path.stem), escape(str(path))
         console.print(f"[bold]mecazen[/] starts scenario [bold]{name}[/] ({where})", soft_wrap=True)
-        supervisor.start_router()
+        if not _shares_router(loaded.bus):
+            supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client")) as bus:
             status = Status(bus, loaded)
             graph = graph_of(loaded)
@@ -126,6 +127,17 @@ def up(
         for name in killed:
             console.print(f"{name} did not end in time and was killed")
     console.print("all processes have ended")
+
+
+def _shares_router(bus: BusConfig) -> bool:
+    """Return whether a router of another run is there, with which this namespace can be shared."""
+    if bus.namespace is None:
+        return False
+    try:
+        ZenohBus(bus, "client").close()
+    except BusError:
+        return False
+    return True
 
 
 class Interrupts:
