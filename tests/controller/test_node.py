@@ -134,7 +134,7 @@ def test_a_run_begins_at_rest_and_without_a_reference():
     controller = Controller(limits=UNLIMITED)
     controller.forward(range(150), 0.5)
     controller.drive(162)
-    assert controller.node.diagnostics() == {"reference_age_s": 0.13}
+    assert controller.node.diagnostics() == {"reference_age_s": 0.13, "expired_ticks": 0}
     controller.reset(1)
     assert controller.node.diagnostics() == {"reference": "none yet"}
     assert controller.drive(0, measured=(20.0,) * 4) == controller.drive(1) == STANDING

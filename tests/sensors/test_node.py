@@ -33,16 +33,14 @@ class Sensor(Steps):
     def __init__(self, kind, *settings: str) -> None:
         super().__init__(kind, load_scenario(SENSES, settings))
 
-    def tick(self, tick: int):
+    def tick(self, tick: int, *missing: keys.Topic):
         """Return the outputs of a tick."""
         joints = tuple(Point(*joint) for joint in body(pose=(1.5, 0.0, 0.0)).tolist())
-        return self.step(
-            tick,
-            {
-                keys.GROUND_TRUTH: planar_odometry(Time(), "world", "x", Pose2D(), Twist2D()),
-                keys.TARGET_SKELETON: Skeleton(header=Header(), height=HEIGHT, joints=joints),
-            },
-        )
+        samples = {
+            keys.GROUND_TRUTH: planar_odometry(Time(), "world", "x", Pose2D(), Twist2D()),
+            keys.TARGET_SKELETON: Skeleton(header=Header(), height=HEIGHT, joints=joints),
+        }
+        return self.step(tick, {of: one for of, one in samples.items() if of not in missing})
 
 
 @pytest.mark.parametrize(
@@ -57,6 +55,15 @@ def test_a_sensor_answers_at_its_rate_and_at_no_other_tick(kind, topic, first, p
     sensor = Sensor(kind)
     answered = [tick for tick in range(0, 42, 2) if topic in sensor.tick(tick)]
     assert answered == list(range(first, 42, period))
+
+
+@pytest.mark.parametrize(
+    ("kind", "captured", "due"), [(LidarNode, 20, 40), (TrackerNode, 22, 24), (DepthNode, 20, 40)]
+)
+def test_a_sensor_skips_a_frame_if_the_pose_of_the_robot_is_late(kind, captured, due):
+    sensor = Sensor(kind)
+    assert sensor.tick(captured, keys.GROUND_TRUTH) == {}
+    assert sensor.tick(due) != {}
 
 
 def test_a_frame_of_the_tracker_is_of_the_time_at_which_it_was_taken():

@@ -1,13 +1,19 @@
-"""Services that freeze while the robot drives at a person: whichever it is, nobody is touched."""
+"""Services that freeze while the robot drives at a person: whichever it is, nobody is touched.
+
+As a program it counts false stops: ticks in which the command of a running guard was too old.
+"""
 
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 from harness import SCENARIOS, Newest
 from mecazen import keys
 from mecazen.geometry import Twist2D
 from mecazen.messages import Twist
+from stack import Stack
 
 TELEOP = SCENARIOS / "teleop.toml"
 SPEED_M_S = 1.0
@@ -49,3 +55,27 @@ def test_a_robot_that_drives_at_a_person_touches_nobody_if_a_service_freezes(sta
     thawed_ns = robot.stamp.time_ns
     drive_until(lambda: robot.stamp.time_ns > thawed_ns + 1e9)
     assert 0.0 < min(gaps) < 0.3  # it did drive at them
+
+
+def false_stops(busy: int, seconds: float) -> tuple[int, int]:
+    """Return the ticks of a run beside busy processes, and those in which a command was too old."""
+    running = Stack(SCENARIOS / "safety.toml", ())
+    clock, report = (
+        Newest(running.bus, topic) for topic in (keys.CLOCK, keys.diagnostics("controller"))
+    )
+    load = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+    try:
+        running.start()
+        running.wait(lambda: clock.stamp is not None and clock.stamp.time_ns > seconds * 1e9)
+        values = {value.key: value.value for value in report.message.status[0].values}
+        return clock.stamp.time_ns // 10_000_000, int(values["expired_ticks"])
+    finally:
+        for process in load:
+            process.kill()
+        running.close()
+
+
+if __name__ == "__main__":
+    for busy in (0, 4):
+        ticks, expired = false_stops(busy, 30.0)
+        print(f"{busy} busy processes: {expired} of {ticks} ticks without a fresh command")

@@ -146,6 +146,8 @@ class ControllerNode(Node):
         del seed
         self.reference = Twist2D()
         self.reference_age_s = math.inf
+        self.expired_ticks = 0
+        """Number of steps in which the newest command was too old."""
         self.velocity = self.next_velocity = (LimiterState(), LimiterState(), LimiterState())
         self.begun = False
         self.period_s = 0.0
@@ -159,6 +161,7 @@ class ControllerNode(Node):
             self.reference = command.to_planar()
         self.reference_age_s = inputs.age_s(self.command)
         fresh = self.reference_age_s <= self.timeout_s + ROUNDING_S
+        self.expired_ticks += not fresh and self.reference_age_s < math.inf
         wanted = self.reference if fresh else Twist2D()
         self.next_velocity = self.drive.limited(self.velocity, wanted, self.period_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
@@ -182,10 +185,11 @@ class ControllerNode(Node):
         self.begun = True
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the age of the command."""
+        """Return the age of the command, and how often it was too old."""
         if math.isinf(self.reference_age_s):
             return {"reference": "none yet"}
-        return {"reference_age_s": round(self.reference_age_s, 6)}
+        age_s = round(self.reference_age_s, 6)
+        return {"reference_age_s": age_s, "expired_ticks": self.expired_ticks}
 
 
 def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:

@@ -42,6 +42,7 @@ class _Sensor(Node):
     def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
         """Place all people and robots; return the robot's pose and the joints of all people.
 
+        In real time the robot's pose may come too late for its tick. A sensor then skips the frame.
         The robot's own person is the first of them, and the others keep their order.
         """
         robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
@@ -96,7 +97,7 @@ class LidarNode(_Sensor):
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return a scan when one is due."""
-        if tick.number % self.period:
+        if tick.number % self.period or inputs.get(GROUND_TRUTH) is None:
             return {}
         robot, _ = self._place(inputs)
         return {SCAN: self.lidar.scan(self.scene, robot, tick.time)}
@@ -124,6 +125,8 @@ class TrackerNode(_Sensor):
         """Return the frame that arrives, if one does."""
         robot, people = Pose2D(), list[Floats]()
         if self.tracker.captures(tick.number):
+            if inputs.get(GROUND_TRUTH) is None:
+                return {}
             robot, people = self._place(inputs)
         frame = self.tracker.observe(tick.number, self.scene, robot, people)
         return {} if frame is None else {SKELETONS: frame}
@@ -145,7 +148,7 @@ class DepthNode(_Sensor):
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return a picture when one is due, and how it was projected."""
-        if tick.number % self.period:
+        if tick.number % self.period or inputs.get(GROUND_TRUTH) is None:
             return {}
         robot, _ = self._place(inputs)
         image = self.camera.picture(self.scene, robot, tick.time)
