@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -16,6 +15,7 @@ from mecazen.config.scenario import NO_KEYS, scenario_with
 from mecazen.config.sensor import features
 from mecazen.errors import ConfigError
 from mecazen.explain import explain, one_line, show
+from mecazen.files import parse_toml, read_toml
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
 from mecazen.occupancy import take_map
 from mecazen.programs import find, installed_nodes
@@ -74,7 +74,7 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    return from_tables(_read_toml(path), path, overrides)
+    return from_tables(read_toml(path), path, overrides)
 
 
 def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
@@ -121,7 +121,7 @@ def _read_part(
         ours = re.fullmatch(r"[\w-]+", name)
         where = f"{origin.path}: {part}: "
         file = named_file(name, part, where) if ours else origin.locate(name)
-    below = _read_toml(file) if file else {}
+    below = read_toml(file) if file else {}
     if part == "world":
         take_map(below, _Origin(file or origin.path).locate)
         take_map(changes, origin.locate)
@@ -249,7 +249,7 @@ def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    raw = {"bus": _read_toml(path).get("bus", {})}
+    raw = {"bus": read_toml(path).get("bus", {})}
     settings = dict(_parse_override(override) for override in overrides)
     for key, value in settings.items():
         if key.partition(".")[0] == "bus":
@@ -264,7 +264,7 @@ def load_table(path: Path, kind: type[SectionT]) -> SectionT:
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    return _convert(_read_toml(path), kind, "", _Origin(path))
+    return _convert(read_toml(path), kind, "", _Origin(path))
 
 
 def effective(scenario: Scenario) -> dict[str, Any]:
@@ -283,7 +283,7 @@ def to_toml(scenario: Scenario) -> str:
 def robots_in(text: str) -> tuple[str, ...]:
     """Return `Scenario.names` of a scenario in TOML; of what is none, those of a single robot."""
     try:
-        robots = _tables(tomllib.loads(text).get("robots"))
+        robots = _tables(parse_toml(text).get("robots"))
     except ValueError:
         robots = []
     return tuple(str(robot.get("name")) for robot in robots) or ("",)
@@ -297,29 +297,14 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: can't be read: {error.strerror}") from None
-    except ValueError as error:  # no UTF-8, or a name that no file can have
-        raise ConfigError(one_line(f"{path}: can't be read: {error}")) from None
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # besides wrong TOML: too many digits
-        raise ConfigError(one_line(f"{path}: not TOML: {error}")) from None
-
-
 def _parse_override(override: str) -> tuple[str, Any]:
     key, equals, text = override.partition("=")
     key = key.strip()
     if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
         raise ConfigError(one_line(f"--set {override}: must be key.path=value"))
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        parsed = parse_toml(f"value = {text}")
+    except ValueError:
         return key, text.strip()
     return key, parsed["value"] if len(parsed) == 1 else text.strip()
 

@@ -10,16 +10,21 @@ import math
 import re
 from array import array
 from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
 from pathlib import Path
 from sys import byteorder
 from typing import Any, NamedTuple
 
 from mecazen.errors import ConfigError
+from mecazen.files import read_bytes
 from mecazen.geometry import Pose2D
 
 HEIGHT_M = 2.0
 """Height of the boxes [m]."""
+MAX_SETTINGS_BYTES = 1 << 20
 MAX_PIXELS = 4096 * 4096
+MAX_SIDE = 1 << 16
+"""Maximum width and height [pixels]."""
 MAX_BOXES = 2000
 """Maximum number of boxes, since each costs time in every scan and in every step near it."""
 
@@ -72,6 +77,8 @@ def read_map(path: Path) -> list[dict[str, Any]]:
         ) from None
     if not 0.001 <= resolution <= 10.0:
         raise ConfigError(f"{path}: resolution: got {resolution:g}; allowed: 0.001 to 10 m")
+    if not all(map(math.isfinite, (x, y, yaw, threshold))):
+        raise ConfigError(f"{path}: origin and occupied_thresh must be finite")
     picture = _read_pgm(image)
     width, rows = picture.width, picture.height
     levels = range(picture.white + 1)
@@ -83,7 +90,7 @@ def read_map(path: Path) -> list[dict[str, Any]]:
         across, _turned(_rectangles(cells[column::width] for column in range(width))), key=len
     )
     if len(rectangles) > MAX_BOXES:
-        raise ConfigError(f"{image}: {len(rectangles)} boxes; at most {MAX_BOXES} can be simulated")
+        raise ConfigError(f"{image}: at most {MAX_BOXES} boxes can be simulated, it needs more")
     origin = Pose2D(x, y, yaw)
     boxes = []
     for top, bottom, left, right in rectangles:
@@ -95,43 +102,39 @@ def read_map(path: Path) -> list[dict[str, Any]]:
     return boxes
 
 
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: can't be read: {error.strerror}") from None
-
-
 def _read_settings(path: Path) -> dict[str, str]:
-    text = _read(path).decode(errors="replace")
+    text = read_bytes(path, MAX_SETTINGS_BYTES).decode(errors="replace")
     lines = (line.partition("#")[0].partition(":") for line in text.splitlines())
     return {key.strip(): value.strip().strip("'\"") for key, colon, value in lines if colon}
 
 
 def _read_pgm(path: Path) -> Picture:
     """Return a grey picture, P2 or P5."""
-    data = _read(path)
+    data = read_bytes(path)
     gap = rb"(?:\s|#[^\n]*\n)+"
     header = re.match(rb"(P[25])" + gap + gap.join([rb"(\d{1,9})"] * 3) + rb"\s", data)
     if header is None:
         raise ConfigError(f"{path}: not a PGM picture (P2 or P5)")
     width, height, most = (int(number) for number in header.groups()[1:])
-    if not 0 < width * height <= MAX_PIXELS or not 0 < most < 65536:
+    count = width * height
+    if not 0 < count <= MAX_PIXELS or max(width, height) > MAX_SIDE or not 0 < most < 65536:
         raise ConfigError(
             f"{path}: {width} x {height} pixels up to {most}; allowed: at most {MAX_PIXELS} "
-            "pixels, up to 65535"
+            f"pixels, {MAX_SIDE} along each side, up to 65535"
         )
-    body = data[header.end() :]
-    pixels: Sequence[int] = body
+    pixels: Sequence[int]
     if header[1] == b"P2":
-        words = re.sub(rb"#[^\n]*", b"", body).split()
-        pixels = [int(word) for word in words if word.isdigit()]
+        body = re.sub(rb"#[^\n]*", b"", data[header.end() :])
+        words = islice(re.finditer(rb"(?<!\S)\d{1,9}(?!\S)", body), count)
+        pixels = array("L", (int(word[0]) for word in words))
     elif most > 255:
+        body = data[header.end() :][: 2 * count]
         pixels = array("H", body[: len(body) // 2 * 2])
         if byteorder == "little":  # the picture's is big
             pixels.byteswap()
-    pixels = pixels[: width * height]
-    if len(pixels) < width * height:
+    else:
+        pixels = data[header.end() :][:count]
+    if len(pixels) < count:
         raise ConfigError(f"{path}: {len(pixels)} pixels of {width} x {height}")
     if (brightest := max(pixels)) > most:
         raise ConfigError(f"{path}: a pixel of {brightest}, where {most} is white")
@@ -141,15 +144,18 @@ def _read_pgm(path: Path) -> Picture:
 def _rectangles(lines: Iterable[bytes]) -> list[tuple[int, int, int, int]]:
     """Return rectangles (top, bottom, left, right; ends excluded) that cover the cells of 1.
 
-    Runs of cells in a line grow downwards as long as the next line has the same run.
+    Runs of cells in a line grow downwards as long as the next line has the same run. Ends early
+    with more than can be simulated.
     """
     found: list[tuple[int, int, int, int]] = []
     growing: dict[tuple[int, int], int] = {}
     row = -1
     for row, line in enumerate(lines):
-        runs = [run.span() for run in re.finditer(rb"\x01+", line)]
+        runs = dict.fromkeys(run.span() for run in re.finditer(rb"\x01+", line))
         found += [(top, row, *run) for run, top in growing.items() if run not in runs]
         growing = {run: growing.get(run, row) for run in runs}
+        if len(found) > MAX_BOXES:
+            break
     return found + [(top, row + 1, *run) for run, top in growing.items()]
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
@@ -19,6 +18,7 @@ import msgspec.inspect as mi
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, one_line, show
+from mecazen.files import parse_toml
 from mecazen.graph import SERVICES
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import LIVE, Section, SectionT
@@ -135,8 +135,8 @@ def to_text(value: Any) -> str:
 def from_text(text: str) -> Any:
     """Return the value of a text in TOML; a bare word is a string."""
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        parsed = parse_toml(f"value = {text}")
+    except ValueError:
         return text.strip()
     return parsed["value"] if len(parsed) == 1 else text.strip()
 

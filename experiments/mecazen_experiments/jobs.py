@@ -19,6 +19,7 @@ import msgspec
 from mecazen.config import Scenario
 from mecazen.config.people import Recorded
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.files import read_bytes
 from mecazen.loading import load_scenario
 from mecazen.schema import Output
 from mecazen_people.paths import make_path
@@ -153,10 +154,7 @@ def _content(value: Any) -> str:
         raise NotImplementedError(f"no way to write {type(value).__name__} as JSON")
     if isinstance(value, Output):
         return str(value)
-    try:
-        return hashlib.sha256(value.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ConfigError(f"{value}: can't be read: {error.strerror}") from None
+    return hashlib.sha256(read_bytes(value)).hexdigest()
 
 
 def _with_content(program: str) -> str:

@@ -103,7 +103,7 @@ def test_when_an_override_breaks_the_robot_expect_the_robot_file_named(
     ("robot", "expected"),
     [
         ("", "scenarios/test.toml: robot: missing; must be a robot file, or a table"),
-        ('robot = { file = "none.toml" }\n', "scenarios/none.toml: no such file"),
+        ('robot = { file = "none.toml" }\n', "scenarios/none.toml: can't be read: No such file"),
         (
             'robot = { file = "../robots/nexus.toml", payload = { mass_kg = 1.0 } }\n',
             "scenarios/test.toml: robot.payload.position_m: missing; must be [a number >= ",
@@ -115,7 +115,7 @@ def test_when_an_override_breaks_the_robot_expect_the_robot_file_named(
         ),
         ("robot = 5\n", "scenarios/test.toml: robot: got 5; allowed: a robot file, or a table"),
         ('[robot]\nname = "x"\n', "scenarios/test.toml: robot.base: missing; must be a table"),
-        ('robot = "none.toml"\n', "scenarios/none.toml: no such file"),
+        ('robot = "none.toml"\n', "scenarios/none.toml: can't be read: No such file"),
         ('robot = "none"\n', "scenarios/test.toml: robot: none: no such robot; a path"),
         ('robot = "../robots"\n', "scenarios/../robots: can't be read: Is a directory"),
         ('robot = "a\\u0000b"\n', r"scenarios/a\x00b: can't be read: embedded null byte"),

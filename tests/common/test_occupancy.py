@@ -85,9 +85,13 @@ def test_random_cells_are_covered_exactly_once(tmp_path):
     [
         (b"P6 1 1 255\n000", {}, "map.pgm: not a PGM picture (P2 or P5)"),
         (b"P5 99999 99999 255\n0", {}, "map.pgm: 99999 x 99999 pixels up to 255; allowed: at most"),
+        (b"P5 99999 1 255\n0", {}, "pixels, 65536 along each side"),
         (b"P5 4 3 255\n0", {}, "map.pgm: 1 pixels of 4 x 3"),
+        (b"P5 2 2 65535\n000", {}, "map.pgm: 1 pixels of 2 x 2"),
+        (b"P2 1 1 255\n" + b"9" * 5000, {}, "map.pgm: 0 pixels of 1 x 1"),
         (b"P2 2 1 7\n7 8", {}, "map.pgm: a pixel of 8, where 7 is white"),
         (ASCII, {"resolution": 0.0}, "map.yaml: resolution: got 0; allowed: 0.001 to 10 m"),
+        (ASCII, {"origin": "[0, nan, 0]"}, "map.yaml: origin and occupied_thresh must be finite"),
         (ASCII, {"origin": "[0, 0]"}, "map.yaml: needs image, resolution, origin"),
     ],
 )
@@ -98,7 +102,8 @@ def test_an_image_that_is_none_is_refused_with_one_line(picture, changes, expect
 
 
 def test_an_image_of_too_many_boxes_is_refused(tmp_path):
-    board = bytes([255 * ((row + column) % 2) for row in range(100) for column in range(100)])
-    picture = b"P5\n100 100\n255\n" + board
+    # the largest one, as a check: each line has 2,048 boxes
+    even = bytes([0, 255]) * 2048
+    picture = b"P5\n4096 4096\n255\n" + (even + even[::-1]) * 2048
     problem = error_of(ConfigError, lambda: read_map(map_of(tmp_path, picture)))
-    assert "5000 boxes; at most 2000 can be simulated" in problem
+    assert "at most 2000 boxes can be simulated" in problem

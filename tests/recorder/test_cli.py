@@ -224,7 +224,7 @@ def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
     text.write_text("hello")
     for command in ("info", "replay"):
         assert_one_line(mecazen(command, text), 1, "not an MCAP file")
-        assert_one_line(mecazen(command, tmp_path / "none.mcap"), 1, "none.mcap", "No such file")
+        assert_one_line(mecazen(command, tmp_path / "none.mcap"), 2, "none.mcap", "No such file")
     assert_one_line(net.run("record", "-o", path), 1, "exists already")
     assert_one_line(net.run("record", "a//b", "-o", tmp_path / "x.mcap"), 1, "a//b")
     assert not (tmp_path / "x.mcap").exists()

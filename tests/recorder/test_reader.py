@@ -9,6 +9,7 @@ from harness import error_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
+from mecazen.errors import MecazenError
 from mecazen.messages import Twist, Vector3
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.info import inspect
@@ -24,7 +25,7 @@ def read(path: Path, *times: float) -> list[Sample]:
 
 
 def problem(path: Path) -> str:
-    return error_of(RecordingError, lambda: read(path))
+    return error_of(MecazenError, lambda: read(path))
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])

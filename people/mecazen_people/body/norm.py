@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,6 +12,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 from mecazen.errors import ConfigError
 from mecazen.explain import explain
+from mecazen.files import read_toml
 from mecazen.schema import Finite, Positive, Section
 
 from mecazen_people.spline import Spline, natural_slopes
@@ -142,12 +142,7 @@ def read_norm(file: Path) -> Norm:
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    try:
-        raw = tomllib.loads(file.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{file}: can't be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"{file}: {error}") from None
+    raw = read_toml(file)
     try:
         return msgspec.convert(raw, Norm)
     except msgspec.ValidationError as error:

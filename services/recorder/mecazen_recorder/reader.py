@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from mecazen.config import Scenario
 from mecazen.description import RobotDescription
 from mecazen.errors import ConfigError
 from mecazen.explain import one_line
+from mecazen.files import open_regular, parse_toml
 from mecazen.graph import TABLE
 from mecazen.keys import TOPICS
 from mecazen.loading import from_tables, robots_in
@@ -107,7 +107,7 @@ class Recording:
         self._files: dict[str, bytes] = {}
         self.is_cut_off = False
         """Whether the end is missing; known after `samples` is exhausted."""
-        with self._open() as file:
+        with open_regular(path) as file:
             header = next(self._records(file), None)
         if not isinstance(header, Header):
             raise RecordingError(f"{path}: not an MCAP file")
@@ -120,7 +120,7 @@ class Recording:
         """Return the samples in recorded order, between two simulated times of each run."""
         schemas: dict[int, type[Message] | None] = {}
         channels: dict[int, tuple[str, Stamp | None, str, type[Message] | None]] = {}
-        with self._open() as file:
+        with open_regular(self.path) as file:
             for record in self._records(file):
                 if isinstance(record, Metadata):
                     self._note_run(record)
@@ -177,7 +177,7 @@ class Recording:
         if run not in self.scenarios:
             raise RecordingError(f"{self.path}: without the configuration of run {run}")
         try:
-            tables = tomllib.loads(self.scenarios[run])
+            tables = parse_toml(self.scenarios[run])
         except ValueError as error:
             reason = one_line(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
@@ -207,16 +207,10 @@ class Recording:
         found: dict[str, None] = {}
         for text in () if self.trusted else self.scenarios.values():
             with suppress(ValueError):  # a damaged one is reported when it is needed
-                found |= dict.fromkeys(_code(tomllib.loads(text)).values())
+                found |= dict.fromkeys(_code(parse_toml(text)).values())
         if found:
             names = printable(", ".join(found))
             raise UntrustedError(f"{self.path}: would run its programs {names}: --trust allows it")
-
-    def _open(self) -> IO[bytes]:
-        try:
-            return self.path.open("rb")
-        except OSError as error:
-            raise RecordingError(f"{self.path}: can't be read: {error.strerror}") from None
 
     def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
         """Return the records up to the end of the data or the first corrupt one."""

@@ -17,6 +17,7 @@ from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription, serve_description
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.files import open_regular
 from mecazen.wire import RefusedError, Stamp
 
 from mecazen_viewer.layout import blueprint
@@ -61,11 +62,8 @@ def open_file(file: Path, *, native: bool) -> None:
         ConfigError: It can't be read, or is no recording in spite of its name.
         RerunError: Rerun can't show it here.
     """
-    try:
-        with file.open("rb") as content:
-            begin = content.read(len(MAGIC))
-    except OSError as error:
-        raise ConfigError(f"{file}: can't be read: {error.strerror}") from None
+    with open_regular(file) as content:
+        begin = content.read(len(MAGIC))
     if file.suffix == ".mcap" and begin != MAGIC:
         raise ConfigError(f"{file}: not an MCAP file")
     with TemporaryDirectory(prefix="mecazen-view-") as folder:
