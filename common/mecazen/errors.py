@@ -16,6 +16,10 @@ class ConfigError(MecazenError):
     exit_code = 2
 
 
+class UntrustedError(ConfigError):
+    """A recording would run programs or open files, and has not been trusted."""
+
+
 class BusError(MecazenError):
     """The bus can't be opened, or a name or a port on it is taken."""
 

@@ -13,7 +13,7 @@ import tomli_w
 from mecazen.config import BusConfig, Scenario, with_guard
 from mecazen.config.scenario import NO_KEYS, scenario_with
 from mecazen.config.sensor import features
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, UntrustedError
 from mecazen.explain import explain, one_line, show
 from mecazen.files import parse_toml, read_toml
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
@@ -21,6 +21,7 @@ from mecazen.occupancy import take_map
 from mecazen.programs import find, installed_nodes
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Output, Section, SectionT
+from mecazen.text import printable
 
 OWN = Path(__file__).parent
 """Where the scenarios, robots and worlds are that come with the package, in `configs`."""
@@ -77,14 +78,20 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
     return from_tables(read_toml(path), path, overrides)
 
 
-def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
+def from_tables(
+    raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = (), *, opens_files: bool = True
+) -> Scenario:
     """Check the tables of a scenario, as `load_scenario` does; `path` says where they are from.
 
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
+        UntrustedError: The tables name a file, and `opens_files` is false.
     """
     settings = dict(_parse_override(override) for override in overrides)
-    origin = _Origin(path, settings=tuple(settings), given=_strings(list(settings.values())))
+    given = _strings(list(settings.values()))
+    origin = _Origin(path, settings=tuple(settings), given=given, opens_files=opens_files)
+    if not opens_files:
+        _refuse_files(raw, path)
     for part in ("robot", "world"):
         if part in settings:
             raw[part] = settings.pop(part)
@@ -103,6 +110,19 @@ def from_tables(raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
     for robot in _tables(raw.get("robots")):
         _complete(robot, raw, origin)
     return _convert(raw, scenario_with(**_own_sections(raw, origin)), "", origin)
+
+
+def _refuse_files(raw: dict[str, Any], path: Path) -> None:
+    """Refuse a robot or a world that is a file, or has a map.
+
+    Raises:
+        UntrustedError: There is one.
+    """
+    for table in (raw, *_tables(raw.get("robots"))):
+        for part in ("robot", "world"):
+            given = table.get(part, {})
+            if not isinstance(given, dict) or given.keys() & {"file", "map"}:
+                raise UntrustedError(f"{path}: {part} would be read from another file")
 
 
 def _read_part(
@@ -344,6 +364,8 @@ class _Origin(NamedTuple):
     """The strings of the overrides, as objects: the file may contain equal ones."""
     changes: tuple[str, ...] = ()
     """The keys of such parts that the scenario changes."""
+    opens_files: bool = True
+    """Whether settings may be paths."""
 
     def locate(self, path: str) -> Path:
         """Return a path of the file or of an override, which is relative to where it is given."""
@@ -368,6 +390,8 @@ def _convert(raw: Any, kind: type[SectionT], prefix: str, origin: _Origin) -> Se
     def to_path(wanted: type, value: Any) -> Path:
         if wanted not in {Path, Folder, Output} or not isinstance(value, str) or not value:
             raise ValueError(f"got {show(value)}")
+        if not origin.opens_files and wanted is not Output:
+            raise UntrustedError(f"{origin.path}: would open the file {printable(value)}")
         found = origin.locate(value).resolve()
         if wanted is not Output and not (found.is_dir() if wanted is Folder else found.is_file()):
             raise ValueError(f"{found}: no such {'folder' if wanted is Folder else 'file'}")

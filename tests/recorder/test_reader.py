@@ -1,5 +1,7 @@
 """What is written is read again, whatever is missing or damaged; and others read it too."""
 
+import struct
+import tracemalloc
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,14 +10,17 @@ import pytest
 from harness import error_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from mcap.writer import Writer
+from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import Twist, Vector3
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.info import inspect
-from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.reader import MAX_CHUNK_BYTES, Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from recorder.ticks import TICK_NS, stamp_of, tick
+from zstandard import ZstdCompressor
 
 TICKS = range(20)
 
@@ -154,9 +159,125 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path):
     assert "rosbag2 0.26" in problem(path)
 
 
-def test_a_damaged_configuration_is_one_line(tmp_path):
+def record(opcode: int, content: bytes) -> bytes:
+    return bytes([opcode]) + struct.pack("<Q", len(content)) + content
+
+
+def chunk(size: int, data: bytes, compression: str = "zstd") -> bytes:
+    """A chunk that claims to have `size` bytes when it is expanded."""
+    name = compression.encode()
+    head = struct.pack("<QQQII", 0, 0, size, 0, len(name)) + name
+    return record(Opcode.CHUNK, head + struct.pack("<Q", len(data)) + data)
+
+
+def zeros(count: int, *, says_size: bool) -> bytes:
+    """Some MiB of zeros, compressed a thirtythousandfold."""
+    compressor = ZstdCompressor().compressobj(size=count << 20 if says_size else -1)
+    parts = [compressor.compress(bytes(1 << 20)) for _ in range(count)]
+    return b"".join(parts) + compressor.flush()
+
+
+LARGEST = MAX_CHUNK_BYTES >> 20
+
+
+@pytest.mark.parametrize(
+    ("size", "count", "says_size", "compression"),
+    [
+        (LARGEST + 1 << 20, LARGEST + 1, True, "zstd"),
+        (2**64 - 1, 1, True, "zstd"),
+        (1000, 8 * LARGEST, True, "zstd"),
+        (1000, 8 * LARGEST, False, "zstd"),
+        (0, 8 * LARGEST, False, "zstd"),
+        (1 << 20, 1, True, "lz4"),
+    ],
+    ids=["too large", "huge", "lies", "lies, frame without size", "no size", "lz4"],
+)
+def test_a_chunk_that_is_too_large_or_lies_about_its_size_is_not_expanded(
+    make_recording, size, count, says_size, compression
+):
+    path = make_recording(range(2))
+    with path.open("ab") as file:
+        whole = path.read_bytes()
+        file.truncate(whole.rindex(bytes([Opcode.DATA_END]) + struct.pack("<Q", 4)))
+        file.write(chunk(size, zeros(count, says_size=says_size), compression))
+    tracemalloc.start()
+    recording = Recording(path)
+    assert len(list(recording.samples())) == 12
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert recording.is_cut_off
+    assert most < 4 << 20  # of at least 16 MiB
+
+
+def test_a_file_of_many_chunks_that_expand_is_given_up(make_recording, monkeypatch):
+    monkeypatch.setattr("mecazen_recorder.reader.MAX_BYTES", 8 << 20)
+    path = make_recording(range(2))
+    with path.open("ab") as file:
+        whole = path.read_bytes()
+        file.truncate(whole.rindex(bytes([Opcode.DATA_END]) + struct.pack("<Q", 4)))
+        file.write(chunk(LARGEST << 20, zeros(LARGEST, says_size=True)) * 10)
+    assert problem(path) == f"{path}: expands more than 1000-fold"
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        {"run": "abc", "seed": "1"},
+        {"run": "9" * 5000, "seed": "1"},
+        {"run": "1"},
+        {"run": "1", "seed": "4294967296"},
+        {"run": "-1", "seed": "1"},
+        {"run": "\u0663", "seed": "1"},
+    ],
+)
+def test_a_channel_whose_run_and_seed_are_none_is_one_line(tmp_path, metadata):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "mecazen 1")
+        writer.add_metadata("run", {**metadata, "scenario": "seed = 1"})
+        writer.add_message(writer.register_channel("my/key\n", "json", 0, metadata), 0, b"", 0)
+        writer.finish()
+    assert problem(path) == f"{path}: my/key\\n has no valid run and seed"
+
+
+def test_a_sample_later_than_any_time_is_one_line(tmp_path):
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
-    writer.write_run(stamp_of(0), "seed = \n")
+    writer.write("cmd_vel", Twist(), stamp_of(0), 2**63)
+    writer.close()
+    assert problem(tmp_path / "a.mcap").endswith("a.mcap: cmd_vel at an impossible time")
+
+
+def test_only_attachments_whose_names_can_be_keys_are_served(tmp_path):
+    path = tmp_path / "a.mcap"
+    names = [
+        "../../x",
+        "/etc/x",
+        "a//b",
+        "**",
+        "",
+        "a" * 5000,
+        ".",
+        "a/../b",
+        "a b",
+        "m/wheel-1.stl",
+    ]
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "mecazen 1")
+        for name in [*names, "robot.urdf"]:
+            writer.add_attachment(0, 0, name, "", b"\xff")
+        writer.finish()
+    (description,) = Recording(path).descriptions().values()
+    assert description == RobotDescription("\ufffd", {"m/wheel-1.stl": b"\xff"})
+
+
+@pytest.mark.parametrize(
+    "scenario", ["seed = \n", f"a = {'[' * 5000}{']' * 5000}", f"a = {'9' * 5000}"]
+)
+def test_a_damaged_configuration_is_one_line(tmp_path, scenario):
+    writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
+    writer.write_run(stamp_of(0), scenario)
     writer.write("cmd_vel", Twist(), stamp_of(0), 0)
     writer.close()
     recording = Recording(tmp_path / "a.mcap")

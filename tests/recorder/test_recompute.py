@@ -1,18 +1,20 @@
 """A service that is fed with what it was given answers as it did, or the difference is named."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import tomli_w
-from harness import assert_one_line, load_robot, mecazen
+from harness import assert_one_line, error_of, load_robot, mecazen
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RecorderConfig, RobotConfig, Scenario, StartConfig
-from mecazen.errors import MecazenError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.keys import topic_of
 from mecazen.loading import effective, to_toml
 from mecazen.messages import Observation
+from mecazen.programs import graph_of
 from mecazen.runtime.host import Host
 from mecazen.runtime.worker import Worker
 from mecazen.schema import Output
@@ -187,6 +189,54 @@ def test_a_service_of_which_nothing_was_recorded_is_one_line(program, mine, reco
         recompute(Recording(copy, trusted=True), program(kind="Other"))
     with pytest.raises(MecazenError, match="is no node with recorded inputs"):
         recompute(Recording(copy, trusted=True), "recorder")
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"services": ["physics", "{file}:Evil"]}, "services.1: got '/"),
+        ({"services": ["physics", "evil:Evil"]}, "services.1: got 'evil:Evil'"),
+        ({"programs": {"follower": "{file}:Evil"}}, "would run its programs {file}:Evil"),
+        ({"programs": {"mine": "{file}:Evil"}}, "would run its programs {file}:Evil"),
+        ({"programs": {"mine": "evil:Evil"}}, "would run its programs evil:Evil"),
+        ({"programs": {"{file}:Evil": "follower"}}, "can't be a node's name"),
+        ({"processes": [["{file}:Evil"]]}, "is not among services"),
+        ({"follower": {"estimator": "{file}:Evil"}}, "unknown estimator '{file}:Evil'"),
+        ({"robots": [{"name": "a", "programs": {"follower": "{file}:Evil"}}]}, "unknown key"),
+        ({"robots": 3}, "robots: got 3"),
+        ({"robot": "/dev/zero"}, "robot would be read from another file"),
+        ({"robot": {"file": "/dev/zero"}}, "robot would be read from another file"),
+        ({"robots": [{"name": "a", "robot": "/dev/zero"}]}, "robot would be read from another"),
+        ({"world": "/dev/zero"}, "world would be read from another file"),
+        ({"world": {"map": "/dev/zero"}}, "world would be read from another file"),
+        ({"target": {"path": {"kind": "recorded", "file": "/x"}}}, "would open the file /x"),
+        ({"target": {"body": {"motion_file": "/x"}}}, "would open the file /x"),
+        ({"target": {"body": {"factors_file": "/x"}}}, "would open the file /x"),
+        ({"bus": {"zenoh_config": "/x"}}, "would open the file /x"),
+        ({"bus": {"keys": "/x"}}, "would open the file /x"),
+    ],
+    ids=str,
+)
+def test_a_recording_runs_no_code_and_opens_no_other_file(settings, reason, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    file, path = tmp_path / "evil.py", tmp_path / "run.mcap"
+    file.write_text(f"open({str(tmp_path / 'mark')!r}, 'w')\n")  # importing it leaves a mark
+    settings = json.loads(json.dumps(settings).replace("{file}", str(file)))
+    tables = {**effective(Scenario(robot=load_robot())), **settings}
+    writer = RecordingWriter(path, "cdr")
+    writer.write_run(stamp_of(0), tomli_w.dumps(tables))
+    writer.write("odom", odometry(0), stamp_of(0), 0)
+    writer.close()
+    recording = Recording(path)
+
+    list(recording.samples())
+
+    def read():
+        recording.refuse_code()
+        graph_of(recording.scenario(7, "target", "bus", "follower"))
+
+    assert reason.replace("{file}", str(file)) in error_of(ConfigError, read)
+    assert not (tmp_path / "mark").exists()
 
 
 def test_a_recording_that_names_programs_runs_none_of_them_unless_it_is_trusted(recorded, tmp_path):

@@ -61,8 +61,13 @@ class Scenario(Section):
     robot: Robot
     """The robot file; the same as a table; or a table that changes
     some of a file: `{ file = "../robots/nexus.toml", payload = { … } }`."""
-    services: tuple[str, ...] = ("physics", "controller", "target", "follower")
-    """The services that take part."""
+    services: tuple[Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")], ...] = (
+        "physics",
+        "controller",
+        "target",
+        "follower",
+    )
+    """The services that take part, by their names; only `programs` names code."""
     programs: dict[str, str] = msgspec.field(default_factory=dict)
     """Your own class in a node's place, or a node of your own, which then takes part as well:
     `follower = "my_follower.py:MyFollower"`."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
-from mecazen.errors import BusError, ConfigError, MecazenError
+from mecazen.errors import BusError, ConfigError, MecazenError, UntrustedError
 from mecazen.explain import one_line
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
@@ -133,7 +133,9 @@ def replay(
     trust: Annotated[
         bool,
         typer.Option(
-            "--trust", help="With --through: run the programs that the recording names: code."
+            "--trust",
+            help="With --through: run the programs that the recording names, which are code, and "
+            "open its files.",
         ),
     ] = False,
     connect: Connect = None,
@@ -182,14 +184,13 @@ def replay(
 
 
 def _recompute(recording: Recording, program: str, robot: str) -> None:
-    from mecazen_recorder.reader import UntrustedError
     from mecazen_recorder.recompute import recompute
 
     try:
         compared = recompute(recording, program, robot)
     except UntrustedError as error:
-        if not (sys.stdin.isatty() and typer.confirm(f"{error}. Run them now?")):
-            raise
+        if not (sys.stdin.isatty() and typer.confirm(f"{error}. Allow it now?")):
+            raise UntrustedError(f"{error}: --trust allows it") from None
         recording.trusted = True
         compared = recompute(recording, program, robot)
     _tell_of_damage(recording)

@@ -78,7 +78,9 @@ def inspect(recording: Recording) -> Info:
             if not split_key(sample.key, recording.robots(stamp.run))[0]:
                 seeds.setdefault(stamp.run, stamp.seed)
             if sample.key == PARAMETERS.key:
-                changes.setdefault(stamp.run, _Changes()).add(sample.message(Parameters))
+                with recording.reading(sample):
+                    message = sample.message(Parameters)
+                changes.setdefault(stamp.run, _Changes()).add(message)
     runs = []
     for run, (first, last) in spans.items():
         names = tuple(filter(None, recording.robots(run)))

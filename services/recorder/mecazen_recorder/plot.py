@@ -11,7 +11,7 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.messages import Message, Odometry, Twist
 from mecazen.robots import join_key, split_key
-from mecazen.wire import NS_PER_S, RefusedError
+from mecazen.wire import NS_PER_S
 from mecazen_tools.run_figure import Course, draw
 
 from mecazen_recorder.reader import Recording
@@ -91,10 +91,8 @@ def _read(recording: Recording) -> dict[int, PlottedRun]:
             continue
         topic = DRAWN.get(split_key(sample.key, recording.robots(number))[1])
         if topic is not None:
-            try:
+            with recording.reading(sample):
                 row = (sample.time_ns / NS_PER_S, *_numbers(sample.message(topic.type)))
-            except RefusedError as refusal:
-                raise RecordingError(f"{recording.path}: {sample.key}: {refusal}") from None
             runs[number].rows.setdefault(sample.key, []).append(row)
     return runs
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -16,26 +19,31 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
 from mecazen.description import RobotDescription
-from mecazen.errors import ConfigError
+from mecazen.errors import UntrustedError
 from mecazen.explain import one_line
-from mecazen.files import open_regular, parse_toml
+from mecazen.files import MAX_BYTES, MAX_TOML_BYTES, open_regular, parse_toml
 from mecazen.graph import TABLE
 from mecazen.keys import TOPICS
 from mecazen.loading import from_tables, robots_in
 from mecazen.messages import Message, MessageT
 from mecazen.robots import split_key
-from mecazen.text import printable
-from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
+from mecazen.text import printable, shortened
+from mecazen.wire import JSON_ENCODING, MAX_TIME_NS, NS_PER_S, RefusedError, Stamp, decode, encode
 from mecazen_ros import cdr
-from zstandard import ZstdError
+from zstandard import ZstdDecompressor, ZstdError
 
 from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
 
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """Errors of the library on missing or corrupt bytes."""
 
+MAX_CHUNK_BYTES = 1 << 24
+"""Maximum size of a chunk, expanded [bytes]: the writer's have about 1 MiB."""
+MOST_FOLD = 1000
+"""Maximum size of all chunks, expanded, as a multiple of the file's; runs have about 10."""
 WITH_FILES = ("target", "crowd", "bus")
 """Sections that refer to files, such as a recorded walk."""
+_FILE_NAME = re.compile(r"(?:\w[\w.-]{0,99}/){0,9}\w[\w.-]{0,99}", re.ASCII)
 _TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
 
 
@@ -44,6 +52,33 @@ def _code(tables: dict[str, Any]) -> dict[str, str]:
     programs = tables.get("programs")
     named = programs.items() if isinstance(programs, dict) else ()
     return {name: str(program) for name, program in named if ":" in str(program)}
+
+
+def _expanded(chunk: Chunk) -> Chunk:
+    """Return a chunk with its data expanded; never to more than its header and we allow.
+
+    Raises:
+        ValueError: It is too large, its header is wrong, or it is of another compression.
+        ZstdError: It can't be expanded.
+    """
+    size = chunk.uncompressed_size
+    if size > MAX_CHUNK_BYTES or chunk.compression not in {"", "zstd"}:
+        raise ValueError(f"a chunk of {size} bytes, compression {chunk.compression!r}")
+    data = chunk.data
+    if chunk.compression:
+        expander = ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES)
+        with expander.stream_reader(data, read_across_frames=True) as stream:
+            data = stream.read(size + 1)
+    if len(data) != size:
+        raise ValueError(f"a chunk is not of {size} bytes")
+    return replace(chunk, compression="", data=data)
+
+
+def _numbers(*texts: str | None) -> tuple[int, ...] | None:
+    """Return the unsigned integers of 32 bits that texts are; None if one is something else."""
+    numbers = [int(text) for text in texts if text and re.fullmatch("[0-9]{1,10}", text)]
+    good = len(numbers) == len(texts) and all(number < 2**32 for number in numbers)
+    return tuple(numbers) if good else None
 
 
 class Sample(NamedTuple):
@@ -83,16 +118,13 @@ class Sample(NamedTuple):
         return encode(self.message(kind), "json"), JSON_ENCODING, attachment
 
 
-class UntrustedError(ConfigError):
-    """A recording names programs that would run."""
-
-
 class Recording:
     """A recording, for reading.
 
     Args:
         path: Its file.
-        trusted: Whether to import programs that its configurations name. They are code.
+        trusted: Whether to import programs and to open files that its configurations name. Programs
+            are code.
 
     Raises:
         RecordingError: It can't be read, or is not a file of `mecazen record`.
@@ -125,12 +157,13 @@ class Recording:
                 if isinstance(record, Metadata):
                     self._note_run(record)
                 elif isinstance(record, Attachment):
-                    self._files[record.name] = record.data
+                    if _FILE_NAME.fullmatch(record.name):  # others could be no keys
+                        self._files[record.name] = record.data
                 elif isinstance(record, Schema):
                     schemas[record.id] = _TYPES.get(record.name)
                 elif isinstance(record, Channel):
                     kind, meta = schemas.get(record.schema_id), record.metadata
-                    run = Stamp(0, int(meta["run"]), int(meta["seed"])) if "run" in meta else None
+                    run = self._stamp(record) if "run" in meta else None
                     encoding = record.message_encoding
                     if encoding != MessageEncoding.CDR:
                         encoding = meta.get("zenoh_encoding", JSON_ENCODING)
@@ -143,9 +176,20 @@ class Recording:
                     and record.channel_id in channels  # missing if its chunk is corrupt
                 ):
                     key, run, encoding, kind = channels[record.channel_id]
+                    if record.log_time > MAX_TIME_NS:
+                        raise RecordingError(f"{self.path}: {shortened(key)} at an impossible time")
                     stamp = None if run is None else run._replace(time_ns=record.log_time)
                     yield Sample(key, record.log_time, stamp, record.data, encoding, kind)
         self.is_cut_off = True
+
+    @contextmanager
+    def reading(self, sample: Sample) -> Iterator[None]:
+        """Report a sample that is not what its key carries as a RecordingError."""
+        try:
+            yield
+        except RefusedError as refusal:
+            where = f"{shortened(sample.key)} at {sample.time_ns / NS_PER_S} s"
+            raise RecordingError(f"{self.path}: {where}: {refusal}") from None
 
     def descriptions(self) -> dict[str, RobotDescription]:
         """Return the recorded description of each robot, by name."""
@@ -157,7 +201,7 @@ class Recording:
                 parts = ((*split_key(other, (robot,)), data) for other, data in self._files.items())
                 own = {other: data for whose, other, data in parts if whose == robot}
                 del own[URDF]
-                found[robot] = RobotDescription(urdf.decode(), own)
+                found[robot] = RobotDescription(urdf.decode(errors="replace"), own)
         return found
 
     def robots(self, run: int) -> tuple[str, ...]:
@@ -173,6 +217,7 @@ class Recording:
         Raises:
             RecordingError: It is not in the recording.
             ConfigError: It is no longer valid.
+            UntrustedError: It names a file, and the recording is not trusted.
         """
         if run not in self.scenarios:
             raise RecordingError(f"{self.path}: without the configuration of run {run}")
@@ -182,7 +227,7 @@ class Recording:
             reason = one_line(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
         code = {} if self.trusted else _code(tables)
-        programs = tables.get("programs", {})
+        programs = tables["programs"] if isinstance(tables.get("programs"), dict) else {}
         if code:
             tables["programs"] = {name: of for name, of in programs.items() if name not in code}
         optional = {*code, *programs.keys() - TABLE.keys(), *WITH_FILES}
@@ -194,8 +239,10 @@ class Recording:
                 if name not in optional or name in sections
             }
 
-        robots = [wanted(robot) for robot in tables.get("robots", ())]
-        return from_tables({**wanted(tables), "robots": robots}, self.path)
+        kept = wanted(tables)
+        if isinstance(robots := tables.get("robots"), list):
+            kept["robots"] = [wanted(one) if isinstance(one, dict) else one for one in robots]
+        return from_tables(kept, self.path, opens_files=self.trusted)
 
     def refuse_code(self) -> None:
         """Check that the recording would run only installed programs.
@@ -210,16 +257,20 @@ class Recording:
                 found |= dict.fromkeys(_code(parse_toml(text)).values())
         if found:
             names = printable(", ".join(found))
-            raise UntrustedError(f"{self.path}: would run its programs {names}: --trust allows it")
+            raise UntrustedError(f"{self.path}: would run its programs {names}")
 
     def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
         """Return the records up to the end of the data or the first corrupt one."""
-        limit = self.path.stat().st_size
-        reader = StreamReader(file, emit_chunks=True, record_size_limit=limit)
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=MAX_BYTES)
+        left = MAX_BYTES + MOST_FOLD * os.fstat(file.fileno()).st_size
         try:
             for record in reader.records:
                 if isinstance(record, Chunk):
-                    yield from breakup_chunk(record, validate_crc=True)
+                    chunk = _expanded(record)
+                    left -= len(chunk.data)
+                    if left < 0:
+                        raise RecordingError(f"{self.path}: expands more than {MOST_FOLD}-fold")
+                    yield from breakup_chunk(chunk, validate_crc=True)
                 elif not isinstance(record, Channel | Record):  # outside of a chunk: corrupt
                     yield record
         except InvalidMagic:
@@ -227,9 +278,18 @@ class Recording:
         except _DAMAGE:
             return
 
+    def _stamp(self, channel: Channel) -> Stamp:
+        """Return the stamp of a channel's samples, at time 0."""
+        numbers = _numbers(channel.metadata["run"], channel.metadata.get("seed"))
+        if numbers is None:
+            key = shortened(channel.topic)
+            raise RecordingError(f"{self.path}: {key} has no valid run and seed")
+        return Stamp(0, *numbers)
+
     def _note_run(self, record: Metadata) -> None:
-        run = record.metadata
         # metadata has no checksum: ignore invalid values
-        if record.name == "run" and "scenario" in run and run.get("run", "").isdecimal():
-            self.scenarios[int(run["run"])] = run["scenario"]
-            self._robots[int(run["run"])] = robots_in(run["scenario"])
+        if record.name == "run" and (number := _numbers(record.metadata.get("run"))):
+            scenario = record.metadata.get("scenario")
+            if scenario is not None and len(scenario) <= MAX_TOML_BYTES:
+                self.scenarios[number[0]] = scenario
+                self._robots[number[0]] = robots_in(scenario)

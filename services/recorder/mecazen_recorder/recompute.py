@@ -72,7 +72,7 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     for run, samples in runs.items():
         bus = LocalBus()
         worker = _make_worker(recording, run, program, robot, bus)
-        compared = _recompute_run(samples, worker, bus)
+        compared = _recompute_run(recording, samples, worker, bus)
         worker.host.close()
         counts += compared.counts
         if compared.difference is not None:
@@ -119,7 +119,9 @@ def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: 
     return Worker(Host([(name, robot)], bus, recorded, kinds))
 
 
-def _recompute_run(samples: Sequence[Sample], worker: Worker, bus: LocalBus) -> Comparison:
+def _recompute_run(
+    recording: Recording, samples: Sequence[Sample], worker: Worker, bus: LocalBus
+) -> Comparison:
     """Feed a service with its inputs among the samples and compare its outputs."""
     turns = [hosted.turn for hosted in worker.host.hosted]
     topics = {need.on_bus.key: need.on_bus for turn in turns for need in turn.needs}
@@ -136,11 +138,13 @@ def _recompute_run(samples: Sequence[Sample], worker: Worker, bus: LocalBus) -> 
             continue
         kind = topics[sample.key].type
         if sample.key not in recorded:
-            bus.put_bytes(sample.key, *sample.as_published(kind))
+            with recording.reading(sample):
+                bus.put_bytes(sample.key, *sample.as_published(kind))
             while worker.step():
                 pass
         elif sample.stamp is not None:
-            _keep(recorded[sample.key], sample.message(kind), sample.stamp)
+            with recording.reading(sample):
+                _keep(recorded[sample.key], sample.message(kind), sample.stamp)
         if sample.stamp is not None and topics[sample.key].name in PERIODIC:
             last_ns[sample.key] = sample.time_ns
     # the last completely recorded tick

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.wire import NS_PER_S, RefusedError
+from mecazen.wire import NS_PER_S
 
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
@@ -48,11 +48,8 @@ def publish(
         stamp = sample.stamp
         if stamp is not None:
             stamp = stamp._replace(run=(stamp.run + turn) % 2**32)
-        try:
+        with recording.reading(sample):
             bus.put_bytes(sample.key, *sample._replace(stamp=stamp).as_published())
-        except RefusedError as refusal:
-            where = f"{recording.path}: {sample.key} at {sample.time_ns / NS_PER_S} s"
-            raise RecordingError(f"{where}: {refusal}") from None
         published += 1
     if not published:
         raise RecordingError(f"{recording.path}: nothing on these keys in this time")
