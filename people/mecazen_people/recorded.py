@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Sequence
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from mecazen.errors import ConfigError
+from mecazen.files import read_text
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 from mecazen_people.motion import Motion
@@ -17,6 +19,9 @@ from mecazen_people.spline import Spline, limited_slopes, simpson
 
 MAX_DURATION_S = 4 * 3600.0
 """Longest track that is read; a longer one is most likely in the wrong unit."""
+MAX_BYTES = 16 << 20
+MAX_ROWS = 400_000
+"""Maximum number of rows; 4 h at 25 Hz have 360,000."""
 MIN_STEP_S = 0.001
 """Shortest time between two rows."""
 STANDING_M_S, WALKING_M_S = 0.1, 0.2
@@ -131,13 +136,9 @@ def read_track(file: Path) -> list[Sample]:
         ConfigError: The file can't be read or is malformed; one line that names file, line and
             what is allowed.
     """
+    lines = StringIO(read_text(file, MAX_BYTES), newline="")
     try:
-        with file.open(encoding="utf-8-sig", newline="") as lines:
-            samples = list(_rows(csv.DictReader(lines)))
-    except OSError as error:
-        raise ConfigError(f"{file}: can't be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file}: must be text in UTF-8") from error
+        samples = list(_rows(csv.DictReader(lines)))
     except (ConfigError, csv.Error) as error:
         raise ConfigError(f"{file}: {error}") from error
     if len(samples) < 2:
@@ -156,13 +157,15 @@ def _rows(reader: csv.DictReader[str]) -> Iterator[Sample]:
     if missing:
         raise ConfigError(f"line 1: must name the columns t_s,x_m,y_m; {','.join(missing)} missing")
     last = -math.inf
-    for row in reader:
+    for number, row in enumerate(reader, start=1):
         line = f"line {reader.line_num}"
         sample = Sample(*(_number(line, name, row[name]) for name in ("t_s", "x_m", "y_m")))
         if sample.t - last < MIN_STEP_S:
             raise ConfigError(
                 f"{line}: t_s must grow by at least {MIN_STEP_S} s, {sample.t:g} follows {last:g}"
             )
+        if number > MAX_ROWS:
+            raise ConfigError(f"{line}: must have at most {MAX_ROWS} rows")
         last = sample.t
         yield sample
 

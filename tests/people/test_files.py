@@ -1,5 +1,8 @@
 """Motion files: what is in them is walked."""
 
+import random
+import struct
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +43,11 @@ Frame Time: 0.01
 5 9 0 0 90 0   0 0 -90   0 0 90
 """
 
+ROW = "0 1 1 1 1 1 1 1\n"
+MOT = f"""endheader
+time pelvis_tilt hip_flexion_l knee_angle_l ankle_angle_l hip_flexion_r knee_angle_r ankle_angle_r
+{ROW}"""
+
 
 def write_trc(file, postures, dt):
     """Write the joints of a walk as markers, x forward and y up as OpenSim has them."""
@@ -55,6 +63,100 @@ def write_trc(file, postures, dt):
     for k, row in enumerate(rows):
         lines.append("\t".join([str(k + 1), f"{k * dt:.5f}", *(f"{x:.5f}" for x in row)]))
     file.write_text("\n".join(lines) + "\n")
+
+
+def write_mot(file, angles, dt=0.01):
+    """Write hip, knee and ankle of the left and of the right leg (n, 6) [deg]."""
+    rows = [
+        " ".join(f"{x:.5f}" for x in (k * dt, 0.0, hl - 10.0, kl, al, hr - 10.0, kr, ar))
+        for k, (hl, kl, al, hr, kr, ar) in enumerate(angles)
+    ]
+    file.write_text("\n".join(["inDegrees=yes", *MOT.splitlines()[:2], *rows]))
+
+
+def steps_of(speed, period, seconds):
+    """The angles (n, 6) [deg] of a healthy walk, 100 in a second."""
+    style = Walker(Body()).style
+    phases = np.arange(0.0, seconds, 0.01) / period
+    sides = [[style.angles(side, speed, (p + 0.5 * side) % 1.0) for p in phases] for side in (0, 1)]
+    return np.degrees(np.concatenate(sides, axis=1))
+
+
+def test_a_pause_and_a_kick_before_a_recorded_walk_do_not_change_it(tmp_path):
+    steps = steps_of(1.1, 1.2, 12.0)
+    before = np.tile([10.0, 5.0, 0.0, 10.0, 5.0, 0.0], (400, 1))
+    before[100:160, 3] += 90.0 * np.sin(np.linspace(0.0, np.pi, 60))  # the right leg's
+    write_mot(tmp_path / "walk.mot", steps)
+    write_mot(tmp_path / "kick.mot", np.concatenate([before, steps]))
+    walked, kicked = (read_recording(tmp_path / f"{n}.mot", SEGMENTS) for n in ("walk", "kick"))
+    # the foot is level in the mean of all frames, those of the pause included
+    assert kicked.speed == pytest.approx(walked.speed, rel=0.02)
+    assert kicked.stride / kicked.speed == pytest.approx(1.2, rel=0.01)
+    assert kicked.offset == pytest.approx(0.5, abs=0.01)
+    assert kicked.stance_shares == pytest.approx(walked.stance_shares, abs=0.02)
+
+
+def test_a_recorded_slow_march_is_walked_at_any_speed(tmp_path):
+    lift = np.sin(np.arange(0.0, 30.0, 0.01) / 4.0 * np.pi)  # a stride in 8 s
+    leg = np.stack([40 + 40 * lift, 50 + 45 * lift, 5 - 40 * lift])
+    write_mot(tmp_path / "march.mot", np.concatenate([leg, np.roll(leg, 400, axis=1)]).T)
+    walker = Walker(Body(motion_file=tmp_path / "march.mot"))
+    for speed in (0.1, 0.7, 2.0):
+        curves = np.degrees([walker.style.angles(0, speed, k / 100) for k in range(100)])
+        assert (np.ptp(curves, axis=0) < (85.0, 95.0, 85.0)).all()  # no more than it was
+        postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 6.0)
+        assert slip(postures) < 0.0005
+
+
+def write_c3d(file, points, *, scale=-1.0):
+    """Write points (frames, n, 4), of which the last numbers are residuals, labelled L0, L1."""
+    frames, n, _ = points.shape
+
+    def parameter(name, code, sizes, data):
+        body = struct.pack("<bB", code, len(sizes)) + bytes(sizes) + data
+        return struct.pack("<bb", len(name), 1) + name + struct.pack("<H", 2 + len(body)) + body
+
+    section = (
+        bytes([0, 0, 1, 84]) + struct.pack("<bb", -5, -1) + b"POINT" + struct.pack("<H", 3) + b"\0"
+    )
+    section += parameter(b"RATE", 4, (), struct.pack("<f", 100.0))
+    section += parameter(b"SCALE", 4, (), struct.pack("<f", scale))
+    section += parameter(b"FRAMES", 2, (), struct.pack("<H", frames))
+    section += parameter(b"DATA_START", 2, (), struct.pack("<H", 3))
+    section += parameter(b"LABELS", -1, (4, n), b"".join(b"L%-3d" % i for i in range(n))) + b"\0\0"
+    kind = "<f4" if scale < 0.0 else "<i2"
+    values = np.concatenate(
+        [points.reshape(frames, -1), np.full((frames, 3), 7.0)], axis=1
+    )  # analog
+    head = struct.pack("<BBHH", 2, 0x50, n, 3)
+    file.write_bytes(
+        head.ljust(512, b"\0") + section.ljust(512, b"\0") + values.astype(kind).tobytes()
+    )
+
+
+@pytest.mark.parametrize("scale", [-1.0, 0.5])
+def test_c3d_is_read_with_its_hidden_points(tmp_path, scale):
+    points = np.arange(5 * 2 * 4, dtype=float).reshape(5, 2, 4)
+    points[3, 1, 3] = -1.0
+    write_c3d(tmp_path / "a.c3d", points, scale=scale)
+    track = read(tmp_path / "a.c3d")
+    assert (track.rate_hz, track.up, list(track.values)) == (100.0, 2, ["L0", "L1"])
+    expected = points[..., :3] * abs(scale)
+    expected[3, 1] = np.nan
+    for i in (0, 1):
+        np.testing.assert_array_equal(track.values[f"L{i}"], expected[:, i])
+
+
+def test_a_damaged_c3d_is_refused_in_one_line(tmp_path):
+    write_c3d(tmp_path / "a.c3d", np.ones((50, 3, 4)))
+    data, chance = (tmp_path / "a.c3d").read_bytes(), random.Random(1)
+    for _ in range(500):
+        damaged = bytearray(data[: chance.choice([20, 515, 700, len(data) - 1, len(data)])])
+        for _ in range(chance.choice([1, 5, 50])):
+            damaged[chance.randrange(min(len(damaged), 700))] = chance.randrange(256)
+        (tmp_path / "b.c3d").write_bytes(damaged)
+        with suppress(ConfigError):
+            read(tmp_path / "b.c3d")
 
 
 def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
@@ -101,8 +203,6 @@ def test_bvh_is_read_by_its_hierarchy(tmp_path):
     ],
 )
 def test_recorded_people_are_walked_along_a_path(name, speed, period, most):
-    if name.endswith("c3d"):
-        pytest.importorskip("ezc3d")
     walker = Walker(Body(motion_file=MOCAP / name))
     gait = read_recording(MOCAP / name, SEGMENTS)
     assert gait.speed == pytest.approx(speed, rel=0.1)
@@ -129,10 +229,31 @@ def test_bones_of_a_recorded_bvh_keep_their_lengths():
         ("a.trc", "", "no TRC file .it ends early"),
         ("a.bvh", "nothing", "no BVH file .HIERARCHY must come where 'nothing' is"),
         ("a.bvh", BVH, "has no point for the right hip"),
+        ("a.bvh", BVH[:-30], "2 frames of 12 channels are 24 numbers, not 1[0-9]"),
+        ("a.bvh", f"{BVH} 1", "2 frames of 12 channels are 24 numbers, not more"),
+        ("a.bvh", BVH.replace("Frames: 2", "Frames: 1000000000"), "1000000000 frames; allowed"),
+        ("a.bvh", BVH.replace("Frames: 2", "Frames: -1"), "-1 frames; allowed"),
+        ("a.bvh", BVH.replace("Time: 0.01", "Time: 0"), "no BVH file .float division by zero"),
+        ("a.bvh", BVH.replace("0 9 0 0", "0 9e307 0 1e400"), "from -1e.09 to 1e.09"),
+        ("a.bvh", f"HIERARCHY {'JOINT a { OFFSET 0 0 0 ' * 200_000}", "more than 1000 joints"),
+        ("a.mot", f"{MOT}0.02 1 1\n", "a row has 3 instead of 8 numbers"),
+        ("a.mot", f"{MOT}{ROW}", "its times must increase"),
+        (
+            "a.mot",
+            f"{MOT}.02{ROW[1:]}".replace("knee_angle_r", "x"),
+            "has no point for the right hip",
+        ),
+        (
+            "a.mot",
+            f"{MOT}.02{ROW[1:]}".replace("hip_flexion_l", "LHJC"),
+            "has no point for the left hip",
+        ),
+        ("a.c3d", "", "no C3D file .it ends early"),
+        ("a.c3d", "\x02\x50" + "\0" * 1000, "Intel"),
         ("a.bvh", BVH.replace("Xposition", "Wposition"), "begin with X, Y or Z"),
         ("a.bvh", BVH.replace("OFFSET 0 0 0", "", 1), "one OFFSET"),
         ("a.mot", "time\n", "no MOT file"),
-        ("a.mot", "endheader\ntime x\n0 1\n1 2\n", "has no point for the left"),
+        ("a.mot", "endheader\ntime x\n0 1\n.1 2\n", "has no point for the left"),
         ("a.trc", "1\n2\n", "no TRC file"),
     ],
 )

@@ -130,7 +130,7 @@ class _Solver:
         shank = thigh - knee
         down = segments.thigh * math.cos(thigh) + segments.shank * math.cos(shank)
         reach = segments.thigh * math.sin(thigh) + segments.shank * math.sin(shank)
-        return shank + ankle, reach, math.sqrt(down * down - left * left)
+        return shank + ankle, reach, math.sqrt(max(down * down - left * left, 0.0))
 
     def _wanted(self, phase: float) -> tuple[float, float]:
         """Return the forward place and the height of the pelvis that the standing legs want."""

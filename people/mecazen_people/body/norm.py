@@ -33,6 +33,7 @@ class Fourier:
     def __init__(self, samples: Sequence[float], harmonics: int = 8) -> None:
         n = len(samples)
         self.mean = sum(samples) / n
+        self.range = max(samples) - min(samples)
         self._terms = []
         for k in range(1, harmonics + 1):
             angles = [math.tau * k * i / n for i in range(n)]

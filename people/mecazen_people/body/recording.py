@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.portable import arctan2
+from numpy.typing import NDArray
 
 from mecazen_people.body.files import Array, MotionFile, read
 from mecazen_people.body.norm import PELVIS_TILT, Fourier
@@ -25,6 +26,7 @@ _NAMES = {
 _SIDES = (("Left", "L"), ("Right", "R"))
 _HEADING_S = 1.2  # about a stride: the mean heading of the pelvis is that of the walk
 _STRAIGHTEST = np.radians(3.0)  # knee
+_IRREGULAR = 0.3  # of the usual length, by which another cycle may differ from it
 _FLAT = (0.3, 0.5)  # part of the stance in which the foot is taken as flat
 
 
@@ -39,39 +41,47 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     Raises:
         ConfigError: One line: what can't be read or is missing.
     """
+    track = read(file)
     try:
-        track = read(file)
         legs = [_angles(track, side) for side in (0, 1)]
         cycles = [_Cycles(track.rate_hz, leg, segments) for leg in legs]
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
     left, right = cycles
     period = (left.period + right.period) / 2
-    lag = (right.strikes[0] - left.strikes[0]) / track.rate_hz / period
+    leads = [(b - c) / (b - a) for a, b in left.cycles for c in right.strikes if a < c < b]
+    leads += [(c - a) / (b - a) for a, b in right.cycles for c in left.strikes if a < c < b]
     speed = (left.speed + right.speed) / 2
     return Reference(
         speed,
         (left.share, right.share),
         speed * period,
         (left.curves, right.curves),
-        min(max(float(-lag % 1.0), 0.4), 0.6),
+        min(max(float(np.median(leads or [0.5])), 0.4), 0.6),
     )
 
 
 def _angles(track: MotionFile, side: int) -> Array:
     """Return hip, knee and ankle [rad] over the frames (3, n); an offset of the ankle is open."""
     values, letter = track.values, ("l", "r")[side]
-    if (hip := values.get(f"hip_flexion_{letter}")) is not None:
-        knee, ankle = values[f"knee_angle_{letter}"], values[f"ankle_angle_{letter}"]
+    names = (
+        *(f"{name}_{letter}" for name in ("hip_flexion", "knee_angle", "ankle_angle")),
+        "pelvis_tilt",
+    )
+    if all(name in values and values[name].ndim == 1 for name in names):
+        hip, knee, ankle, tilt = (values[name] for name in names)
         flexion = -knee if knee.mean() < 0.0 else knee  # both signs are in use
-        return np.array([hip + values["pelvis_tilt"] + PELVIS_TILT, flexion, ankle])
+        return np.array([hip + tilt + PELVIS_TILT, flexion, ankle])
     up = track.up
     near, far = (_pelvis(track, s) for s in (side, 1 - side))
     across = (near - far) * (1 - 2 * side)
     across[:, up] = 0.0
     across = _mean_over(across, round(_HEADING_S * track.rate_hz))
     forward = np.cross(across, np.eye(3)[up])
-    forward /= np.sqrt((forward * forward).sum(axis=1, keepdims=True))
+    length = np.sqrt((forward * forward).sum(axis=1, keepdims=True))
+    if not (length > 0.0).all():
+        raise ConfigError("must have its hips side by side")
+    forward /= length
     knee, ankle, toe = (_point(track, name, side) for name in ("knee", "ankle", "toe"))
     hip = _hip(track, side, forward)
     thigh, shank, foot = (
@@ -114,7 +124,8 @@ def _mean_over(values: Array, width: int) -> Array:
 
 def _found(track: MotionFile, joint: str, side: int) -> Array | None:
     names = (name.format(text) for name in _NAMES[joint] for text in _SIDES[side])
-    return next((track.values[name] for name in names if name in track.values), None)
+    found = (track.values[name] for name in names if name in track.values)
+    return next((point for point in found if point.ndim == 2), None)
 
 
 def _point(track: MotionFile, joint: str, side: int) -> Array:
@@ -125,9 +136,11 @@ def _point(track: MotionFile, joint: str, side: int) -> Array:
 
 
 class _Cycles:
-    """The cycles of one leg, and their mean."""
+    """The regular cycles of one leg, and their mean; pauses and single odd steps are left out."""
 
     def __init__(self, rate_hz: float, angles: Array, segments: Segments) -> None:
+        if not np.isfinite(angles).all():
+            raise ConfigError("must have all markers in all frames")
         hip, knee, ankle = angles
         thigh = hip - PELVIS_TILT
         shank = thigh - knee
@@ -138,14 +151,13 @@ class _Cycles:
         self.strikes = [_strike(heel, i, width) for i in _peaks(heel, width)]
         if len(self.strikes) < 2:
             raise ConfigError("must have a whole gait cycle of each leg")
-        if not np.isfinite(angles).all():
-            raise ConfigError("must have all markers in all frames")
         ball = ahead + segments.ball * np.cos(pitch) + segments.ankle * np.sin(pitch)
-        lengths = [b - a for a, b in pairwise(self.strikes)]
-        self.period = float(np.median(lengths)) / rate_hz
-        offs = [_toe_off(ball, a, b) for a, b in pairwise(self.strikes)]
-        share = float(np.median([(o - a) / n for a, o, n in zip(self.strikes, offs, lengths)]))  # noqa: B905
-        self.share = min(max(share, 0.52), 0.85)
+        every = list(pairwise(self.strikes))
+        usual = sorted(b - a for a, b in every)[len(every) // 2]
+        self.cycles = [(a, b) for a, b in every if abs(b - a - usual) <= _IRREGULAR * usual]
+        self.period = float(np.median([b - a for a, b in self.cycles])) / rate_hz
+        shares = [(_toe_off(ball, a, b) - a) / (b - a) for a, b in self.cycles]
+        self.share = min(max(float(np.median(shares)), 0.52), 0.85)
         mean = np.array([self._mean(curve) for curve in angles])
         # markers beside the joints straighten a knee too far; flex it about the hip and the ankle
         flexed = max(_STRAIGHTEST - float(mean[1].min()), 0.0)
@@ -162,16 +174,14 @@ class _Cycles:
         """Return the frames from 15 to 75 % of each stance, in which the ankle hardly rises."""
         return [
             (round(a + 0.15 * self.share * (b - a)), round(a + 0.75 * self.share * (b - a)))
-            for a, b in pairwise(self.strikes)
+            for a, b in self.cycles
         ]
 
     def _mean(self, values: Array) -> Array:
         """Return the mean over the cycles at 100 phases, without a step from end to beginning."""
         phases = np.arange(101) / 100
         frames = np.arange(len(values))
-        cycles = [
-            np.interp(a + phases * (b - a), frames, values) for a, b in pairwise(self.strikes)
-        ]
+        cycles = [np.interp(a + phases * (b - a), frames, values) for a, b in self.cycles]
         mean = np.mean(cycles, axis=0)
         return np.asarray((mean - phases * (mean[-1] - mean[0]))[:-1])
 
@@ -182,25 +192,32 @@ def _strike(heel: Array, peak: int, width: int) -> int:
     Zeni et al. take the peak, where the heel goes forward as fast as the hips; the standing foot
     goes back from them as fast as the body walks, and half as fast about when it strikes.
     """
-    speeds = np.diff(heel[peak : peak + width])
-    fast = np.flatnonzero(speeds < np.median(speeds) / 2)
+    fast = _falling(heel[peak : peak + width])
     return peak + int(fast[0]) if len(fast) else peak
 
 
 def _toe_off(ball: Array, strike: int, following: int) -> int:
     """Return the frame in which the ball of the foot leaves the ground, in the same way."""
     last = strike + int(np.argmin(ball[strike:following]))
-    speeds = np.diff(ball[strike : last + 1])
-    fast = np.flatnonzero(speeds < np.median(speeds) / 2)
+    fast = _falling(ball[strike : last + 1])
     return strike + int(fast[-1]) + 1 if len(fast) else last
+
+
+def _falling(values: Array) -> NDArray[np.intp]:
+    """Return the frames from which values fall at more than half of their median rate."""
+    rates = np.diff(values)
+    return np.flatnonzero(rates < np.median(rates) / 2) if len(rates) else np.arange(0)
 
 
 def _peaks(values: Array, width: int) -> list[int]:
     """Return where values are large, and the largest of all within `width`, not at the ends."""
-    large = values.mean() + 0.5 * (values.max() - values.mean())
-    edge = width // 4
+    # the largest of all may be that of a kick or a jump
+    large = values.mean() + 0.5 * (np.percentile(values, 90) - values.mean())
+    edge = max(width // 4, 1)
     return [
         i
         for i in range(edge, len(values) - edge)
-        if values[i] >= large and values[i] == values[max(i - width, 0) : i + width + 1].max()
+        # the first of those that are equal, as in a pause
+        if values[max(i - width, 0) : i].max() < values[i] >= large
+        and values[i] == values[i : i + width + 1].max()
     ]

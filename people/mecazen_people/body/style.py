@@ -12,6 +12,9 @@ from mecazen_people.body.norm import Factors, FactorTable, Fourier, Norm
 _ADULT_M = 1.75  # height of the people in the table
 _DOUBLE = 0.03  # least share of the cycle between a heel strike and the other foot's toe-off
 _LEG = 0.53  # length as a share of the height (Winter)
+_RANGES = tuple(map(math.radians, (65.0, 85.0, 50.0)))
+"""Ranges of hip, knee and ankle up to which a faster walk enlarges a recording's [rad]; those at
+2 m/s are up to 53, 64 and 43 deg."""
 _STANCE_KNEE = math.radians(15.0)  # a stiff knee's flexion up to which it is as others
 
 
@@ -46,10 +49,15 @@ class Style:
         self._body, self._gait, self._factors = body, gait, factors
         self._size = body.height_m / _ADULT_M
         self._own, self._stride_share = factors.at(gait.speed), 1.0
+        self._most_ratios = [[math.inf] * 3] * 2
         if gait.stride is not None:  # a recording's, in the size of this person
             self._own = factors.at(gait.speed / math.sqrt(self._size))
             own_stride = _stride(self._own, gait.speed / math.sqrt(self._size))
             self._stride_share = gait.stride / (self._size * own_stride)
+            self._most_ratios = [
+                [max(most / max(c.range, 0.01), 1.0) for most, c in zip(_RANGES, curves)]  # noqa: B905
+                for curves in gait.curves
+            ]
         limp = body.limp
         affected = 1.0 if limp is not None and limp.side == "left" else -1.0
         a, q = (0.0, 0.0) if limp is None else (limp.stance_asymmetry, limp.step_asymmetry)
@@ -98,7 +106,8 @@ class Style:
             warped = phase / share * own
         else:
             warped = own + (phase - share) / (1.0 - share) * (1.0 - own)
-        ratios = [factors[2 + i] / self._own[2 + i] for i in range(3)]
+        most = self._most_ratios[side]
+        ratios = [min(factors[2 + i] / self._own[2 + i], most[i]) for i in range(3)]
         ratios[0] *= share / (
             share - self._stance_changes[side]
         )  # a shorter stance is a shorter way
