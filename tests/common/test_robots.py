@@ -101,7 +101,7 @@ def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
         ("[[robots]]\nname = 'a'\nphysics = {}", "robots.a.physics: unknown key"),
         ("[[robots]]\nname = 'a'\ntarget.height = 1.0", "robots.a.target.height: unknown key"),
         ("[[robots]]\nname = 'a'\nsensor.rate_hz = 0", "robots.a.sensor.rate_hz: got 0; allowed"),
-        ("[[robots]]\nname = 'a'\nrobot = 'none.toml'", "none.toml: no such file"),
+        ("[[robots]]\nname = 'a'\nrobot = 'none.toml'", "none.toml: can't be read: No such file"),
     ],
 )
 def test_what_is_wrong_with_robots_is_one_line(write_scenario, text, expected):

@@ -35,6 +35,7 @@ BAD = [
     (("graph", "back", "--svg", "no/such/flow.svg"), ("--svg", "No such file or directory")),
     (("keys", "create", "/dev/null/keys"), ("/dev/null/keys",)),
     (("keys", "create", "new", "--host", "a b"), ("--host a b",)),
+    (("keys", "create", "new", "--host", "0.0.0.0"), ("--host 0.0.0.0", "no host")),  # noqa: S104
     # what is asked of a running simulation
     (("sim", "step", "0"), ("ticks", "1")),
     (("sim", "step", "-3"), ("ticks", "1")),

@@ -83,7 +83,10 @@ def test_what_is_there_is_not_overwritten(folder):
     assert {file: file.read_bytes() for file in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize("host", ["", "a b", "-/", "256.1.1.1", "a..b", "*", "ä.de"])
+UNREACHABLE = ["0.0.0.0", "::", "224.0.0.1", "ff02::1"]  # noqa: S104  # refused
+
+
+@pytest.mark.parametrize("host", ["", "a b", "-/", "256.1.1.1", "a..b", "*", "ä.de", *UNREACHABLE])
 def test_when_a_host_is_none_expect_one_line_and_no_folder(tmp_path, host):
     text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys", [host]))
     assert text.startswith(f"--host {host}: ")

@@ -89,9 +89,23 @@ def test_states_without_a_joint_of_this_robot_turn_nothing():
     assert len(list(model.pose(states(r1=0.0, r0=0.0, wheel_joint=0.0)))) == 2
 
 
-def test_links_that_are_no_tree_are_refused():
+def joint(parent: str, child: str) -> str:
+    return f"<joint><parent link='{parent}'/><child link='{child}'/></joint>"
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        "",
+        joint("a", "a"),
+        joint("a", "b") + joint("b", "a"),
+        joint("a", "b") * 2,
+        joint("a", "b") + joint("b", "b"),
+    ],
+)
+def test_links_that_are_no_tree_are_refused(joints):
     with pytest.raises(RefusedError, match="no tree"):
-        RobotModel(urdf.read("<robot/>"), {})
+        RobotModel(urdf.read(f"<robot>{joints}</robot>"), {})
 
 
 def test_a_mesh_without_a_file_is_refused():

@@ -1,5 +1,7 @@
 """What is read of a URDF and of a mesh."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from mecazen.errors import RefusedError
@@ -7,11 +9,17 @@ from mecazen_viewer import urdf
 from mecazen_viewer.urdf import read_stl
 from viewer.toy import SQUARE, URDF
 
+TENFOLD = [f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi")]
+BOMB = f'<!DOCTYPE r [<!ENTITY a "{"x" * 1000}">{"".join(TENFOLD)}]><robot name="&i;"/>'
+"""XML of 2 kB whose name would have 100 GB."""
+
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", "no element"),
+        (BOMB, "amplification"),
+        ("<!DOCTYPE r [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><r>&x;</r>", "undefined entity"),
         ("<robot><link name='a'><visual/></link></robot>", "visual  without geometry"),
         ("<robot><link name='a'><visual><geometry/></visual></link></robot>", "empty geometry"),
         (URDF.replace("box size", "ball size").replace("</box>", "</ball>"), "ball"),
@@ -23,6 +31,12 @@ def test_what_is_no_urdf_is_refused_with_what_is_wrong(text, words):
     with pytest.raises(RefusedError, match=words) as caught:
         urdf.read(text)
     assert "not a URDF" in str(caught.value)
+
+
+def test_a_urdf_of_too_many_joints_is_refused():
+    joint = "<joint><parent link='a'/><child link='b'/></joint>"
+    with pytest.raises(RefusedError, match="1001 joints; at most 1000"):
+        urdf.read(f"<robot>{joint * 1001}</robot>")
 
 
 def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():

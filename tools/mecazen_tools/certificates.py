@@ -105,9 +105,15 @@ def _place(host: str) -> x509.GeneralName:
     from cryptography import x509  # noqa: PLC0415
 
     try:
-        return x509.IPAddress(ipaddress.ip_address(host))
+        address = ipaddress.ip_address(host)
     except ValueError:
         labels = host.split(".")
+    else:
+        if address.is_unspecified or address.is_multicast:
+            raise MecazenError(
+                f"--host {host}: the address of no host; name one that tools connect to"
+            )
+        return x509.IPAddress(address)
     fine = all(label and label.isascii() and label.replace("-", "").isalnum() for label in labels)
     if not fine or labels[-1].isdigit():
         raise MecazenError(f"--host {host}: neither an IP address nor a host's name")

@@ -106,8 +106,9 @@ def _tree(urdf: Urdf) -> tuple[str, list[Joint]]:
     children = defaultdict(list)
     for joint in urdf.joints:
         children[joint.parent].append(joint)
-    roots = set(children) - {joint.child for joint in urdf.joints} or set(urdf.visuals)
-    if len(roots) != 1:
+    links = {joint.child for joint in urdf.joints}
+    roots = set(children) - links or set(urdf.visuals) - links
+    if len(roots) != 1 or len(links) < len(urdf.joints):
         raise RefusedError(f"the links are no tree with one root: {sorted(roots)}")
     root = roots.pop()
     joints = list(children.pop(root, ()))

@@ -17,6 +17,8 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 SIZES = {"box": (("size",), 3), "cylinder": (("radius", "length"), 2), "mesh": ((), 0)}
 """Attributes with the size of each shape, and the count of numbers in them."""
 GREY = (0.5, 0.5, 0.5, 1.0)
+MAX_JOINTS = 1000
+"""Maximum number of joints; a robot with 40 rollers in each wheel has 167."""
 STL_HEADER_BYTES = 84
 STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -94,6 +96,8 @@ def read(text: str) -> Urdf:
         ]
     except (ET.ParseError, RefusedError) as error:
         raise RefusedError(f"not a URDF: {error}") from None
+    if len(joints) > MAX_JOINTS:
+        raise RefusedError(f"{len(joints)} joints; at most {MAX_JOINTS} are drawn")
     return Urdf(visuals, tuple(joints))
 
 
