@@ -67,6 +67,26 @@ def test_who_is_alive_is_told_by_the_tokens_alone(alive, state):
     assert status_of(SIM, PARTS, alive, REPORTS).services["follower"].state == state
 
 
+@pytest.mark.parametrize(
+    ("sim", "age_s", "state"),
+    [
+        ({}, 1.2, "ready"),  # services report every simulated second
+        ({}, 1.3, "stale"),
+        ({"speed": 0.1, "rtf": 0.1}, 9.0, "ready"),
+        ({"rtf": 0.0}, 1.3, "stale"),  # in the first second
+        ({"paused": True}, 100.0, "ready"),
+        ({"mode": "lockstep"}, 100.0, "ready"),
+        (None, 1.3, "stale"),  # physics does not answer
+    ],
+)
+def test_a_service_that_does_not_report_while_time_goes_on_is_stale(sim, age_s, state):
+    sim = None if sim is None else SimState(**{"mode": "real_time", "rtf": 1.0} | sim)
+    status = status_of(sim, PARTS, READY, REPORTS, ages_s={"follower": age_s})
+    assert (status.services["follower"].state, status.services["follower"].age_s) == (state, age_s)
+    assert status.services["physics"].state == "ready"
+    assert (f"stale for {age_s} s" in "\n".join(text_of(status))) is (state == "stale")
+
+
 def test_those_that_there_should_be_come_first_then_whoever_else_is_there():
     status = status_of(None, PARTS, {"test", "physics", "physics/ready"}, {"record": {}})
     assert list(status.services) == ["physics", "controller", "follower", "record", "test"]
@@ -103,6 +123,10 @@ def test_what_somebody_has_sent_for_nothing_is_told_once_below():
     ]
     many = [f"{number}: no key" for number in range(1000)]
     assert len(status_of(SIM, (), set(), {}, many).warnings) == 20
+
+
+def test_a_physics_that_is_alive_and_silent_is_not_taken_for_none():
+    assert text_of(status_of(None, (), READY, {}))[0] == "physics does not answer"
 
 
 def test_the_screen_says_when_time_is_held_and_when_nobody_simulates():

@@ -1,6 +1,7 @@
 """What `mecazen up` prints, and what it does when it is asked to end."""
 
 import signal
+from types import SimpleNamespace
 
 import pytest
 from harness import SCENARIOS
@@ -9,6 +10,7 @@ from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.wire import Stamp
+from mecazen_tools.cli import up
 from mecazen_tools.cli.up import Interrupts, Status, _work, hints
 from mecazen_tools.forking import STOPPING
 
@@ -73,15 +75,22 @@ def test_every_process_of_a_scenario_with_a_guard_is_described():
     assert all(_work(service, scenario) for service in scenario.services)
 
 
-def test_the_status_says_that_a_walk_has_ended_and_no_factor_that_is_unknown():
-    bus, scenario = LocalBus(), load_scenario(scenario_path("back"))
-    status = Status(bus, scenario)
+@pytest.fixture
+def shown():
+    """The status, and a function by which a service reports."""
+    bus = LocalBus()
+    status = Status(bus, load_scenario(scenario_path("back")))
 
     def report(service, **values):
         pairs = tuple(m.KeyValue(key=key, value=str(value)) for key, value in values.items())
         array = m.DiagnosticArray(status=(m.DiagnosticStatus(name=service, values=pairs),))
         bus.publisher(keys.diagnostics(service)).put(array, Stamp(0, 1, 1))
 
+    return status, report
+
+
+def test_the_status_says_that_a_walk_has_ended_and_no_factor_that_is_unknown(shown):
+    status, report = shown
     report("physics", mode="lockstep")
     report("target", x_m=1.0, y_m=2.0)
     assert status.text == "[bold]t = 0.0 s[/]  person (+1.00, +2.00)"
@@ -89,3 +98,18 @@ def test_the_status_says_that_a_walk_has_ended_and_no_factor_that_is_unknown():
     assert status.text.endswith("person (+1.00, +2.00), the walk has ended")
     report("physics", rtf=1.0, missed_deadlines=0)
     assert status.text.endswith("  ·  1.0 × real time, 0 missed")
+
+
+def test_the_status_shows_the_age_of_what_a_service_has_not_reported_anew(shown, monkeypatch):
+    status, report = shown
+    now_s = 100.0
+    monkeypatch.setattr(up, "time", SimpleNamespace(monotonic=lambda: now_s))
+    report("follower", tracking="following", distance_error_m=0.01)
+    assert status.text.endswith("following, +0.010 m off")
+    now_s = 103.0
+    assert status.text.endswith("following, +0.010 m off (stale, 3.0 s old)")
+    report("physics", rtf=0.1)  # so services report every 10 s
+    assert "stale" not in status.text
+    report("follower", tracking="following", distance_error_m=0.02)
+    report("physics", rtf=1.0)
+    assert "following, +0.020 m off  ·" in status.text

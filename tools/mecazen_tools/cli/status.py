@@ -7,6 +7,7 @@ import time
 import tomllib
 from collections.abc import Iterable, Mapping
 from functools import partial
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import msgspec
@@ -36,6 +37,9 @@ PATIENCE_S = 3.0
 """Timeout for a report of every service, in output that is shown once [s]. A service reports every
 simulated second."""
 
+LATE_S = 0.25
+"""Time by which a report may be late before its service is stale [s]."""
+
 REPORTS = 1000
 """Maximum number of services whose reports are kept; any client can invent names."""
 
@@ -59,7 +63,7 @@ class ServiceStatus(msgspec.Struct, frozen=True):
     """The state of one service."""
 
     state: str
-    """`gone`, `alive` while it waits for the others, or `ready`."""
+    """`gone`, `alive` while it waits for the others, `ready`, or `stale` if it does not report."""
     inputs: dict[str, Input] = {}
     refused: int = 0
     """Number of payloads whose type does not match their key."""
@@ -67,6 +71,8 @@ class ServiceStatus(msgspec.Struct, frozen=True):
     """Number of missed deadlines of physics; of other services, ticks that they did not receive."""
     restarts: int = 0
     """Number of times it has gone and come back, as reported by other services."""
+    age_s: float | None = None
+    """Wall time since the newest report of a service of the scenario."""
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -89,12 +95,14 @@ def status_of(
     alive: set[str],
     reports: Reports,
     strays: Iterable[str] = (),
+    ages_s: Mapping[str, float] = MappingProxyType({}),
 ) -> Status:
     """Return the state of the expected services `parts`, and of all others.
 
     `alive` are liveliness tokens; a token `<name>/ready` marks readiness. `strays` are warnings
-    about samples on keys that no service takes.
+    about samples on keys that no service takes. `ages_s` are those of reports, by service.
     """
+    stale_s = _stale_s(sim)
     here = {name for name in alive if not name.endswith("/ready")}
     names = [*parts, *sorted(here | reports.keys())]
     ignored = (
@@ -105,16 +113,35 @@ def status_of(
     )
     return Status(
         sim,
-        {name: _service(name, alive, reports) for name in dict.fromkeys(names)},
+        {
+            name: _service(name, alive, reports, ages_s.get(name), stale_s)
+            for name in dict.fromkeys(names)
+        },
         tuple(dict.fromkeys((*strays, *ignored)))[:WARNINGS],  # several services receive one key
     )
 
 
-def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
+def _stale_s(sim: SimState | None) -> float:
+    """Return the wall time without a report after which a service is stale [s].
+
+    Services report every simulated second.
+    """
+    if sim is None:
+        return 1.0 + LATE_S
+    if sim.paused or sim.mode == "lockstep":
+        return math.inf  # simulated time may stand still
+    return 1.0 / (min(sim.speed, sim.rtf) or sim.speed) + LATE_S
+
+
+def _service(
+    name: str, alive: set[str], reports: Reports, age_s: float | None, stale_s: float
+) -> ServiceStatus:
     said = reports.get(name, {})
-    ready = "ready" if f"{name}/ready" in alive else "alive"
+    state = "gone" if name not in alive else "ready" if f"{name}/ready" in alive else "alive"
+    if state == "ready" and age_s is not None and age_s > stale_s:
+        state = "stale"
     return ServiceStatus(
-        state=ready if name in alive else "gone",
+        state,
         inputs={
             name.removeprefix("hz/"): Input(
                 number(said, name) or 0.0, number(said, name.replace("hz/", "age_s/", 1))
@@ -125,6 +152,7 @@ def _service(name: str, alive: set[str], reports: Reports) -> ServiceStatus:
         refused=_count(said, "refused_payloads"),
         missed=_count(said, "missed_deadlines") + _count(said, "missed_ticks"),
         restarts=max((_count(of, f"restarts/{name}") for of in reports.values()), default=0),
+        age_s=age_s,
     )
 
 
@@ -149,21 +177,27 @@ def screen(status: Status) -> Group:
         inputs = "  ".join(f"{key} {heard.hz:g}" for key, heard in service.inputs.items())
         ages = [heard.age_s for heard in service.inputs.values() if heard.age_s is not None]
         numbers = (service.refused, service.missed, service.restarts)
-        colour = {"ready": "green", "alive": "yellow", "gone": "red"}[service.state]
+        colour = {"ready": "green", "alive": "yellow"}.get(service.state, "red")
+        state = service.state
+        if state == "stale" and service.age_s is not None:
+            state += f" for {service.age_s:.1f} s"
         table.add_row(
             Text(printable(name)),
-            Text(service.state, colour),
+            Text(state, colour),
             Text(printable(inputs)),
             f"{max(ages):.2f}" if ages else "",
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )
     warnings = [Text(f"warning: {printable(told)}", "yellow") for told in status.warnings]
-    return Group(Text(_headline(status.sim), "bold"), table, *warnings)
+    return Group(Text(_headline(status), "bold"), table, *warnings)
 
 
-def _headline(sim: SimState | None) -> str:
+def _headline(status: Status) -> str:
+    sim = status.sim
     if sim is None:
-        return "nobody simulates"
+        physics = status.services.get("physics")
+        silent = physics is not None and physics.state != "gone"
+        return "physics does not answer" if silent else "nobody simulates"
     pace = "paused" if sim.paused else f"{sim.rtf:.2f} × real time"
     if sim.mode == "real_time":
         pace += f" (speed {sim.speed:g})"
@@ -181,6 +215,9 @@ class _Listener:
         self._robots: tuple[str, ...] = ()
         self._alive: set[str] = set()
         self.reports: Reports = {}
+        self._begin_s = time.monotonic()
+        self._arrived_s: dict[str, float] = {}
+        """When the newest report of each service arrived [s]."""
         self._strays: list[str] = []
         self._hear("")
 
@@ -208,7 +245,10 @@ class _Listener:
                     return self.status()
             except BusError:
                 pass  # physics is starting, gone or frozen
-        return status_of(sim, self._parts, self._alive, self.reports, self._strays)
+        self._bus.drain()
+        now = time.monotonic()
+        ages_s = {part: now - self._arrived_s.get(part, self._begin_s) for part in self._parts}
+        return status_of(sim, self._parts, self._alive, self.reports, self._strays, ages_s)
 
     def _take_part(self, scenario: dict[str, Any]) -> None:
         """Read robots and services from a scenario's tables."""
@@ -242,6 +282,7 @@ class _Listener:
             self.reports[name] = {
                 pair.key: pair.value for status in report.status for pair in status.values
             }
+            self._arrived_s[name] = time.monotonic()
 
 
 def status(

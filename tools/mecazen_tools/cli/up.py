@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 import shutil
@@ -36,7 +37,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from mecazen_tools.cli.options import ScenarioArgument, Settings
-from mecazen_tools.cli.status import number
+from mecazen_tools.cli.status import LATE_S, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Line, Supervisor
 from mecazen_tools.strays import Strays
@@ -213,6 +214,8 @@ class Status:
         self._reported_s = -QUIET_REPORT_S
         self._robots = scenario.names
         self._health: dict[str, Mapping[str, str]] = {}
+        self._arrived_s: dict[str, float] = {}
+        """When the newest report of each service arrived [s]."""
         for part, robot in scenario.parts:
             if part in REPORTING:
                 hear = partial(self._on_report, join_key(part, robot))
@@ -238,26 +241,32 @@ class Status:
 
     def _of(self, robot: str) -> list[str]:
         """Return the state of a robot, its person and its follower."""
-        physics, person, follower = (
-            self._health.get(part, {})
-            for part in ("physics", join_key("target", robot), join_key("follower", robot))
-        )
+        parts = ("physics", join_key("target", robot), join_key("follower", robot))
+        physics, person, follower = (self._health.get(part, {}) for part in parts)
+        physics_age, person_age, follower_age = map(self._age, parts)
         x, y = (number(physics, join_key(name, robot)) for name in ("x_m", "y_m"))
         person_x, person_y = number(person, "x_m"), number(person, "y_m")
         error = number(follower, "distance_error_m")
         said = []
         if x is not None and y is not None:
-            said.append(f"{robot or 'robot'} ({x:+.2f}, {y:+.2f})")
+            said.append(f"{robot or 'robot'} ({x:+.2f}, {y:+.2f}){physics_age}")
         if person_x is not None and person_y is not None:
             ended = ", the walk has ended" if "walk_ended" in person else ""
-            said.append(f"person ({person_x:+.2f}, {person_y:+.2f}){ended}")
+            said.append(f"person ({person_x:+.2f}, {person_y:+.2f}){ended}{person_age}")
         if error is not None:
-            said.append(f"{follower.get('tracking', '?')}, {error:+.3f} m off")
+            said.append(f"{follower.get('tracking', '?')}, {error:+.3f} m off{follower_age}")
         return said
+
+    def _age(self, part: str) -> str:
+        """Return in words how old the newest report of a service is; empty while it is new."""
+        age_s = time.monotonic() - self._arrived_s.get(part, math.inf)
+        rtf = number(self._health.get("physics", {}), "rtf") or 1.0
+        return f" (stale, {age_s:.1f} s old)" if age_s > 1.0 / rtf + LATE_S else ""
 
     def _on_report(self, part: str, report: DiagnosticArray, stamp: Stamp | None) -> None:
         if stamp is not None:
             self._time_s = stamp.time_ns / NS_PER_S
+        self._arrived_s[part] = time.monotonic()
         self._health[part] = {
             pair.key: pair.value for status in report.status for pair in status.values
         }
