@@ -304,3 +304,18 @@ def test_a_client_waits_for_the_router_once(monkeypatch, scenario):
     with pytest.raises(BusError, match="nothing answers"):
         running.run_process(Process(("controller",)), scenario, Reporter(None))
     assert opened == [1]
+
+
+@pytest.mark.parametrize(
+    ("others", "core"),
+    [
+        ([], 3),
+        ([(7, {3})], 0),
+        ([(7, {3}), (7, {0}), (8, {1}), (8, {1}), (9, {2})], 3),
+        ([(7, {3}), (1, {2}), (7, {2})], 2),  # of its own stack
+        ([(1, {0, 1, 2, 3}), (7, {3})], 0),  # it may run anywhere
+        ([(1, {9})], 3),  # where this process may not run
+    ],
+)
+def test_a_stack_stays_together_on_the_core_with_the_fewest_real_time_processes(others, core):
+    assert running.choose_core([3, 0, 1, 2], others, parent=1) == core

@@ -7,6 +7,8 @@ import os
 import signal
 import threading
 import zlib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence, Set
 from contextlib import suppress
 from pathlib import Path
 
@@ -101,7 +103,7 @@ def _robots(
 
 
 def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
-    """Give the process real-time priority and a fixed core, if the system permits it.
+    """Give the process real-time priority and a core of its stack, if the system permits it.
 
     ros2_control's controller manager does the same. The processes of a stack share one core: they
     take turns anyway, and waking a process on another core takes longer than waiting. Threads
@@ -120,10 +122,39 @@ def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
 
 
 def _core_of(bus: BusConfig) -> int:
-    """Return the core of a stack, chosen by a hash of its endpoints and namespace."""
+    """Return the core of a stack.
+
+    The order of the cores is by a hash of the stack's endpoints and namespace. So processes that
+    look at the same time, or do not see each other, choose the same core.
+    """
     cores = sorted(os.sched_getaffinity(0))
-    stack = f"{bus.router_endpoints} {bus.namespace}"
-    return cores[zlib.crc32(stack.encode()) % len(cores)]
+    first = zlib.crc32(f"{bus.router_endpoints} {bus.namespace}".encode()) % len(cores)
+    return choose_core(cores[first:] + cores[:first], _real_time_processes(), os.getppid())
+
+
+def choose_core(cores: Sequence[int], others: Iterable[tuple[int, Set[int]]], parent: int) -> int:
+    """Return the core of the processes with the same parent, else the first of the freest cores.
+
+    Args:
+        cores: Cores to choose from.
+        others: Parent and cores of each other process with real-time priority.
+        parent: Parent of this process.
+    """
+    taken: Counter[int] = Counter()
+    for other, its_cores in others:
+        if other == parent and len(its_cores) == 1 and its_cores <= set(cores):
+            return next(iter(its_cores))
+        taken.update(its_cores)
+    return min(cores, key=taken.__getitem__)
+
+
+def _real_time_processes() -> Iterator[tuple[int, Set[int]]]:
+    """Yield parent and cores of each process with real-time priority."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it may just have ended
+            if os.sched_getscheduler(int(folder.name)) == os.SCHED_RR:
+                parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
+                yield int(parent), os.sched_getaffinity(int(folder.name))
 
 
 def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None:
