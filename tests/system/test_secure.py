@@ -396,3 +396,13 @@ def test_a_process_without_its_certificate_says_so_in_one_line(folder):
     with pytest.raises(BusError) as caught:
         session_config(BusConfig(keys=folder), "peer", "pilot")
     assert str(caught.value).startswith(f"{folder / 'pilot.crt'}: can't be read; ")
+
+
+@pytest.mark.parametrize("command", [("echo", "odom", "--tls"), ("up", "back", "--set")])
+def test_expired_certificates_are_one_line(tmp_path, monkeypatch, command):
+    monkeypatch.setattr(certificates, "VALID_DAYS", -0.5)  # they begin a day ago
+    folder = tmp_path / "keys"
+    certificates.create(folder)
+    *words, option = command
+    done = mecazen(*words, option, folder if option == "--tls" else f"bus.keys={folder}")
+    assert_one_line(done, 1, f"{folder}/ca.crt: expired on ", "`mecazen keys create` makes new")

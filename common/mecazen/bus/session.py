@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import re
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -164,7 +165,7 @@ def _certificates(folder: Path, name: str) -> dict[str, Any]:
     """Return Zenoh's settings for mutual TLS, with which both ends of a link show certificates.
 
     Raises:
-        BusError: A certificate or key for `name` can't be read.
+        BusError: A certificate or key for `name` can't be read, or the authority's has expired.
     """
     authority, certificate, key = (
         folder / file for file in (f"{AUTHORITY}.crt", f"{name}.crt", f"{name}.key")
@@ -172,6 +173,7 @@ def _certificates(folder: Path, name: str) -> dict[str, Any]:
     for file in (authority, certificate, key):
         if not os.access(file, os.R_OK):
             raise BusError(f"{file}: can't be read; `mecazen keys create` makes such files")
+    _refuse_expired(authority)
     return {
         "root_ca_certificate": str(authority),
         "enable_mtls": True,
@@ -180,6 +182,25 @@ def _certificates(folder: Path, name: str) -> dict[str, Any]:
         "connect_certificate": str(certificate),
         "connect_private_key": str(key),
     }
+
+
+def _refuse_expired(authority: Path) -> None:
+    """Check that an authority's certificate has not expired; Zenoh would report no reason.
+
+    Raises:
+        BusError: It has, or it is no certificate.
+    """
+    import ssl  # noqa: PLC0415  # only links with certificates need it
+
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    try:
+        context.load_verify_locations(authority)
+    except ssl.SSLError:
+        raise BusError(f"{authority}: not a certificate in PEM") from None
+    for certificate in context.get_ca_certs():
+        until = str(certificate["notAfter"])
+        if ssl.cert_time_to_seconds(until) < time.time():
+            raise BusError(f"{authority}: expired on {until}; `mecazen keys create` makes new ones")
 
 
 def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
@@ -238,7 +259,10 @@ def open_session(
                 "--set bus.namespace=NAME `mecazen up` shares its router)"
             ) from None
         if mode == "client" and "Unable to connect" in reason:
-            raise BusError(f"nothing answers at {endpoints}: is `mecazen up` running?") from None
+            keys = "" if config.keys is None else f", with certificates of {config.keys}"
+            raise BusError(
+                f"nothing answers at {endpoints}: is `mecazen up` running{keys}?"
+            ) from None
         where = f"listen on {endpoints}" if mode == "router" else "open the Zenoh session"
         raise BusError(f"can't {where}: {reason}") from None
 
