@@ -406,3 +406,17 @@ def test_expired_certificates_are_one_line(tmp_path, monkeypatch, command):
     *words, option = command
     done = mecazen(*words, option, folder if option == "--tls" else f"bus.keys={folder}")
     assert_one_line(done, 1, f"{folder}/ca.crt: expired on ", "`mecazen keys create` makes new")
+
+
+@pytest.mark.parametrize("name", ["router", "viewer"])
+def test_a_tool_believes_only_who_shows_the_routers_certificate(folder, name):
+    config = BusConfig(connect=(endpoint_of(private_router("tls")),), keys=folder)
+    with open_session(config, "router", name) as router:
+        router.declare_queryable("sim/state", lambda query: query.reply(query.key_expr, b"{}"))
+        alive = router.liveliness().declare_token("mecazen/physics")
+        with open_session(config, "client") as tool:
+            states = list(tool.get("sim/state", timeout=5.0))
+            tokens = list(tool.liveliness().get("mecazen/*", timeout=5.0))
+        alive.undeclare()
+    is_believed = name == "router"
+    assert [bool(states), bool(tokens)] == [is_believed, is_believed]

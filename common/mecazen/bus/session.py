@@ -46,6 +46,26 @@ Zenoh's maximum. With Zenoh's default of 2 a recorder on a busy machine loses 0.
 CONNECT_MS = 10_000
 """Time for which a service that needs the router waits for it [ms]; tools try once."""
 
+ONLY_ROUTER = {
+    "enabled": True,
+    "default_permission": "deny",
+    "rules": [
+        {
+            "id": "the router relays",
+            "permission": "allow",
+            "flows": ["ingress", "egress"],
+            "messages": [
+                *("put", "delete", "query", "reply", "liveliness_token", "liveliness_query"),
+                *("declare_subscriber", "declare_queryable", "declare_liveliness_subscriber"),
+            ],
+            "key_exprs": ["**", "**/@receipts/*"],
+        }
+    ],
+    "subjects": [{"id": "router", "cert_common_names": ["router"]}],
+    "policies": [{"subjects": ["router"], "rules": ["the router relays"]}],
+}
+"""Access control of a tool: any admitted program could listen in place of an ended router."""
+
 AUTHORITY = "ca"
 """Name of the certificate authority's certificate in a folder of keys."""
 OPERATOR = "operator"
@@ -114,6 +134,8 @@ def session_config(
     if config.keys is not None:
         settings["transport/link/protocols"] = ["tls"]
         settings["transport/link/tls"] = _certificates(config.keys, name)
+        if mode == "client" and name == OPERATOR and config.zenoh_config is None:
+            settings["access_control"] = ONLY_ROUTER
     for key, value in settings.items():
         if value is not None:
             base.insert_json5(key, json.dumps(value))
