@@ -107,9 +107,11 @@ SAFETY_COLUMNS: tuple[Column, ...] = (
 
 
 def show(interval: Interval | None, digits: int) -> str:
-    """Return a mean and, in a line of its own, its interval."""
+    """Return a mean and, in a line of its own, its interval if it has several values."""
     if interval is None:
         return "-"
+    if interval.n == 1:
+        return f"{interval.mean:.{digits}f}"
     return "{0:.{3}f}\n[dim]{1:.{3}f} … {2:.{3}f}[/]".format(
         interval.mean, interval.low, interval.high, digits
     )

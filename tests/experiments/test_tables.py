@@ -15,6 +15,12 @@ def test_the_table_has_means_intervals_and_marks():
         assert word in text
 
 
+def test_a_single_run_has_no_interval():
+    text = made_up.shown(cases([made_up.row("one", 0.1)]))
+    assert "0.1000" in text
+    assert "0.1000 … 0.1000" not in text
+
+
 def test_the_table_has_the_ratio_to_the_reference():
     row = msgspec.structs.replace(made_up.row("fault", 0.2), d_err_ratio=2.0)
     assert "2.00" in made_up.shown(cases([row]))

@@ -12,6 +12,7 @@ import msgspec
 import pytest
 import typer
 from harness import command, error_of
+from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.messages import Parameter, Parameters, Twist
@@ -19,6 +20,7 @@ from mecazen_tools.cli import app, options, param, sim, talk, teleop
 from mecazen_tools.driving import Hand
 from mecazen_tools.strays import mistake
 from mecazen_tools.trajectory import Scores
+from rich.console import Console
 from rich.text import Text
 
 
@@ -130,6 +132,19 @@ def test_the_help_of_every_command_shows_what_is_in_brackets():
             text = getattr(part, "help", None) or ""
             shown = Text.from_markup(text).plain
             assert shown == text.replace(r"\[", "["), f"{name} {part.name}"
+
+
+def test_at_80_columns_keys_are_whole(monkeypatch, capsys):
+    monkeypatch.setattr(talk, "console", lambda _: Console(width=80))
+    talk.topics()
+    talk.graph()
+    for shown in capsys.readouterr().out.split("┃ node"):
+        assert "…" not in shown
+        assert max(map(len, shown.splitlines())) <= 80
+        words = {word.rstrip("?") for word in shown.replace("│", " ").split()}
+        assert {one.key for one in (*keys.TOPICS[:-1], *keys.CALLS)} <= words
+        assert "25 Hz" in shown
+        assert "rate_hz" not in shown
 
 
 FULL = "error: the output is incomplete: "

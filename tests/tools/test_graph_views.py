@@ -1,5 +1,7 @@
 """The graph as tables and as a picture, of two nodes."""
 
+from types import SimpleNamespace
+
 from mecazen.graph import Graph
 from mecazen.keys import CMD_VEL, DIAGNOSTICS, OBSERVATION, ODOM, SIM_STATE
 from mecazen.row import Row, due, every
@@ -8,6 +10,15 @@ from mecazen_tools import graph_views
 GIVER = Row("wheels", outputs=(ODOM,), calls=(SIM_STATE,), summary="rolls")
 TAKER = Row("driver", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
 GRAPH = Graph((GIVER, TAKER))
+
+
+def test_a_rate_is_shown_in_hz():
+    scenario = SimpleNamespace(
+        sim=SimpleNamespace(tick_s=0.01), sensor=SimpleNamespace(rate_hz=25.0, other_hz=None)
+    )
+    rates = ("sensor.rate_hz", "sensor.other_hz", "tick", 5.0, "5 Hz", "any")
+    shown = [graph_views.in_hz(rate, scenario) for rate in rates]
+    assert shown == ["25 Hz", "100 Hz", "100 Hz", "5 Hz", "5 Hz", "any"]
 
 
 def test_a_node_takes_by_rules_and_gives_topics_and_answers():

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from operator import attrgetter
+from types import SimpleNamespace
 from typing import Any
 
+from mecazen.config import Scenario
 from mecazen.graph import Graph
 from mecazen.keys import DIAGNOSTICS, Topic
 from mecazen.row import Row
+from msgspec.structs import fields
 
 Cells = tuple[str, str, str, str, str]
+
+DEFAULTS = SimpleNamespace(**{field.name: field.default for field in fields(Scenario)})
+"""The sections of a scenario that says nothing."""
 
 COLUMN, LINE, LEFT, TOP = 118, 34, 356, 118
 """Widths and heights [px]: of a column, of a line, left of the columns, above the lines."""
@@ -67,16 +74,35 @@ def nodes_table(graph: Graph) -> str:
     return "\n".join(lines)
 
 
-def takes(row: Row) -> str:
+def takes(row: Row, separator: str = ", ") -> str:
     """Return a node's inputs and their rules."""
     if row.observes:
         return "everything"
-    return ", ".join(f"{i.topic.key} ({i.rule})" for i in row.inputs)
+    return separator.join(f"{i.topic.key} ({i.rule})" for i in row.inputs)
 
 
-def gives(row: Row) -> str:
-    """Return a node's outputs and the queries that it answers."""
-    return ", ".join([*(t.key for t in row.outputs), *(f"{c.key}?" for c in row.calls)])
+def gives(row: Row, separator: str = ", ", scenario: Any = None) -> str:
+    """Return a node's outputs, with their rates in a scenario, and the queries that it answers."""
+    rates = row.rates if scenario else {}
+    outputs = [
+        f"{topic.key} {in_hz(rates[topic.key], scenario)}" if topic.key in rates else topic.key
+        for topic in row.outputs
+    ]
+    return separator.join([*outputs, *(f"{call.key}?" for call in row.calls)])
+
+
+def in_hz(rate: str | float, scenario: Any) -> str:
+    """Return a rate by its number, its configuration key or `tick` in Hz; other words as they are.
+
+    Args:
+        rate: As in `Row.rates`, or as `rate` returns it.
+        scenario: A scenario, or `DEFAULTS`.
+    """
+    if isinstance(rate, str) and "." in rate:
+        rate = attrgetter(rate)(scenario) or "tick"
+    if rate == "tick":
+        rate = 1.0 / scenario.sim.tick_s
+    return rate if isinstance(rate, str) else f"{rate:g} Hz"
 
 
 def _source(graph: Graph, topic: Topic[Any]) -> str:

@@ -28,6 +28,8 @@ from mecazen_tools.generated import one_process_each
 from mecazen_tools.strays import absent, ignored, mistake
 
 LIVE_S = 1.0
+WIDE = 160
+"""Width of a terminal that has room for the packages of messages [characters]."""
 SILENCE_S = 2.0
 """Time without a sample after which `echo` warns."""
 
@@ -46,6 +48,7 @@ def graph(
 
     Examples: mecazen graph back · mecazen graph back --svg flow.svg
     """
+    loaded: Any = graph_views.DEFAULTS
     if scenario is None:
         nodes, processes = Graph(GRAPH), one_process_each()
         order = [row.name for row in GRAPH]
@@ -65,12 +68,13 @@ def graph(
     if svg_file is not None:
         files.write(svg_file, graph_views.svg(nodes, processes).encode(), "--svg")
     process_of = {name: process for process, names in processes for name in names}
-    table = Table("node", "process", "takes", "gives, answers?", "rates")
+    table = Table("node", "takes", "gives, answers?", show_lines=True)
     for name in order:
         row = nodes.row(name)
-        rates = ", ".join(f"{key}: {rate}" for key, rate in row.rates.items())
-        cells = name, process_of[name], graph_views.takes(row), graph_views.gives(row), rates
-        table.add_row(*map(Text, cells))
+        process = process_of.get(name, name)  # the collector's is no service's
+        place = name if process == name else f"{name}\nin {process}"
+        given = graph_views.gives(row, "\n", loaded)
+        table.add_row(*map(Text, (place, graph_views.takes(row, "\n"), given)))
     console(160).print(table)
 
 
@@ -87,7 +91,8 @@ def topics(
     tls: Tls = None,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
-    nodes = Graph(GRAPH) if scenario is None else graph_of(load(scenario, None))
+    loaded: Any = graph_views.DEFAULTS if scenario is None else load(scenario, None)
+    nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
     rates: Counter[str] = Counter()
 
     def count(key: str, *_: object) -> None:
@@ -100,16 +105,22 @@ def topics(
             end = time.monotonic() + LIVE_S
             while (left := end - time.monotonic()) > 0:
                 bus.spin_once(left)
-    # a narrow terminal folds cells instead of cutting them off
-    names = ["key", "message", "rate", "from", "meaning", *(["Hz now"] if live else [])]
-    table = Table(*(Column(name, overflow="fold") for name in names))
-    for cells in graph_views.topic_rows(nodes):
-        now = [f"{rates[cells[0]] / LIVE_S:.0f}"] if live else []
-        table.add_row(*map(Text, (*cells, *now)))  # Text: a unit in brackets is not markup
+    shown = console(200)
+    names = ["message", "rate", "from", "meaning", *(["Hz now"] if live else [])]
+    table = Table(Column("key", no_wrap=True), *(Column(name, overflow="fold") for name in names))
+
+    def add(key: str, message: str, *others: str) -> None:
+        if shown.width < WIDE:  # without packages
+            message = " → ".join(part.rpartition("/")[2] for part in message.split(" → "))
+        table.add_row(*map(Text, (key, message, *others)))  # Text: a unit in brackets is not markup
+
+    for key, message, rate, *others in graph_views.topic_rows(nodes):
+        now = [f"{rates[key] / LIVE_S:.0f}"] if live else []
+        add(key, message, graph_views.in_hz(rate, loaded), *others, *now)
     table.add_section()
     for cells in graph_views.call_rows(nodes):
-        table.add_row(*map(Text, cells))
-    console(200).print(table)
+        add(*cells)
+    shown.print(table)
 
 
 def echo(
