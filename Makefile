@@ -87,9 +87,10 @@ EDITABLE = $(patsubst %,-e ./%,$(1))
 SHOWING := ros2 services/viewer services/recorder
 LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
+# with pip, by which a user adds extras
 .venv/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
 	@$(call make_venv,.venv,1/4)
-	@$(call install,.venv,2/4,$(SDK),$(call EDITABLE,$(SDK:tools=tools[keys,plot])))
+	@$(call install,.venv,2/4,$(SDK),pip $(call EDITABLE,$(SDK:tools=tools[keys,plot])))
 	@$(call install,.venv,3/4,$(LOOP),$(call EDITABLE,$(LOOP)))
 	@$(call install,.venv,4/4,$(SHOWING),$(call EDITABLE,$(SHOWING)))
 	@touch $@

@@ -1,6 +1,7 @@
 """Which Python `make` takes: the first one that runs and is in range."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -52,6 +53,11 @@ def test_make_takes_the_first_python_that_runs_and_is_in_range(make_venv, python
     done = make_venv(**pythons)
     assert done.returncode == 0, done.stderr
     assert f"python={used} && " in done.stdout
+
+
+def test_the_environment_has_pip_for_extras(make_venv):
+    done = make_venv(python3_13=REAL)
+    assert re.search(r"--python \.venv/bin/python install .* pip -e \./common", done.stdout)
 
 
 def test_make_takes_the_python_that_is_named(make_venv):
