@@ -75,11 +75,11 @@ def test_whose_a_key_is_is_told_by_the_names_of_a_configuration(write_scenario):
 
 def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
     path = write_scenario(TWO)
-    of_two = "robots.two.start.x_m=2.0", "robots.two.target.body.height_m=1.9"
-    loaded = load_scenario(path, ("target.body.height_m=1.5", *of_two))
+    of_two = "robots.two.start.x_m=2.0", "robots.two.target.gait.sway_m=0.1"
+    loaded = load_scenario(path, ("target.gait.sway_m=0.05", *of_two))
     assert loaded.of("two").start.pose == Pose2D(2.0, 1.5, 0.0)
-    assert loaded.of("one").target.body.height_m == 1.5
-    assert loaded.of("two").target.body.height_m == 1.9
+    assert loaded.of("one").target.gait.sway_m == 0.05
+    assert loaded.of("two").target.gait.sway_m == 0.1
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The command line, `mecazen` or `python -m mecazen_tools`: Ctrl-C ends it quietly at any time."""
 
+import io
 import os
 import signal
 import sys
@@ -16,6 +17,11 @@ def main() -> None:
     # NumPy's threads would keep it from being forked; its products here are too small for them
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
+    from mecazen_tools.files import WholeWrites  # noqa: PLC0415
+
+    if sys.stdout is not None:
+        whole = WholeWrites(sys.stdout.fileno(), "w", closefd=False)
+        sys.stdout = io.TextIOWrapper(whole, sys.stdout.encoding, write_through=True)
 
     signal.signal(signal.SIGINT, interrupt)
     try:

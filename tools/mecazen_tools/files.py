@@ -2,10 +2,31 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mecazen.errors import MecazenError
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
+
+
+class WholeWrites(io.FileIO):
+    """A file without a buffer that writes all of the data or fails.
+
+    `io.FileIO` writes only what a full disk takes, and `io.TextIOWrapper` drops the rest. A buffer
+    would fail again at the exit.
+    """
+
+    def write(self, data: Buffer) -> int:
+        """Write all of the data."""
+        left = memoryview(data).cast("B")
+        size = len(left)
+        while left:
+            left = left[super().write(left) :]
+        return size
 
 
 def write(path: Path, content: bytes, option: str = "") -> None:

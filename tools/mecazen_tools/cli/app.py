@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import errno
-import io
 import json
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -301,16 +299,11 @@ def create(
 
 def main(commands: typer.Typer = app) -> None:
     """Run a command line; print an expected error in one line."""
-    if isinstance(unbuffered := sys.stdout.buffer, io.FileIO):  # PYTHONUNBUFFERED
-        # would drop the rest of a text without an error when the disk is full
-        sys.stdout = io.TextIOWrapper(io.BufferedWriter(unbuffered), encoding=sys.stdout.encoding)
     try:
         for argument in sys.argv[1:]:
             if argument != argument.encode(errors="replace").decode():
                 raise ConfigError(f"{argument!r}: not UTF-8, as all arguments must be")
-        code = commands(standalone_mode=False)
-        sys.stdout.flush()
-        sys.exit(code)
+        sys.exit(commands(standalone_mode=False))
     except typer.TyperException as error:
         sys.stderr.write(_usage_error(error))
         sys.exit(error.exit_code)
@@ -321,8 +314,6 @@ def main(commands: typer.Typer = app) -> None:
         if error.errno not in NO_ROOM:
             raise
         sys.stderr.write(f"error: the output is incomplete: {error.strerror}\n")
-        # Python flushes the rest at its exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
 
 

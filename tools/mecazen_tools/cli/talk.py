@@ -29,7 +29,7 @@ from mecazen_tools.strays import absent, ignored, mistake
 
 LIVE_S = 1.0
 WIDE = 160
-"""Width of a terminal that has room for the packages of messages [characters]."""
+"""Width of a terminal that has room for whole names of message types [characters]."""
 SILENCE_S = 2.0
 """Time without a sample after which `echo` warns."""
 
@@ -110,7 +110,7 @@ def topics(
     table = Table(Column("key", no_wrap=True), *(Column(name, overflow="fold") for name in names))
 
     def add(key: str, message: str, *others: str) -> None:
-        if shown.width < WIDE:  # without packages
+        if shown.width < WIDE:  # without their packages
             message = " → ".join(part.rpartition("/")[2] for part in message.split(" → "))
         table.add_row(*map(Text, (key, message, *others)))  # Text: a unit in brackets is not markup
 
