@@ -285,7 +285,7 @@ class Simulation:
         """Return the newest message on a key, such as `odom` or `one/odom`; None: not yet one.
 
         >>> with Simulation("back", duration_s=0.1) as sim:
-        ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("cmd_vel")
+        ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("scan")
         (0, 0.01, None)
 
         Raises:
