@@ -12,7 +12,7 @@ from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Folder
 
-WALKERS = "[{path={kind='standing',x_m=3.0},body={height_m=1.1}}]"
+WALKERS = "[{path={kind='standing',x_m=3.0},body={shuffle={}}}]"
 
 
 def test_times_of_a_run_are_in_whole_ticks(scenario):
@@ -43,7 +43,7 @@ def test_processes_meet_at_the_usual_port_unless_something_else_is_said():
 @pytest.mark.parametrize("setting", ["target.body.limp={}", f"crowd.walkers={WALKERS}"])
 def test_a_body_that_no_sensor_sees_is_refused(write_scenario, setting):
     path = write_scenario()
-    assert "no sensor sees a body; sensor.kind = 'body'" in problem(path, setting)
+    assert "no sensor sees how a body walks; sensor.kind = 'body'" in problem(path, setting)
     assert load_scenario(path, (setting, 'sensor.also=["lidar"]'))
 
 

@@ -230,7 +230,7 @@ def test_a_nodes_parameters_are_listed_described_set_and_got(running, node, serv
 
     mixed = call("set_parameters", parameters=[number(speed, 2.5), number(timeout, -1.0)])
     assert [one["successful"] for one in mixed["results"]] == [True, False]
-    assert mixed["results"][1]["reason"].startswith("controller.reference_timeout_s: got -1.0")
+    assert mixed["results"][1]["reason"].startswith("reference_timeout_s: got -1.0")
     both = [number(speed, 1.0), number("use_sim_time", 1.0)]
     assert not call("set_parameters_atomically", parameters=both)["result"]["successful"]
     values = call("get_parameters", names=[speed, timeout])["values"]

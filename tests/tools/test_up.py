@@ -1,5 +1,6 @@
 """What `mecazen up` prints, and what it does when it is asked to end."""
 
+import os
 import signal
 from types import SimpleNamespace
 
@@ -30,7 +31,7 @@ def handlers():
         (('bus.connect=["tcp/127.0.0.1:7447"]',), ""),
         (('bus.connect=["tcp/127.0.0.1:7448"]',), " --connect tcp/127.0.0.1:7448"),
         (("bus.namespace=lab/a",), " --namespace lab/a"),
-        (("bus.keys=/",), " --tls ../../"),
+        (("bus.keys=/",), f" --tls {os.path.relpath('/')}"),
     ],
 )
 def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):

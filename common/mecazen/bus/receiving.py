@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import threading
 import time
 from collections.abc import Callable
-from threading import get_ident
 from typing import Any, TypeVar
 
 import zenoh
@@ -16,8 +16,8 @@ BETWEEN_PAUSES = 0.1
 """Time to receive the samples that have gathered during a pause, as a share of the pause."""
 
 
-_known_threads: set[int] = set()
-"""Zenoh's threads whose Python state is kept."""
+_state = threading.local()
+"""Marks Zenoh's threads whose Python state is kept; it ends with that state."""
 
 
 def direct(function: Callable[[Any], None]) -> Any:
@@ -37,8 +37,8 @@ def _keep_state() -> None:
     system maps and unmaps memory for it. Without this a distributed run of `back` makes 13 % fewer
     ticks a second.
     """
-    if get_ident() not in _known_threads:
-        _known_threads.add(get_ident())
+    if not hasattr(_state, "is_kept"):
+        _state.is_kept = True
         ctypes.pythonapi.PyGILState_Ensure()
 
 

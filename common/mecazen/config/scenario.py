@@ -124,11 +124,12 @@ class Scenario(Section):
 
     def _check_bodies(self, followed: Iterable[Body]) -> None:
         others = [walker.body for walker in (*self.crowd.walkers, self.crowd.reactive) if walker]
-        if "skeleton" in self.features or all(body == Body() for body in (*followed, *others)):
+        bodies = (*followed, *others)  # without a sensor, only their heights are seen
+        if "skeleton" in self.features or all(b == Body(height_m=b.height_m) for b in bodies):
             return
         raise ValueError(
-            "target.body and crowd: no sensor sees a body; sensor.kind = 'body', 'legs' or 'fused' "
-            "does, or any in sensor.also"
+            "target.body and crowd: no sensor sees how a body walks; sensor.kind = 'body', 'legs' "
+            "or 'fused' does, or any in sensor.also"
         )
 
     @property
