@@ -38,7 +38,7 @@ def test_every_extra_that_is_named_exists():
     named = {
         found for file in files for found in re.findall(r"(mecazen-\w+)\[(\w+)\]", file.read_text())
     }
-    assert ("mecazen-people", "c3d") in named
+    assert ("mecazen-tools", "gamepad") in named
     projects = [tomllib.loads((part / "pyproject.toml").read_text())["project"] for part in parts]
     extras = {
         (project["name"], extra)
