@@ -65,10 +65,10 @@ BAD = [
     # recordings
     (("info", "none.mcap"), ("none.mcap", "No such file")),
     (("plot", "none.mcap"), ("none.mcap", "No such file")),
-    (("plot", "/dev/null"), ("/dev/null", "not an MCAP file")),
-    (("info", "/dev/null"), ("/dev/null", "not an MCAP file")),
+    (("plot", "/dev/null"), ("/dev/null", "must be a regular file")),
+    (("info", "/dev/null"), ("/dev/null", "must be a regular file")),
     (("replay", "none.mcap"), ("none.mcap", "No such file")),
-    (("replay", "/dev/null", "--through", "follower", "--loop"), ("not an MCAP file",)),
+    (("replay", "/dev/null", "--through", "follower", "--loop"), ("must be a regular file",)),
     (("record", "-o", "/dev/null/run.mcap", *NOBODY), ("tcp/127.0.0.1:1",)),
     # settings
     setting("nonsense", "--set nonsense", "key.path=value"),

@@ -195,9 +195,10 @@ def test_when_the_port_is_taken_up_says_so_in_one_line():
 
 
 def test_two_runs_share_a_router_if_each_has_a_namespace():
-    first = Up("back", "sim.speed=2")
+    stands = 'target.path={ kind = "standing" }'  # so that each robot keeps its place
+    first = Up("back", stands)
     first.read_until("following")
-    others = (first.router[0], "bus.namespace=second", "sim.speed=2")
+    others = (first.router[0], "bus.namespace=second", stands)
     second = Command("up", "side", "--no-viewer", *options(others))
     second.read_until("following")
     assert "│ physics" in second.text
