@@ -82,6 +82,7 @@ class ZenohBus(Bus):
         """Handlers of each Zenoh subscriber, by full key, `every` and `of`."""
         self._listeners: dict[str, list[Handler[Any]]] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
+        self._publishers: dict[str, _ZenohPublisher[Any]] = {}
         self._session = open_session(config, mode or config.mode, name)
 
     @property
@@ -91,12 +92,16 @@ class ZenohBus(Bus):
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return a publisher for a topic."""
-        publisher = self._session.declare_publisher(
-            topic.key,
-            encoding=ENCODINGS[self._format],
-            congestion_control=zenoh.CongestionControl.DROP,
-        )
-        return _ZenohPublisher(publisher, self._format, self.listeners(topic), self._queue)
+        publisher = self._publishers.get(topic.key)
+        if publisher is None:
+            declared = self._session.declare_publisher(
+                topic.key,
+                encoding=ENCODINGS[self._format],
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+            publisher = _ZenohPublisher(declared, self._format, self.listeners(topic), self._queue)
+            self._publishers[topic.key] = publisher
+        return publisher
 
     def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
         """Return the handlers in this process of its own samples of a topic; callers add to it."""
@@ -362,12 +367,18 @@ class ZenohBus(Bus):
             logger.warning("msg=%r", f"the session did not close: {reason_of(error)}")
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        # a token comes after the subscriptions of its holder
+        for publisher in tuple(self._publishers.values()):
+            publisher.look_for_subscribers()
         alive = sample.kind == zenoh.SampleKind.PUT
         self._queue.put(partial(self.presence.update, name_of(sample), alive=alive))
 
 
 class _ZenohPublisher(Publisher[MessageT]):
-    """Publishes to other processes, and through the queue to observers in this process."""
+    """Publishes to other processes, and through the queue to observers in this process.
+
+    A message that no process subscribes to is not encoded.
+    """
 
     def __init__(
         self,
@@ -381,11 +392,19 @@ class _ZenohPublisher(Publisher[MessageT]):
         self._format: Format = form
         self._listeners = listeners
         self._ready = ready
+        self._is_heard = True  # at first Zenoh does not know whom the router connects
+        publisher.declare_matching_listener(direct(lambda _: self.look_for_subscribers()))
+
+    def look_for_subscribers(self) -> None:
+        """Note whether any process subscribes; asking at each message would take too long."""
+        status = self._publisher.matching_status
+        self._is_heard = status.matching  # type: ignore[attr-defined]  # it is an object
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
-        attachment = None if stamp is None else stamp.pack()
-        payload = encode(message, self._format)
-        self._publisher.put(payload, attachment=attachment, source_info=self._source)
+        if self._is_heard:
+            attachment = None if stamp is None else stamp.pack()
+            payload = encode(message, self._format)
+            self._publisher.put(payload, attachment=attachment, source_info=self._source)
         if self._listeners:
             self._ready.put(partial(deliver, self._listeners, message, stamp))
 
