@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from statistics import median
 from typing import Any
 
 import numpy as np
+from mecazen import keys
+from mecazen.config import Scenario
 from mecazen.loading import load_scenario
+from mecazen.messages import StepRequest
 from mecazen.programs import classes
-from mecazen_tools.simulate import simulate, simulate_distributed
+from mecazen_tools.processes import beside_that_core, on_one_core
+from mecazen_tools.simulate import InProcess, simulate
 
 from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.physics import peer_rtf
-from mecazen_bench.stack import SCENARIOS
+from mecazen_bench.stack import SCENARIOS, paused, running, spent_s
 
 DURATION_S = 10.0
 GROUPS: dict[str, tuple[tuple[str, ...], ...]] = {
     "distributed": (),
+    "physics, controller, target; follower": (("physics", "controller", "target"),),
+    "physics, target; controller, follower": (("physics", "target"), ("controller", "follower")),
     "physics; all others": (("controller", "target", "follower"),),
-    "physics, controller; all others": (("physics", "controller"), ("target", "follower")),
     "physics, controller; target; follower": (("physics", "controller"),),
-    "physics; controller, follower; target": (("controller", "follower"),),
 }
 """The services that share a process, by the name of the grouping; others have their own."""
+BLOCKS, BLOCK_TICKS = 10, 100
 KINDS = ("pose", "body", "legs", "fused")
 
 REAL_TIMES: Goal = (25.0, None)
@@ -37,12 +43,15 @@ SHARE: Goal = (None, 10.0)
 OF_POSE: Goal = (0.8, None)
 UNBOUNDED = ("physics", "follower")
 """Parts whose share has no target: their computation is the purpose of the loop."""
+ENDLESS = ("sim.duration_s=36000.0",)
+"""No run ends within the measurement."""
+Way = tuple[Callable[[int], object], Callable[[], float]]
+"""A function that makes a number of ticks, and one that returns the processor time so far [s]."""
 
 
-def run(duration_s: float = DURATION_S) -> list[Group]:
+def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> list[Group]:
     """Run the scenario `back` in each way, and divide a tick into its parts."""
-    settings = (f"sim.duration_s={duration_s}",)
-    return [_ways(settings), _parts("back", settings)]
+    return [_ways(blocks), _parts("back", (f"sim.duration_s={duration_s}",))]
 
 
 def run_senses(duration_s: float = DURATION_S) -> list[Group]:
@@ -70,30 +79,70 @@ def run_safety(duration_s: float = DURATION_S) -> list[Group]:
     return [_parts("crowd", settings, ", with planner")]
 
 
-def _ways(settings: tuple[str, ...]) -> Group:
-    path = SCENARIOS / "back.toml"
+def _ways(blocks: int) -> Group:
+    """Make blocks of ticks in one process and in several, in turns, and compare them."""
     peer = peer_rtf()
-    one = simulate(load_scenario(path, settings), "back")[0].rtf
-    factors = {"in one process": one}
-    goals: dict[str, Goal] = {"in one process": 1.0}
-    for name, groups in GROUPS.items():
-        grouped = (*settings, f"processes={json.dumps(groups)}") if groups else settings
-        factors[name] = simulate_distributed(path, grouped, "back")[0].rtf
-        goals[name] = GROUPED if groups else DISTRIBUTED
+    scenario = load_scenario(SCENARIOS / "back.toml", ENDLESS)
+    wall_s: dict[str, list[float]] = {}
+    spent: dict[str, list[float]] = {}
+    with ExitStack() as exits:
+        ways = {"in one process": exits.enter_context(_in_one_process(scenario))}
+        for name, groups in GROUPS.items():
+            ways[name] = exits.enter_context(_in_processes(groups))
+        for block in range(1 + blocks):
+            for name, (step, spent_so_far_s) in ways.items():
+                begin, before_s = time.perf_counter(), spent_so_far_s()
+                step(BLOCK_TICKS)
+                if block:  # the first one warms up
+                    wall_s.setdefault(name, []).append(time.perf_counter() - begin)
+                    spent.setdefault(name, []).append(spent_so_far_s() - before_s)
     rows = {}
-    for name, factor in factors.items():
+    for name, own in spent.items():
         is_one = name == "in one process"
+        ratios = [one / other for one, other in zip(spent["in one process"], own, strict=True)]
+        goal: Goal = 1.0 if is_one else GROUPED if GROUPS[name] else DISTRIBUTED
+        factor = BLOCK_TICKS * scenario.sim.tick_s / median(wall_s[name])
         rows[name] = {
             "× real time": Figure(factor, REAL_TIMES if is_one else "more"),
-            "of one process": Figure(factor / one, goals[name]),
+            "µs/tick": Figure(1e6 * median(own) / BLOCK_TICKS, "less"),
+            "of one process": Figure(median(ratios), goal),
         }
         if peer is not None:
             rows[name]["of MuJoCo"] = Figure(factor / peer, OF_MUJOCO if is_one else "more")
     how = (
-        "lockstep, without the start, no observer but the trajectory; MuJoCo: its physics alone, "
-        "of the robot with capsules at 1 ms; services of a process are joined by commas"
+        f"lockstep without observers, medians of {blocks} blocks of {BLOCK_TICKS} ticks in turns; "
+        "µs/tick and their ratio, in pairs: processor time of all processes, which share one core; "
+        "MuJoCo: its physics alone, of the robot with capsules at 1 ms; services of a process are "
+        "joined by commas"
     )
     return Group("Whole loop: scenario back", how, rows)
+
+
+@contextmanager
+def _in_one_process(scenario: Scenario) -> Iterator[Way]:
+    with closing(InProcess(scenario)) as run:
+        run.begin()
+
+        def step(ticks: int) -> None:
+            for _ in range(ticks):
+                run.step()
+
+        yield step, time.thread_time
+
+
+@contextmanager
+def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
+    grouped = (f"processes={json.dumps(groups)}",) if groups else ()
+    with ExitStack() as exits:
+        with on_one_core():
+            stack = exits.enter_context(running("back", 'sim.mode="lockstep"', *ENDLESS, *grouped))
+        with beside_that_core():
+            bus = exits.enter_context(paused(stack))
+        processes = stack.processes().values()
+        yield (
+            lambda ticks: bus.call(keys.SIM_STEP, StepRequest(ticks=ticks)),
+            lambda: sum(map(spent_s, processes)),
+        )
 
 
 def _parts(name: str, settings: tuple[str, ...], variant: str = "") -> Group:

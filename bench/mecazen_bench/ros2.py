@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, closing
-from functools import partial
 from statistics import median
 from typing import Any
 
@@ -16,7 +15,7 @@ from mecazen.robots import join_key
 from mecazen_ros.node import of_ros
 
 from mecazen_bench.harness import Figure, Goal, Group
-from mecazen_bench.stack import Stack, running, spent_s, spin, spin_until
+from mecazen_bench.stack import Stack, paused, running, spent_s, spin
 
 SERVICES = ("physics", "controller", "target", "follower")
 LOCKSTEP = 'sim.mode="lockstep"', "sim.duration_s=36000.0"
@@ -40,10 +39,7 @@ def run(windows: int = WINDOWS, window_s: float = WINDOW_S) -> list[Group]:
             settings = (*LOCKSTEP, f"bus.ros2={str(ros).lower()}")
             stack = exits.enter_context(running("back", *settings, services=()))
             stack.supervisor.start(Process(SERVICES))
-            bus = exits.enter_context(closing(ZenohBus(stack.scenario.bus)))
-            spin_until(bus, partial(_is_ready, bus), "`back` does not start")
-            bus.call(keys.SIM_PAUSE, Empty())
-            stacks[ros] = stack, bus
+            stacks[ros] = stack, exits.enter_context(paused(stack))
         for _ in range(windows):
             for name, micros in spent.items():
                 stack, bus = stacks[name != WITHOUT]
@@ -62,10 +58,6 @@ def run(windows: int = WINDOWS, window_s: float = WINDOW_S) -> list[Group]:
         f"medians of {windows} windows of {window_s:g} s, in turns"
     )
     return [Group("ROS 2, cost of a tick: scenario back", how, rows)]
-
-
-def _is_ready(bus: ZenohBus) -> bool:
-    return bool(bus.alive() >= {f"{name}/ready" for name in SERVICES})
 
 
 def _listening(scenario: Scenario, *, subscribes: bool) -> Any:

@@ -1,7 +1,9 @@
 """What processes take of the machine, and waiting for them."""
 
+import time
 from types import SimpleNamespace
 
+import psutil
 import pytest
 from mecazen.errors import MecazenError
 from mecazen_bench import stack
@@ -26,24 +28,21 @@ def clock(monkeypatch):
 
 
 class Process:
-    """It has taken some seconds of user and system time, and has 3 MB."""
+    """It has taken some seconds of processor time, and has 3 MB."""
 
-    def __init__(self):
-        self.spent = [1.0, 0.5, 99.0]
-
-    def cpu_times(self):
-        return tuple(self.spent)
+    spent_s = 1.5
 
     def memory_full_info(self):
         return SimpleNamespace(pss=3e6)
 
 
-def test_usage_is_of_the_time_since_its_beginning_and_sums_have_their_goals(clock):
+def test_usage_is_of_the_time_since_its_beginning_and_sums_have_their_goals(clock, monkeypatch):
+    monkeypatch.setattr(stack, "spent_s", lambda process: process.spent_s)
     processes = {"one": Process(), "two": Process()}
     usage = Usage(processes)
     clock.now += 2.0
-    processes["one"].spent[0] += 0.5
-    processes["two"].spent[1] += 0.1
+    processes["one"].spent_s += 0.5
+    processes["two"].spent_s += 0.1
     assert usage.core_percent() == pytest.approx({"one": 25.0, "two": 5.0})
     rows = usage.rows((None, 40.0), "less", total="less")
     assert rows["one"]["MB"] == Figure(3.0, "less")
@@ -51,6 +50,12 @@ def test_usage_is_of_the_time_since_its_beginning_and_sums_have_their_goals(cloc
     assert rows["all"][stack.CPU].value == pytest.approx(30.0)
     assert rows["all"][stack.CPU].met is True
     assert "MB" not in usage.rows("less", "less")["all"]
+
+
+def test_the_processor_time_of_a_process_is_the_time_that_it_measures_itself():
+    before_s = time.process_time()
+    spent_s = stack.spent_s(psutil.Process())
+    assert before_s <= spent_s <= time.process_time()
 
 
 def test_what_does_not_come_in_time_is_an_error_with_its_words(clock):
