@@ -289,8 +289,8 @@ def test_a_forged_tick_changes_nothing_and_is_reported(running, shift_s):
     assert values["refused/joint_states"] == "20"
 
 
-CERTIFICATES = ROOT / "tools" / "mecazen_tools" / "certificates.py"
-"""From when to when those hold is told by no other clock."""
+CERTIFICATES = ROOT / "common" / "mecazen" / "bus" / "session.py"
+"""Only the wall clock tells whether a certificate has expired."""
 ATTACHMENTS = ROOT / "common" / "mecazen" / "bus" / "ros_queries.py"
 """What goes to ROS says when it was sent, as its protocol asks; nothing here reads it."""
 WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
