@@ -1,12 +1,11 @@
 """Which parameters have other values from which tick on."""
 
-import msgspec
 import pytest
 from common.sections import scenario_with
 from harness import error_of
 from mecazen.config import Change
 from mecazen.errors import ConfigError
-from mecazen.runtime.changing import Changing, refuse_unsuitable
+from mecazen.runtime.changing import Changing
 
 
 def test_what_is_set_stays_over_a_reset_and_the_script_begins_anew():
@@ -45,38 +44,3 @@ def test_what_is_set_stays_over_a_reset_and_the_script_begins_anew():
 def test_a_script_that_can_not_be_is_refused_at_the_start(change, words):
     scenario = scenario_with(changes=(change,))
     assert words in error_of(ConfigError, lambda: Changing(scenario, lambda *_: None))
-
-
-@pytest.mark.parametrize(
-    ("program", "said"),
-    [
-        ("Blind(Node)", "follower: no effect on my.py:Blind, which takes its place; if it reads"),
-        ("Blind(FollowerNode)", None),
-        ("Blind(Node, section=FollowerConfig)", None),
-    ],
-)
-def test_settings_that_a_follower_of_ones_own_does_not_read_are_refused(
-    program, said, scenario, tmp_path, monkeypatch
-):
-    (tmp_path / "my.py").write_text(
-        "from mecazen.config import FollowerConfig\n"
-        "from mecazen.node import Node as _Node, Row\n"
-        "from mecazen_follower.node import FollowerNode\n"
-        "class Node(_Node):\n"
-        "    ROW = Row('follower')\n"
-        "    def __init_subclass__(cls, section=None): cls.SECTION = section\n"
-        f"class {program}:\n"
-        "    def reset(self, seed): pass\n"
-        "    def step(self, tick, inputs): return {}\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mecazen.programs._loaded", {})
-    programs = {"follower": "my.py:Blind"}
-    changing = Changing(msgspec.structs.replace(scenario, programs=programs), refuse_unsuitable)
-    if said is None:
-        changing.ask({"follower.standoff_m": "2"})
-        assert changing.wanted.follower.standoff_m == 2.0
-    else:
-        line = error_of(ConfigError, lambda: changing.ask({"follower.standoff_m": "2"}))
-        assert line.startswith(said)
-        assert changing.wanted.follower.standoff_m != 2.0

@@ -1,7 +1,7 @@
 """The health of a service: what it reports once a second, and whether it is alive."""
 
 import pytest
-from harness import forward
+from harness import forward, wait
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
@@ -130,10 +130,11 @@ def test_who_has_gone_and_come_back_is_counted_and_told(bus, put, reports):
 
 def test_a_service_is_healthy_while_it_holds_its_token(open_bus, router):
     config = BusConfig(connect=(router,), namespace="healthy")
-    bus = open_bus(namespace="healthy")
+    bus, client = open_bus(namespace="healthy"), open_bus("client", namespace="healthy")
     assert health("router", config) == "listens"
     with pytest.raises(MecazenError, match=r"^target is not on the bus$"):
         health("target", config)
     for token, said in (("target", "waiting for others"), ("target/ready", "ready")):
         bus.declare_alive(token)
+        wait(client, lambda token=token: token in client.alive())  # the router knows it then
         assert health("target", config) == said

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
-from harness import Rig, Steps, error_of, load_robot
+from harness import SCENARIOS, Rig, Steps, error_of, load_robot
 from hostile import forged, malformed
 from mecazen import keys
 from mecazen import messages as m
@@ -15,6 +15,8 @@ from mecazen.config.follower import LinearGains, PidControl, PlannerConfig, Pola
 from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.loading import load_scenario
+from mecazen.runtime.changing import Changing, refuse_unsuitable
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
@@ -475,3 +477,39 @@ def test_even_forged_stamps_bring_no_number_that_is_not_finite_and_no_lasting_ha
     estimate, command = answer_of(rig.frame(0, Pose2D(1.5, 0.2), NEXT_RUN))
     assert estimate == pytest.approx((1.6, 0.2, 0.0))
     assert command == pytest.approx((0.5, 0.2, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("Blind(Node)", "follower: no effect on my.py:Blind, which takes its place; if it reads"),
+        ("Blind(FollowerNode)", None),
+        ("Blind(Node, section=FollowerConfig)", None),
+    ],
+)
+def test_settings_that_a_follower_of_ones_own_does_not_read_are_refused(
+    program, said, tmp_path, monkeypatch
+):
+    (tmp_path / "my.py").write_text(
+        "from mecazen.config import FollowerConfig\n"
+        "from mecazen.node import Node as _Node, Row\n"
+        "from mecazen_follower.node import FollowerNode\n"
+        "class Node(_Node):\n"
+        "    ROW = Row('follower')\n"
+        "    def __init_subclass__(cls, section=None): cls.SECTION = section\n"
+        f"class {program}:\n"
+        "    def reset(self, seed): pass\n"
+        "    def step(self, tick, inputs): return {}\n"
+    )
+    scenario = load_scenario(SCENARIOS / "back.toml")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mecazen.programs._loaded", {})
+    programs = {"follower": "my.py:Blind"}
+    changing = Changing(msgspec.structs.replace(scenario, programs=programs), refuse_unsuitable)
+    if said is None:
+        changing.ask({"follower.standoff_m": "2"})
+        assert changing.wanted.follower.standoff_m == 2.0
+    else:
+        line = error_of(ConfigError, lambda: changing.ask({"follower.standoff_m": "2"}))
+        assert line.startswith(said)
+        assert changing.wanted.follower.standoff_m != 2.0
