@@ -29,3 +29,13 @@ def test_a_parent_with_another_thread_does_not_fork():
     for end in pipe:
         os.close(end)
     assert (report.kind, report.text) == ("failed", "a process of 2 threads can't be forked")
+
+
+def test_a_parent_ends_without_a_traceback_if_its_client_left_an_answer_unread():
+    requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    theirs.send(b"answer")
+    command = [sys.executable, "-c", "from mecazen_tools import forking; forking.serve(None)"]
+    requests.close()
+    with theirs:
+        ended = subprocess.run(command, stdin=theirs.fileno(), capture_output=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, b"")

@@ -201,7 +201,9 @@ class _Forks:
                 if key.fd in self._running:
                     self._report_end(key.fd)
                     continue
-                data, ends, _, _ = socket.recv_fds(self._requests, MAX_REQUEST_BYTES, 2)
+                data = b""
+                with suppress(ConnectionResetError):  # closed with an answer unread
+                    data, ends, _, _ = socket.recv_fds(self._requests, MAX_REQUEST_BYTES, 2)
                 if not data:
                     return None
                 request = msgspec.json.decode(data, type=Start | Signal)
