@@ -60,7 +60,8 @@ def named_file(name: str, kind: str, where: str = "") -> Path:
     if (file := folder / f"{name}.toml").is_file():
         return file
     known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
-    raise ConfigError(f"{where}{name}: no such {kind}; a path to a TOML file, or one of {known}")
+    shown = one_line(name) or "''"
+    raise ConfigError(f"{where}{shown}: no such {kind}; a path to a TOML file, or one of {known}")
 
 
 def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:

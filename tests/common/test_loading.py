@@ -217,6 +217,9 @@ def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path,
     expected = "^bak: no such scenario; a path to a TOML file, or one of back, side$"
     with pytest.raises(ConfigError, match=expected):
         scenario_path("bak")
+    for name, shown in (("a\nb", r"a\\nb"), ("", "''")):
+        with pytest.raises(ConfigError, match=f"^{shown}: no such scenario"):
+            scenario_path(name)
 
 
 def test_where_there_are_no_scenarios_those_of_the_package_are_found(tmp_path, monkeypatch):
