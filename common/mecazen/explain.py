@@ -162,7 +162,10 @@ def describe(node: mi.Type) -> str:
             return " or ".join(repr(tag) for tag in tags)
         return " or ".join(describe(t) for t in node.types if not isinstance(t, mi.NoneType))
     if isinstance(node, mi.VarTupleType | mi.ListType):
-        return f"a list, each {describe(node.item_type)}"
+        least, most = node.min_length, node.max_length
+        bounds = [f"at least {least}"] * bool(least) + [f"at most {most}"] * (most is not None)
+        count = f" of {f'{least}' if least == most else ' and '.join(bounds)}" if bounds else ""
+        return f"a list{count}, each {describe(node.item_type)}"
     if isinstance(node, mi.TupleType):
         return "[" + ", ".join(describe(t) for t in node.item_types) + "]"
     if isinstance(node, mi.StructType):

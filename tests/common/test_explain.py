@@ -39,6 +39,14 @@ FILE = "file; allowed: a path to a file"
         ("services = ['physics', 'physics']", "services: each at most once"),
         ("[programs]\nfollower = 3", "programs.follower: got 3; allowed: a string"),
         ("programs = ['x']", "programs: got ['x']; allowed: a table, each value a string"),
+        (
+            "[[world.walls]]\npoints_m = [[0.0, 0.0]]",
+            "world.walls.0.points_m: got [[0.0, 0.0]]; allowed: a list of at least 2, each [a num",
+        ),
+        (
+            "[controller]\nwheel_joints = ['a']",
+            "controller.wheel_joints: got ['a']; allowed: a list of 4, each a string",
+        ),
         ("[bus]\nconnect = 'tcp/127.0.0.1:1'", "bus.connect: got 'tcp/127.0.0.1:1'; allowed: a li"),
         ("[bus]\nnamespace = '/robot'", "bus.namespace: got '/robot'; allowed: a string that mat"),
         ("[bus]\nnamespace = 5", "bus.namespace: got 5; allowed: a string that matches "),
