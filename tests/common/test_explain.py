@@ -55,6 +55,10 @@ FILE = "file; allowed: a path to a file"
         ("[bus]\nzenoh_config = 3", "bus.zenoh_config: got 3; allowed: a path to a file"),
         ("[bus]\nzenoh_config = 'x'", f"bus.zenoh_config: scenarios/x: no such {FILE}"),
         ("[bus]\nkeys = 'x'", f"bus.keys: scenarios/x: no such {FILE.replace('file', 'folder')}"),
+        (
+            "[viewer]\nweb_port = 80\ndata_port = 80",
+            "viewer: web_port and data_port must differ: both are 80",
+        ),
         ("[sensor]\noccluded = 1", "sensor.occluded: unknown key; "),
         (
             "[sensor]\nocclusions_s = [[1, 2], [3, 'x']]",

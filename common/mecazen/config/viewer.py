@@ -21,3 +21,7 @@ class ViewerConfig(Section):
     """Address to listen on; 0.0.0.0 in a container, whose host publishes the ports."""
     native: bool = False
     """Whether to open Rerun's own window as well."""
+
+    def __post_init__(self) -> None:
+        if self.web_port == self.data_port != 0:
+            raise ValueError(f"web_port and data_port must differ: both are {self.web_port}")
