@@ -224,6 +224,7 @@ def test_a_service_logs_with_simulated_time(start, settings, tester):
     [
         ("nobody", "seed=1", 2, r"nobody: no such node; installed: "),
         ("toy", "sim.speed=fast", 2, r".*test\.toml with --set sim\.speed: got 'fast'; allowed: "),
+        ("toy+toy", "seed=1", 2, r"toy\+toy: each service at most once$"),
         ("router", "seed=-1", 2, r".*test\.toml with --set seed: got -1; allowed: "),
         ("router", 'bus.connect=["{router}"]', 1, "can't listen on {router}: the port is taken"),
         ("toy", TWO_ROBOTS, 2, r"toy: of which robot\? --robot takes one or two$"),

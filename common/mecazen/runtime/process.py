@@ -17,7 +17,7 @@ from mecazen.bridges import Put, bridge_of
 from mecazen.bus.base import StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
-from mecazen.errors import BusError
+from mecazen.errors import BusError, ConfigError
 from mecazen.graph import SHARED
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
@@ -36,8 +36,11 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     """Run the services of a process on Zenoh until a signal ends them.
 
     Raises:
+        ConfigError: A service is named twice.
         MecazenError: A name is taken, the bus can't be opened, or a service failed.
     """
+    if len(set(process.services)) < len(process.services):
+        raise ConfigError(f"{process.name}: each service at most once")
     shared = set(process.services) & set(SHARED)
     parts = [
         (service, robot)
