@@ -195,7 +195,7 @@ def safety(
 
 @app.command()
 def fuzz(
-    hours: Annotated[float, Option(min=0.01, help="Simulated time.")] = 0.2,
+    hours: Annotated[float, Option(min=0.01, max=10000, help="Simulated time.")] = 0.2,
     seed: Annotated[int, Option(min=0, help="Of the first minute; each has the next.")] = 1,
     physics: Annotated[bool, Option("--physics", help="In DART, not in a plane.")] = False,
     follower: Annotated[bool, Option("--follower", help="A follower drives, not chance.")] = False,

@@ -164,3 +164,8 @@ def test_without_dask_the_cluster_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MecazenError, match=r"--scheduler needs Dask: .*\[cluster\]"):
         experiment("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1")
+
+
+def test_more_hours_than_a_machine_can_list_are_refused():
+    text = error_of(Exception, lambda: experiment("fuzz", "--hours", "1e300"))
+    assert "less than or equal to 10000" in text
