@@ -95,7 +95,7 @@ def test_a_copy_is_refused_with_a_remedy(sim, copied):
 
 def test_nothing_goes_on_after_it_is_closed(sim):
     sim.close()
-    for ask in (sim.step, sim.run, sim.reset):
+    for ask in (sim.step, sim.run, sim.reset, sim.command, sim.set_parameters):
         assert error_of(MecazenError, ask) == "the simulation is closed"
 
 

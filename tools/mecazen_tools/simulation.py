@@ -217,7 +217,9 @@ class Simulation:
         Raises:
             ConfigError: A parameter can't change during a run, or a value is invalid; then nothing
                 changes.
+            MecazenError: The simulation is closed.
         """
+        self._refuse_closed()
         self._run.clock.changing.ask({key: _toml(value) for key, value in settings.items()})
 
     def command(
@@ -236,6 +238,7 @@ class Simulation:
         Raises:
             ConfigError: A node of the scenario drives the robot, there is none of this name, or a
                 velocity is not finite.
+            MecazenError: The simulation is closed.
         """
         self._hold(keys.CMD_VEL, robot, Twist2D(vx, vy, wz))
 
@@ -358,6 +361,7 @@ class Simulation:
         return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()
 
     def _hold(self, topic: Topic[Twist], robot: str, velocity: Twist2D) -> None:
+        self._refuse_closed()
         if robot not in self.scenario.names:
             known = ", ".join(self.scenario.names) or "one without a name"
             raise ConfigError(f"no robot {robot!r}; there is {known}")
