@@ -103,6 +103,8 @@ def test_why_a_sample_has_no_effect():
     for scenario, key in ((driven, "target/cmd_vel"), (two, "one/target/cmd_vel")):
         assert ignored(there(*BACK, **scenario), key) is None
     assert ignored(there(), "cmd_vel") == "cmd_vel: no service that runs there takes it"
+    assert ignored(there(*BACK), "odom") == "odom: taken only from controller, which runs there"
+    assert ignored(there(*BACK[:2], "follower"), "odom") is None
     assert ignored(there(*BACK), "cmd_vel") is ignored(there(), "my/key") is None
 
 

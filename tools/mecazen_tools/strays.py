@@ -132,8 +132,12 @@ def ignored(bus: ZenohBus, key: str) -> str | None:
     if topic is None:
         return None
     rows = [row for row in GRAPH if not row.observes and topic in [i.topic for i in row.inputs]]
-    if not _alive(bus).intersection(row.part_of for row in rows):
+    here = _alive(bus)
+    if not here.intersection(row.part_of for row in rows):
         return f"{key}: no service that runs there takes it"
+    givers = here.intersection(row.part_of for row in GRAPH if topic in row.outputs)
+    if givers and not topic.open:
+        return f"{key}: taken only from {' and '.join(sorted(givers))}, which runs there"
     if topic is TARGET_CMD_VEL and goes_own_way(scenario_at(bus), robot):
         return f"{key}: {OWN_WAY}"
     return None
