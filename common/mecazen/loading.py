@@ -140,7 +140,7 @@ def _read_part(
     file: Path | None = None
     if isinstance(name, str):
         ours = re.fullmatch(r"[\w-]+", name)
-        where = f"{origin.path}: {part}: "
+        where = f"{origin.name(part, 'file', of_table=True)}: {part}: "
         file = named_file(name, part, where) if ours else origin.locate(name)
     below = read_toml(file) if file else {}
     if part == "world":

@@ -137,6 +137,11 @@ def test_when_there_is_no_robot_expect_what_is_missing(write_scenario, robot, ex
     assert problem(write_scenario(robot=robot)).startswith(expected)
 
 
+def test_an_unknown_robot_of_an_override_is_not_blamed_on_the_file_alone(write_scenario):
+    expected = "scenarios/test.toml with --set robot: robot: none: no such robot; "
+    assert problem(write_scenario(), "robot=none").startswith(expected)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
