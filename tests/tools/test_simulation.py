@@ -99,6 +99,13 @@ def test_nothing_goes_on_after_it_is_closed(sim):
         assert error_of(MecazenError, ask) == "the simulation is closed"
 
 
+@pytest.mark.parametrize("value", [{1, 2}, np.zeros(2), [b"a"]])
+def test_a_setting_that_toml_does_not_have_is_named(sim, value):
+    settings = {"follower.standoff_m": value}
+    for ask in (lambda: load(CARTS, settings), lambda: sim.set_parameters(**settings)):
+        assert error_of(ConfigError, ask).startswith("follower.standoff_m: got ")
+
+
 def test_settings_of_python_are_those_of_toml():
     settings = {
         "follower.standoff_m": np.float32(1.5),

@@ -17,6 +17,7 @@ from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.config.people import Driven
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.explain import one_line, show
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
 from mecazen.loading import effective, from_tables, load_scenario, scenario_path
@@ -220,7 +221,7 @@ class Simulation:
             MecazenError: The simulation is closed.
         """
         self._refuse_closed()
-        self._run.clock.changing.ask({key: _toml(value) for key, value in settings.items()})
+        self._run.clock.changing.ask({key: _setting(key, value) for key, value in settings.items()})
 
     def command(
         self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""
@@ -382,8 +383,8 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    overrides = tuple(f"{key}={_toml(value)}" for key, value in settings.items())
     try:
+        overrides = tuple(f"{key}={_setting(key, value)}" for key, value in settings.items())
         if isinstance(scenario, Scenario):
             return from_tables(effective(scenario), Path("scenario"), overrides)
         return load_scenario(scenario_path(fspath(scenario)), overrides)
@@ -401,6 +402,18 @@ def refuse_unknown_options(settings: Mapping[str, Any], made: type) -> None:
     for name in settings.keys() - set(Scenario.__struct_fields__):
         if near := difflib.get_close_matches(name, options, n=1):
             raise ConfigError(f"{name}: no option of {made.__name__}; did you mean {near[0]}?")
+
+
+def _setting(key: str, value: Any) -> str:
+    """Return the value of a setting as TOML.
+
+    Raises:
+        ConfigError: TOML has no such value.
+    """
+    try:
+        return _toml(value)
+    except (TypeError, ValueError):
+        raise ConfigError(one_line(f"{key}: got {show(value)}; TOML has no such value")) from None
 
 
 def _toml(value: Any) -> str:
