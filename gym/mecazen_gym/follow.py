@@ -179,7 +179,10 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         Raises:
             InvalidAction: It is not three numbers.
         """
-        wanted = np.asarray(action, float)
+        try:
+            wanted = np.asarray(action, float)
+        except (TypeError, ValueError):  # text, or rows of several lengths
+            wanted = np.empty(0)
         if wanted.shape != (3,) or not np.isfinite(wanted).all():
             raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action!r}")
         return wanted

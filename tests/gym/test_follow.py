@@ -161,8 +161,9 @@ def test_an_action_is_a_twist_within_the_robots_limits_for_a_period(make):
     *_, info = follow.step(np.array([0.5, -2.0, 0.0]))
     assert info["time_s"] == pytest.approx(0.05)
     assert follow.sim.latest("cmd_vel").to_planar() == (1.0, -2.0, 0.0)
-    with pytest.raises(gymnasium.error.InvalidAction, match="three numbers"):
-        follow.step(np.array([math.nan, 0.0, 0.0]))
+    for wrong in (np.array([math.nan, 0.0, 0.0]), "left", [[0.0], 1.0, {}]):
+        with pytest.raises(gymnasium.error.InvalidAction, match="three numbers"):
+            follow.step(wrong)
 
 
 def test_the_reward_is_minus_the_errors_over_time_and_the_change_of_the_action(make):
