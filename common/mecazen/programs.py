@@ -77,6 +77,8 @@ def _import(place: str) -> ModuleType:
     is_file = place.endswith(".py")
     if not is_file and not all(part.isidentifier() for part in place.split(".")):
         raise ConfigError(f"{place or repr(place)}: neither file.py nor a module's name")
+    if is_file and (Path(place).is_fifo() or Path(place).is_char_device()):  # without an end
+        raise ConfigError(f"{place}: must be a regular file, not a device or a pipe")
     try:
         return _from_file(place) if is_file else importlib.import_module(place)
     except (ImportError, OSError, SyntaxError) as error:

@@ -1,5 +1,6 @@
 """How classes are found: installed ones, and those of one's own in a scenario."""
 
+import os
 import re
 from pathlib import Path
 
@@ -108,6 +109,12 @@ def test_when_a_class_of_ones_own_is_none_expect_one_line(program, expected):
     for name, own in ((program, {}), ("follower", {"follower": program})):
         text = error_of(ConfigError, lambda name=name, own=own: find(name, own))
         assert re.match(expected, text)
+
+
+def test_a_program_that_is_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "pipe.py")
+    said = error_of(ConfigError, lambda: find("toy", {"toy": f"{tmp_path}/pipe.py:Toy"}))
+    assert said.endswith("pipe.py: must be a regular file, not a device or a pipe")
 
 
 def test_a_class_of_ones_own_is_found_beside_the_scenario_and_takes_a_nodes_place(
