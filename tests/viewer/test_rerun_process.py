@@ -28,6 +28,12 @@ def test_a_taken_port_is_one_line_that_names_its_key(key):
     assert "\n" not in str(caught.value)
 
 
+def test_an_address_that_is_none_is_named():
+    config = ViewerConfig(web_port=0, data_port=0, listen="nowhere")
+    with pytest.raises(RerunError, match="invalid value 'nowhere'"), serving(config, LAYOUT):
+        pass
+
+
 def test_a_server_that_ends_is_an_error():
     with serving(ANYWHERE, LAYOUT) as server:
         server.check()

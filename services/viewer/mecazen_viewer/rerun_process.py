@@ -93,7 +93,8 @@ class RerunProcess:
 
     def _lines(self) -> Iterator[str]:
         for line in self._stderr:
-            self._last = line.strip() or self._last
+            if not self._last.startswith("error: "):  # hints follow it
+                self._last = line.strip() or self._last
             yield line
 
 
