@@ -107,18 +107,23 @@ class Drive(NamedTuple):
         The wheels slow down what is wanted, so its direction stays. They also slow down what is
         reached, and the next tick begins with that: a robot at its limit brakes at once.
         """
-        goal = (
-            min(max(v, -axis.velocity), axis.velocity)
-            for v, axis in zip(wanted, self.axes, strict=True)
-        )
-        ends = limit_twist(state, self.slowed(Twist2D(*goal)), self.axes, dt)
-        twist = Twist2D(*(axis.velocity for axis in ends))
+        if self.rims(wanted) > self.rim_speed:
+            goal = (
+                min(max(v, -axis.velocity), axis.velocity)
+                for v, axis in zip(wanted, self.axes, strict=True)
+            )
+            wanted = self.slowed(Twist2D(*goal))
+        ends = x, y, yaw = limit_twist(state, wanted, self.axes, dt)
+        twist = Twist2D(x.velocity, y.velocity, yaw.velocity)
         slowed = self.slowed(twist)
         if slowed is twist:
             return ends
-        reached = zip(state, slowed, strict=True)
-        x, y, yaw = (LimiterState(now, (now - last.velocity) / dt) for last, now in reached)
-        return x, y, yaw
+        before_x, before_y, before_yaw = state
+        return (
+            LimiterState(slowed.x, (slowed.x - before_x.velocity) / dt),
+            LimiterState(slowed.y, (slowed.y - before_y.velocity) / dt),
+            LimiterState(slowed.yaw, (slowed.yaw - before_yaw.velocity) / dt),
+        )
 
     def step(self, twist: Twist2D, wanted: Twist2D, max_speed: float, dt: float) -> Twist2D:
         """Return the twist `dt` [s] after `twist`, on the way to `wanted`, but for the jerk limit.
