@@ -1,5 +1,6 @@
 """Which session publishes what a service alone publishes: real sessions on loopback."""
 
+import pytest
 from harness import wait
 from mecazen import keys
 from mecazen.messages import Odometry
@@ -26,9 +27,15 @@ def meet(ear, bus, name):
     wait(ear, lambda: name in ear.presence.names)
 
 
-def test_samples_of_another_session_are_refused_and_counted(open_bus):
-    ear, service, other = open_bus(), open_bus(), open_bus()
-    heard = heard_of(ear, "controller")
+@pytest.fixture
+def three(open_bus):
+    """Three sessions, the first of which hears the odometry of the controller, and the senders."""
+    ear, one, other = open_bus(), open_bus(), open_bus()
+    return ear, one, other, heard_of(ear, "controller")
+
+
+def test_samples_of_another_session_are_refused_and_counted(three):
+    ear, service, other, heard = three
     meet(ear, service, "controller")
     meet(ear, other, "other")
     say(service, "service")
@@ -40,9 +47,8 @@ def test_samples_of_another_session_are_refused_and_counted(open_bus):
     wait(ear, lambda: heard == ["service"] * 2)
 
 
-def test_a_service_that_has_started_again_has_another_session(open_bus):
-    ear, service, again = open_bus(), open_bus(), open_bus()
-    heard = heard_of(ear, "controller")
+def test_a_service_that_has_started_again_has_another_session(three):
+    ear, service, again, heard = three
     meet(ear, service, "controller")
     say(service, "service")
     wait(ear, lambda: heard == ["service"])
@@ -54,9 +60,8 @@ def test_a_service_that_has_started_again_has_another_session(open_bus):
     assert not ear.refused
 
 
-def test_who_speaks_before_the_service_comes_does_not_keep_it_out(open_bus):
-    ear, service, other = open_bus(), open_bus(), open_bus()
-    heard = heard_of(ear, "controller")
+def test_a_session_that_publishes_before_the_service_comes_does_not_keep_it_out(three):
+    ear, service, other, heard = three
     meet(ear, other, "other")
     say(other, "other")
     wait(ear, lambda: heard == ["other"])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from follower.walks import FRAME_S, MATCHED, frame, make, simulate_turning
+from follower.walks import FRAME_S, MATCHED, frame, make, simulate_turning, total_nees
 from harness import SCENARIOS
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.loading import load_scenario
@@ -40,13 +40,8 @@ def test_it_agrees_with_the_extended_filter_where_the_noise_is_small():
 
 def test_nees_and_nis_are_chi_square_where_the_person_moves_as_the_filter_assumes():
     # 100 independent runs, 3 degrees of freedom each; two-sided 99.9 %
-    runs, rng, total = 100, np.random.default_rng(7), 0.0
-    for _ in range(runs):
-        *_, (truth, estimate, _) = simulate_turning(2.0, rng, UKF)
-        error = truth - np.array(estimate.pose)
-        error[2] = wrap(error[2])
-        total += error @ np.linalg.solve(np.array(estimate.covariance), error)
-    assert chi2.ppf(0.0005, 3 * runs) < total < chi2.ppf(0.9995, 3 * runs)
+    total = total_nees(lambda seconds, rng: simulate_turning(seconds, rng, UKF), 100)
+    assert chi2.ppf(0.0005, 300) < total < chi2.ppf(0.9995, 300)
     _, *nis = [nis for _, _, nis in simulate_turning(40.0, np.random.default_rng(8), UKF)]
     assert chi2.ppf(0.0005, 3 * len(nis)) < sum(nis) < chi2.ppf(0.9995, 3 * len(nis))
 

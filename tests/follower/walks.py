@@ -65,3 +65,14 @@ def simulate_turning(seconds, rng, name="ekf_ctrv"):
         yield state[:3], estimator.estimate, estimator.nis
         root = np.linalg.cholesky(process_noise(walks, state, FRAME_S))
         state = move(state, FRAME_S) + root @ rng.normal(size=5)
+
+
+def total_nees(simulate, runs):
+    """Return the sum of the normalized squared errors at the ends of walks of 2 s."""
+    rng, total = np.random.default_rng(7), 0.0
+    for _ in range(runs):
+        *_, (truth, estimate, _) = simulate(2.0, rng)
+        error = truth - np.array(estimate.pose)
+        error[2] = wrap(error[2])
+        total += error @ np.linalg.solve(np.array(estimate.covariance), error)
+    return total
