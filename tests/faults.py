@@ -1,4 +1,4 @@
-"""What tests of faults share: a scenario under `mecazen up`, watched tick by tick, and kills."""
+"""Helpers for tests of faults: a scenario under `mecazen up`, watched tick by tick, and kills."""
 
 import math
 import os
@@ -25,13 +25,13 @@ from mecazen_tools.processes import private_router
 SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")
 WALK = ("robot=nexus", "target.path.speed_m_s=0.5")
-"""Of the scenario `circle`, whose person walks without end; here as fast as people stroll."""
+"""Settings of the scenario `circle`, whose person walks without end, here at a stroll."""
 
 STANDOFF_M = 1.0
 NEAR_M = 0.3
-"""Who follows is at most so far from where it is to be."""
+"""Maximum distance of a following robot from its goal."""
 STEADY_S = 0.3
-"""... and has been so for so long, so that nobody passes by chance."""
+"""Minimum time near the goal, so that a robot that only passes does not count."""
 RESUME_S = 3.0
 """Within this simulated time after a part is back, the robot is to follow again."""
 MAX_SPEED_M_S = 2.1
@@ -50,7 +50,7 @@ class Watch:
         self.stamp: Stamp | None = None
         self.robot = Pose2D()
         self.twist = Twist2D()
-        """Of the robot, in base_link."""
+        """Twist of the robot, in base_link."""
         self.person = Newest(bus, keys.TARGET_ODOM)
         self.state = Newest(bus, keys.FOLLOWER_STATE)
         self.fastest_m_s = self.hardest_m_s2 = 0.0
@@ -79,7 +79,7 @@ class Watch:
         return math.hypot(self.twist.x, self.twist.y)
 
     def assert_sane(self) -> None:
-        """The robot kept its limits, and nobody published what is no number."""
+        """Check that the robot kept its limits and every published number is finite."""
         assert self.fastest_m_s <= MAX_SPEED_M_S
         assert self.hardest_m_s2 <= MAX_CHANGE_M_S2
         assert not self.bus.refused, "what is not finite is refused"
@@ -165,7 +165,7 @@ class Up(AbstractContextManager["Up"]):
 
 
 class Strike(NamedTuple):
-    """What a kill of some parts at once did."""
+    """The effect of killing some parts at once."""
 
     names: tuple[str, ...]
     back_s: float

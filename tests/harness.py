@@ -1,4 +1,4 @@
-"""What the tests of all services share: commands, the rest of the bus, and rigs."""
+"""Helpers for the tests of all services: commands, a simulated bus, and rigs."""
 
 import os
 import signal
@@ -62,7 +62,7 @@ def mecazen(
 
 
 class Command:
-    """A command that goes on, in a process of its own."""
+    """A running command, in a process of its own."""
 
     def __init__(self, *arguments: object) -> None:
         self.process: subprocess.Popen[str] = subprocess.Popen(
@@ -71,7 +71,7 @@ class Command:
             stderr=subprocess.PIPE,
         )
         self.text = ""
-        """What it has printed so far."""
+        """The output so far."""
 
     def read_until(self, words: str) -> str:
         """Read what it prints until some words come; return the line with them."""
@@ -163,7 +163,7 @@ class Newest:
 
     @property
     def pose(self) -> Pose2D:
-        """Of odometry."""
+        """The pose of the newest odometry."""
         pose: Pose2D = self.message.pose.pose.to_planar()
         return pose
 
@@ -219,7 +219,7 @@ class Rig:
         return Stamp(tick * self.scenario.sim.tick_ns, run, seed)
 
     def put(self, topic: Topic[Any], message: Message, tick: int | Stamp) -> list[Sample]:
-        """Publish a message as of a tick, and return what the service publishes then."""
+        """Publish a message with the stamp of a tick; return the samples of the service."""
         publisher = self._publishers.setdefault(topic, self.bus.publisher(topic))
         publisher.put(message, tick if isinstance(tick, Stamp) else self.at(tick))
         return self.take()
@@ -297,7 +297,7 @@ class Answer:
 
 
 def assert_sendable(sample: Sample) -> None:
-    """What a service says, every other accepts: above all, its numbers are finite."""
+    """Check that other services accept a sample: its numbers are finite."""
     message = sample.message
     for form in ENCODINGS:
         assert decode(encode(message, form), type(message)) == message

@@ -39,7 +39,7 @@ LABELS = (
 CALLS = {call.key: call for call in keys.CALLS}
 EXPRESSIONS = ("**", "*", "*/odom", "sim/*", "diagnostics/*", "**/cmd_vel")
 SIZES = (1, 15, 16, 17, 40, 2000, 70_000)
-"""Of attachments that are no stamps."""
+"""Sizes of forged attachments [bytes]."""
 OPEN_QUERIES = 50
 """Queries that wait for their answers at most: services refuse unread what comes while a hundred
 wait."""
@@ -49,7 +49,7 @@ Good = Mapping[str, Sequence[Message]]
 
 
 class Payload(NamedTuple):
-    """What an intruder puts on a key, or sends as a query."""
+    """The puts and queries of an intruder."""
 
     key: str
     payload: bytes

@@ -191,7 +191,7 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
 
 
 Motion = tuple[LimiterState, LimiterState, LimiterState]
-"""Of x, y and yaw."""
+"""States of the axes x, y and yaw."""
 
 
 def limit_twist(

@@ -1,4 +1,4 @@
-"""What processes take of the machine, and waiting for them."""
+"""Use of the machine by processes, and waits for them."""
 
 import time
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ from mecazen_bench.stack import Usage, robot, spin, spin_until
 
 
 class Clock:
-    """A wall clock that goes on by what is spun."""
+    """Return a wall clock that each spin advances."""
 
     def __init__(self, monkeypatch):
         self.now = 10.0

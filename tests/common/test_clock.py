@@ -23,7 +23,7 @@ TICK_NS = 10_000_000
 
 @pytest.fixture
 def wall(wall):
-    """A wall clock for the schedule, which goes on a little with each look at it."""
+    """Return a wall clock for the schedule that advances a little with each reading."""
     wall.step_s = 1e-4
     return wall
 
@@ -109,7 +109,7 @@ def test_pause_holds_time_and_resume_lets_it_go_on():
     paused = rig.bus.call(keys.SIM_PAUSE, Empty())
     assert (paused.paused, paused.tick, paused.clock) == (True, 1, Time(nanosec=TICK_NS))
     assert (paused.speed, paused.mode, paused.seed) == (1.0, "lockstep", 3)
-    assert [rig.tick(), rig.tick()] == [[], []]  # nobody can end it: it does not wait for ever
+    assert [rig.tick(), rig.tick()] == [[], []]  # no event can end the pause, so it does not wait
     assert rig.bus.call(keys.SIM_STATE, Empty()) == paused
     # what is on its way ends the pause within the step
     rig.bus.subscribe(keys.CMD_VEL, lambda *_: rig.bus.call(keys.SIM_RESUME, Empty()) and None)
@@ -173,7 +173,7 @@ def test_a_reset_in_place_is_a_new_run_even_where_an_answer_is_missing(answers):
     assert heard[0].stamp == rig.clock.stamp == Stamp(0, rig.clock.stamp.run, 8)
     assert rig.clock.stamp.run != old.run
     assert x_of(heard) == 0.0
-    # what is still on its way from before is not heard, and nothing is known of it
+    # a late answer of the run before is ignored
     rig.answer(stamp=old)
     with pytest.raises(StepTimeoutError, match=r"^target did not answer tick 0"):
         rig.clock.step()
@@ -272,7 +272,7 @@ def test_at_twice_the_speed_a_tick_takes_half_the_time_and_lockstep_has_none(wal
 
 
 class Playback(World):
-    """A recording as a world: it waits for the follower and heeds nobody."""
+    """A recording as a world: it waits for the follower and obeys no command."""
 
     ROW = Row(
         "playback", inputs=(every(keys.CMD_VEL),), outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH)

@@ -189,7 +189,7 @@ def test_without_limits_of_the_wheels_only_the_planar_speed_is_limited():
 
 
 FAST_AXES = (Limits(2.0, 2.5, 2.5),) * 3
-"""Of an axis that alone could be as fast as the wheels."""
+"""Limits of axes, each of which alone can be as fast as the wheels."""
 
 
 def driven(state, wanted, ticks, rim_speed=2.0):

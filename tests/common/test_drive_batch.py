@@ -12,7 +12,7 @@ from mecazen.geometry import Twist2D
 
 DT = 0.01
 ROUNDING = 1e-9
-"""Of velocities below 4 m/s, added up over 40 ticks."""
+"""Tolerance for velocities below 4 m/s, summed over 40 ticks."""
 
 positive = st.floats(0.1, 10.0)
 limits = st.builds(

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration is one line: file, key and what is allowed."""
+"""An error of a configuration is one line: file, key and allowed values."""
 
 import pytest
 from common.sections import TOY, problem

@@ -1,4 +1,4 @@
-"""Of what a user names only regular files of bounded size are read."""
+"""Only regular files of bounded size are read."""
 
 import os
 from pathlib import Path

@@ -51,7 +51,7 @@ def put(bus):
 
 @pytest.fixture
 def reports(bus):
-    """What is told of its health: each time [s], and the values."""
+    """Return the list of health reports: each time [s], and the values."""
     reports = []
 
     def on_report(array, stamp):

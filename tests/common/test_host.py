@@ -1,4 +1,4 @@
-"""The nodes of a service on a bus: what each step is told, and what becomes of what it gives."""
+"""The nodes of a service on a bus: the inputs of each step, and the use of its outputs."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from mecazen.wire import RefusedError, Stamp
 INPUTS = (every(keys.ODOM), due(keys.OBSERVATION), latest(keys.TARGET_CMD_VEL))
 PLACE = keys.Call("toy/place", m.OdometryRequest, m.Odometry, "where it is")
 NO_WORDS = m.Twist.planar(Twist2D(x=-1.0))
-"""What the toy cannot use."""
+"""A message that the toy refuses."""
 
 
 class Toy(Node):
@@ -237,7 +237,7 @@ def test_a_step_waits_for_the_parameters_that_count_in_its_tick(node):
     assert [node(5, 1), node(6, 2)] == [[], []]
     assert node.change(5, 1, standoff_m="2") == [(5, 2.0)]
     assert node.change(6, 2, standoff_m="3") == [(6, 3.0)]
-    # who comes late is told of a later tick
+    # a service that joins late hears of a later tick
     assert node(7, 3) == []
     assert node.change(100, 3, standoff_m="4") == [(7, 4.0)]
 

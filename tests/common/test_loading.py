@@ -1,4 +1,4 @@
-"""A scenario is checked whole, and what is wrong with it is one line that says where."""
+"""A scenario is checked as a whole, and an error is one line that names its place."""
 
 from pathlib import Path
 

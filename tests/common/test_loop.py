@@ -23,7 +23,7 @@ def slot(topic, rule, giver=None, *, keeps_all=True, revises=False, period=1, la
 
 
 class Toy:
-    """A node that writes down its steps, and gives what it is told to.
+    """A node that logs its steps and publishes given messages.
 
     Args:
         log: Where it writes: its name and the tick, and the messages that it has taken.
@@ -160,7 +160,7 @@ def test_samples_ahead_wait_for_their_ticks_where_all_are_kept(keeps_all, steps)
     loop = loop_of(Toy(log, "n", one))
     for tick in range(2):
         one.receive(String(data=f"a{tick}"), at(tick), tick)
-    # a later sample has come, so nobody waits for one that has been replaced
+    # a later sample has come, so the loop does not wait for the replaced one
     assert [lacking(loop, tick) for tick in range(2)] == [[], []]
     assert log == steps
 

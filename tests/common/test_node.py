@@ -1,4 +1,4 @@
-"""What a step is given: samples, their ages, and the configuration that counts."""
+"""The inputs of a step: samples, their ages, and the current configuration."""
 
 import math
 

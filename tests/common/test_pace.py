@@ -15,7 +15,7 @@ def at(tick, run=1):
 
 @pytest.fixture
 def clock(zenoh_pair):
-    """What the clock keeps, and the receipts of a recorder that it has heard of."""
+    """Return the pace of a clock, and the receipts of a recorder that it knows."""
     pace = Pace(zenoh_pair.near, TICK_NS, PATIENCE_S)
     pace.begin(1)
     taken = Receipts(zenoh_pair.far, "recorder", tick_ns=TICK_NS)

@@ -1,4 +1,4 @@
-"""What can be changed while it runs, and what is allowed there."""
+"""Live parameters and their allowed values."""
 
 import pytest
 from common.sections import Gains, Mine, scenario_with

@@ -105,7 +105,7 @@ def test_nothing_waits_for_a_topic_that_no_node_gives(scenario):
     alone = plan_of(scenario, services=("physics", "controller"), sim=LOCKSTEP)
     commands = needs(alone, "controller")["cmd_vel"]
     assert (commands.rule, commands.giver) == ("latest", None)
-    # the world goes on without a person; a node of rule `every` makes no step
+    # the world advances without a person; a node of rule `every` makes no step
     assert needs(alone, "physics")["target/odom"].rule == "latest"
     assert needs(alone, "physics")["joint_command"].rule == "every"
     assert needs(plan_of(scenario, services=("physics", "follower")), "follower")["odom"].rule == (

@@ -1,4 +1,4 @@
-"""Who is ready: a service that has seen all others, in real time all but observers."""
+"""Readiness: a service has seen all others, in real time all but observers."""
 
 import msgspec
 import pytest

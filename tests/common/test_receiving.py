@@ -11,7 +11,7 @@ from mecazen.bus.receiving import Pause
 
 @pytest.fixture
 def time(monkeypatch):
-    """A clock that goes on by what is slept."""
+    """Return a clock that each sleep advances."""
     time = SimpleNamespace(now=1.0, slept=[])
     time.monotonic = lambda: time.now
 

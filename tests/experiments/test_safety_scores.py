@@ -17,7 +17,7 @@ SCENARIO = load_scenario(ROOT / "configs/scenarios/safety.toml")
 
 
 def watched(robot_x, person_x, other_y=None):
-    """A robot and a person along x, and somebody else along y at x = 0, over time."""
+    """Return a robot and a person along x, and a pedestrian along y at x = 0, over time."""
     n = len(robot_x)
     still = np.zeros(n)
     ticks = made_up.run(n, robot=(robot_x, 0.0, 0.0), target=(person_x, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""What a way costs, by hand."""
+"""The cost of a path, by hand."""
 
 import math
 

@@ -153,7 +153,7 @@ def test_default_follower_stays_within_6_cm_and_4_degrees_despite_the_noise(view
     assert heading < 4.0
 
 
-# What the sensor alone gives: 5 cm and 5 degrees, as the means of |x, y| and |yaw|.
+# Errors of the sensor alone: 5 cm and 5 degrees, as the means of |x, y| and |yaw|.
 NOISE_M, NOISE_DEG = 0.05 * math.sqrt(math.pi / 2.0), 5.0 * math.sqrt(2.0 / math.pi)
 
 
@@ -181,7 +181,7 @@ def test_without_noise_the_steady_state_has_no_error(view):
     still = scores(config, seconds=60.0, walk=lambda _: Twist2D(), noise=(0.0, 0.0))
     assert still == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     distance, heading, _ = scores(config, noise=(0.0, 0.0))
-    # What is left are the start, the two ends of the turn and the stop.
+    # The rest comes from the start, the two ends of the turn and the stop.
     assert distance < 0.02
     assert heading < 0.5
 

@@ -1,4 +1,4 @@
-"""Who walks about, told from where legs are scan by scan."""
+"""Walking people, found by the places of their legs scan by scan."""
 
 import numpy as np
 import pytest

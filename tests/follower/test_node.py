@@ -28,7 +28,7 @@ ZEROS = (0.0,) * 36
 
 
 class Follower(Steps):
-    """Takes what it sees as it is, and drives at 1 m/s for each metre, unless told otherwise."""
+    """Uses observations unfiltered, and drives at 1 m/s for each metre by default."""
 
     def __init__(self, tick_s=None, latency_s=0.0, **settings):
         config = FollowerConfig(**{"estimator": "none", "control": PROPORTIONAL, **settings})
@@ -74,7 +74,7 @@ def test_what_is_seen_from_base_link_is_placed_in_odom_and_the_errors_are_told()
     noise = diagonal_covariance((0.04, 0.01, 0.0, 0.0, 0.0, 0.09))
     command, state = follower.tick(0, robot, person, noise=noise)
     assert estimate_of(state) == pytest.approx((0.0, 4.0, math.pi))
-    # 1 m behind somebody at (0, 4) who looks along -x is (1, 4): 2 m ahead, and turn left
+    # 1 m behind a person at (0, 4) who faces -x is (1, 4): 2 m ahead, and turn left
     assert state.goal[0].to_planar() == pytest.approx((1.0, 4.0, math.pi))
     assert command == pytest.approx((2.0, 0.0, math.pi / 2))
     assert state.distance_error == pytest.approx(math.sqrt(5.0) - 1.0)
@@ -221,7 +221,7 @@ def test_when_the_odometry_is_set_anew_the_person_is_sought_anew(jump):
     assert estimate_of(state) == pytest.approx(jump.compose(AHEAD))
     assert state.estimate[0].twist.twist.to_planar() == pytest.approx((0.0, 0.0, 0.0))
     _, state = follower.tick(84, Pose2D(jump.x + 0.4, jump.y, jump.yaw))
-    assert state.estimate  # what it drives in missed ticks is no jump
+    assert state.estimate  # motion in missed ticks is no jump
 
 
 def test_who_joins_late_or_comes_back_after_long_makes_up_for_nothing():
@@ -304,7 +304,7 @@ def with_follower(scenario, **settings):
 
 
 def drive(follower, ticks):
-    """What it commands while it goes along x past somebody who stands."""
+    """Return the commands of a robot that moves along x past a standing person."""
     made = []
     for tick in ticks:
         robot = Pose2D(0.002 * tick)

@@ -1,4 +1,4 @@
-"""What surrounds the robot, by scans of a flat world."""
+"""The surroundings of the robot, by scans of a flat world."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def test_the_persons_legs_are_no_obstacle_and_a_pillar_is():
     points = around.standing(ORIGIN)
     assert len(points) >= 2
     assert np.hypot(*(points - (1.0, 1.5)).T) == pytest.approx(0.15, abs=1e-3)
-    # a wall as near as that is none of their legs
+    # so near a wall is not taken for a leg
     around.see(0.1, scan(ORIGIN, wall(0.5, 2.5, 0.3)), ORIGIN, person)
     assert len(around.standing(ORIGIN)) > 10  # of 2 m, a point each 10 cm; aslant less
 

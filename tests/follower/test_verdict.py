@@ -1,4 +1,4 @@
-"""What is in the way, and what a plan gives up, for robots that stand."""
+"""Obstacles in the way, and the goals that a plan gives up, for standing robots."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Motion files: what is in them is walked."""
+"""Motion files: a body walks their recorded cycle."""
 
 import random
 import struct

@@ -1,4 +1,4 @@
-"""What bodies are built of and which are refused; a load is felt in wheel loads and tilt."""
+"""Parts of bodies, refused bodies, and the effect of a load on wheels and tilt."""
 
 from __future__ import annotations
 

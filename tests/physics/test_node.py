@@ -52,7 +52,7 @@ def person(pose: Pose2D = FAR, twist: Twist2D = Twist2D()) -> m.Odometry:  # noq
 
 
 class Driven:
-    """Robots that are told every tick what to do; commands and people go by the robots' names."""
+    """Robots that get commands and people in every tick, by the names of the robots."""
 
     def __init__(self, config: PhysicsConfig = FAST, **changes: Any) -> None:
         self.world = PhysicsWorld(scenario(config, **changes))
@@ -192,7 +192,7 @@ def test_the_watchdog_slows_down_from_the_speed_that_an_effort_had_made():
 
 def test_the_person_stops_the_robot_and_pushes_it():
     driven = Driven(PhysicsConfig())
-    for _ in range(150):  # 0.75 m, if nobody stood there
+    for _ in range(150):  # 0.75 m without the person
         driven.tick(command=joints([10.0] * 4), person=person(Pose2D(x=0.8)))
     assert driven.pose().x < 0.45  # 0.2 m of the person, 0.2 m of the robot
     driven.begin()
@@ -226,7 +226,7 @@ def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
 
 def test_an_absurdly_fast_person_does_no_harm():
     driven = Driven()
-    driven.tick()  # nobody starts inside the robot
+    driven.tick()  # no person starts inside the robot
     for _ in range(20):
         driven.tick(person=person(Pose2D(), Twist2D(1.797e308, 1.797e308)))
     for topic, message in driven.states[""].items():

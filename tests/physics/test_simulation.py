@@ -91,7 +91,7 @@ def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_
         world = world_with(nexus, *(starts[number] for number in numbers), obstacles=(obstacle,))
         for tick in range(200):
             for place, number in enumerate(numbers):
-                if number == 0:  # the other has nobody, and meets the obstacle
+                if number == 0:  # the other world has no person, and its robot meets the obstacle
                     world.place_person(
                         place, MovingPerson.upright(Pose2D(-1.0 + 0.004 * tick), walk)
                     )

@@ -76,7 +76,7 @@ class Net:
         self.commands: list[Command] = []
 
     def start(self, *arguments: object) -> Command:
-        """Start a command that goes on."""
+        """Start a command that keeps running."""
         self.commands.append(Command(*arguments, *self.tools))
         return self.commands[-1]
 

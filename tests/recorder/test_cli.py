@@ -20,7 +20,7 @@ PER_TICK = len(tick(0))
 
 
 def samples(path: Path) -> list[Sample]:
-    """What can be read by now, however much that is."""
+    """Return the samples that are readable so far."""
     try:
         return list(Recording(path).samples())
     except RecordingError:

@@ -1,4 +1,4 @@
-"""What is told of a recording."""
+"""The description of a recording."""
 
 import pytest
 from mecazen.messages import Twist

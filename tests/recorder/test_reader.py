@@ -1,4 +1,4 @@
-"""What is written is read again, whatever is missing or damaged; and others read it too."""
+"""Recordings are read back, also damaged ones, and other programs read them too."""
 
 import struct
 import tracemalloc

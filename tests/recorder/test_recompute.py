@@ -1,4 +1,4 @@
-"""A service that is fed with what it was given answers as it did, or the difference is named."""
+"""A service with its recorded inputs gives its recorded outputs, or the difference is named."""
 
 import json
 from collections.abc import Callable

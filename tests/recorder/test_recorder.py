@@ -32,7 +32,7 @@ def memory_bytes() -> int:
 
 @pytest.fixture
 def rig(router, tmp_path):
-    """A recorder that is told what comes, and what it asks for."""
+    """Return a recorder that gets samples by hand, and its queries."""
     asked, may_answer, path = [], threading.Event(), tmp_path / "run.mcap"
 
     def scenario():

@@ -1,4 +1,4 @@
-"""What is published of a recording, and when."""
+"""Samples that a replay publishes, and their times."""
 
 import pytest
 from harness import Newest, assert_one_line

@@ -1,4 +1,4 @@
-"""What is written: what other programs read of it, and when it can't be."""
+"""Written recordings: how other programs read them, and errors of writing."""
 
 import math
 import resource

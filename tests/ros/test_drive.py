@@ -77,7 +77,7 @@ def test_a_twist_from_ros_drives_the_robot(running, side, prefix, odom, kind, fi
 
 
 def test_the_guard_stops_what_ros_drives_towards_the_person(running, side, prefix, odom):
-    # back to where it faces the person: what was driven before has turned it
+    # back to facing the person, since earlier commands have turned the robot
     running.bus.call(keys.SIM_RESET, ResetRequest())
     guarded = Newest(running.bus, keys.GUARD_CMD_VEL)
 
@@ -119,7 +119,7 @@ def test_the_sdk_sees_topics_and_services_with_their_types(side, prefix):
 
 
 def test_a_late_subscriber_of_the_sdk_gets_what_is_latched(side):
-    # of topics in a namespace the sdk asks for tokens that nobody has
+    # for topics in a namespace the sdk asks for tokens that no node has
     side("subscribe", "/tf_static", "tf2_msgs/msg/TFMessage", ":1:,1:,:,:,,")
     (message,) = side("take", "/tf_static")
     frames = {one["child_frame_id"].rpartition("/")[2] for one in message["transforms"]}
@@ -189,7 +189,7 @@ def test_simulation_interfaces_answer_the_sdk(running, side, prefix):
     assert call("step_simulation", steps=7) == ok
     assert running.bus.call(keys.SIM_STATE, Empty()).tick == held.tick + 7
     assert call("set_simulation_state", state={"state": 1}) == ok
-    # without steps, and to a state that is none: an answer all the same
+    # zero steps, and an unknown state: each gets an answer
     for name, fields in (
         ("step_simulation", {"steps": 3}),
         ("step_simulation", {"steps": 0}),

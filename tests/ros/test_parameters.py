@@ -1,4 +1,4 @@
-"""What a ROS node's parameter services answer: what rclcpp's do, of what can be changed."""
+"""The parameter services of a ROS node answer as those of rclcpp, for live parameters."""
 
 from math import inf
 from typing import Literal
@@ -20,7 +20,7 @@ from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters
 Value, Parameter = message("ParameterValue"), message("Parameter")
 REQUEST = {one.kind.rpartition("/")[2]: one.interface.request for one in PARAMETER_SERVICES}
 BOOL, INTEGER, DOUBLE, STRING, STRINGS = 1, 2, 3, 4, 9
-"""Of rcl_interfaces/msg/ParameterType."""
+"""Values of rcl_interfaces/msg/ParameterType."""
 
 
 class Gains(Section):

@@ -71,7 +71,7 @@ def test_a_frame_of_the_tracker_is_of_the_time_at_which_it_was_taken():
     frames = {tick: sensor.tick(tick).get(keys.SKELETONS) for tick in range(0, 20, 2)}
     assert frames[12].header.stamp.ns == 20_000_000
     assert len(frames[12].skeletons) == 1
-    # what is said to be of before the start shows nobody
+    # a frame with a time before the start shows no person
     assert frames[8].skeletons == ()
 
 
@@ -145,7 +145,7 @@ def points(joints):
 
 def test_the_lidar_sees_everybody_and_other_robots():
     ranges = Among(LidarNode, OTHERS).tick(0)[keys.SCAN].ranges
-    # the lidar is 0.13 m behind the robot's middle, legs are 0.15 m about where somebody is
+    # the lidar is 0.13 m behind the robot's middle, legs are 0.15 m from the middle of a person
     assert min(ranges[:10]) == pytest.approx(1.87, abs=0.15)  # behind: the walker
     assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
     # on the left the other robot's lidar: at this height, 0.04 m in radius; noise of 0.01 m

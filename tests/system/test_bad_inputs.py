@@ -1,4 +1,4 @@
-"""What a user may get wrong: one line each, with what is wrong and what is allowed.
+"""Wrong inputs of a user: each gets one line, with the error and the allowed values.
 
 The command line runs in this process, as starting one for each would take a minute.
 """

@@ -137,7 +137,7 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     bus = BusConfig(connect=(up.tools[1],), namespace=up.tools[3])
     with closing(ZenohBus(bus, "client")) as hand:
         hand.put_bytes("cmd_vle", b"{}")
-        # nobody waits for the viewer, which takes longest to start
+        # no service waits for the viewer, which takes longest to start
         while not warnings or any(service["state"] != "ready" for service in services.values()):
             assert time.monotonic() < end, services
             for _ in range(10):  # of which the follower's commands may take the place

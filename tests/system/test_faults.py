@@ -1,4 +1,4 @@
-"""Parts that are killed, frozen, slow or out of space: the rest goes on, and following resumes."""
+"""Killed, frozen or slow parts and full disks: the others continue, and following resumes."""
 
 import ast
 import os
@@ -25,7 +25,7 @@ CIRCLE = SCENARIOS / "circle.toml"
 AT_REST_M_S = 0.02
 """Rollers that settle still move the body by less."""
 STROLL_M_S = 0.3
-"""Who is faster is on the way: the person walks at 0.5 m/s."""
+"""A faster robot is on its way: the person walks at 0.5 m/s."""
 REST_S = 5.0
 """A robot that looks for the person waits 2 s, and needs 1 s to stand; twice that is too much."""
 
@@ -122,7 +122,7 @@ def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_
     running.wait(lambda: set(SERVICES) <= tool.alive())
     assert tool.call(keys.SIM_STATE, Empty()).tick > 0
     tool.close()
-    assert not running.stack.bus.presence.returns  # nobody had gone
+    assert not running.stack.bus.presence.returns  # no service had gone
     running.signal("follower", signal.SIGKILL)
     running.wait(lambda: "follower" not in running.stack.bus.presence.names)
     running.stack.launch("follower")
@@ -147,7 +147,7 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once():
         }
         returns = up.bus.presence.returns
         assert returns["controller"] >= 1
-        # who was killed last counts anew; a survivor has seen the others
+        # the service that was killed last counts from zero; a survivor has seen the others
         assert services["controller"]["restarts"] <= returns["controller"]
 
 
@@ -290,11 +290,11 @@ def test_a_forged_tick_changes_nothing_and_is_reported(running, shift_s):
 
 
 CERTIFICATES = ROOT / "common" / "mecazen" / "bus" / "session.py"
-"""Only the wall clock tells whether a certificate has expired."""
+"""Expiry of a certificate is a matter of the wall clock."""
 ATTACHMENTS = ROOT / "common" / "mecazen" / "bus" / "ros_queries.py"
-"""What goes to ROS says when it was sent, as its protocol asks; nothing here reads it."""
+"""Samples for ROS carry their send time, as the protocol requires; mecazen does not read it."""
 WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
-"""What jumps when somebody sets the clock."""
+"""Functions whose values jump when the clock is set."""
 
 
 def test_nobody_looks_at_the_clock_that_may_be_set():

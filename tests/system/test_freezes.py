@@ -1,4 +1,4 @@
-"""Services that freeze while the robot drives at a person: whichever it is, nobody is touched.
+"""No service that freezes while the robot drives at a person makes it touch the person.
 
 As a program it counts false stops: ticks in which the command of a running guard was too old.
 """

@@ -28,7 +28,7 @@ GROWTH_BYTES = 64_000_000
 TOOLS = 20
 
 HUGE_BYTES = 280 << 20
-"""What once killed a router's container."""
+"""Size of a sample that once killed a router's container [bytes]."""
 
 
 @pytest.mark.parametrize("secured", [False, True], ids=["open", "secured"])

@@ -1,4 +1,4 @@
-"""Whole runs, recorded in one process and as processes, and computed anew."""
+"""Whole runs, recorded in one process and as processes, and recomputed."""
 
 import json
 import tomllib
@@ -42,7 +42,7 @@ def simulate(scenario: str, duration_s: float, *more: object) -> dict[str, objec
 
 
 def keys_at(path: Path, time_ns: int) -> set[str]:
-    """Of which keys a sample of a time is recorded by now."""
+    """Return the keys with a recorded sample of a time."""
     return {sample.key for sample in Recording(path).samples(time_ns, time_ns)}
 
 

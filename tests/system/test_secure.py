@@ -1,7 +1,7 @@
-"""TLS and access control: who gets in, who may say what, and the whole loop under both.
+"""TLS and access control: admission, permissions, and the whole loop under both.
 
-What is denied is denied in silence. So it is followed, on the same session, by a query that
-anyone may make: when it is answered, what came before it has been let through or not.
+Zenoh denies without an answer. So each test sends an allowed query after the message on the same
+session. Once the query is answered, the message has been passed on or denied.
 """
 
 import json
@@ -90,7 +90,7 @@ ANSWERS = (
     ROS_GET,
     ROS_SET,
 )
-"""Of the physics."""
+"""Keys of the queries that physics answers."""
 QUESTIONS = (
     "sim/scenario",
     "sim/get_parameters",
@@ -177,7 +177,7 @@ def physics(net):
 
 def settle(session: Any) -> None:
     """Return when what the session has said before has come through, or not."""
-    # nobody answers as long as the session does not know who does
+    # no answer comes before the session knows the queryable
     end = time.monotonic() + GUARD_S
     while not any(reply.ok for reply in session.get("sim/state", timeout=5.0)):
         assert time.monotonic() < end, "nobody answers"
@@ -185,7 +185,7 @@ def settle(session: Any) -> None:
 
 @pytest.fixture(params=["through the router", "directly"])
 def intruder(request, net, physics):
-    """Open a client with somebody's certificate, at the router or at the peer itself."""
+    """Open a client with a given certificate, at the router or at the peer itself."""
     door = net.endpoint if request.param == "through the router" else physics.endpoint
 
     def come(name):
@@ -325,7 +325,7 @@ def test_the_loop_gives_the_same_trajectory_under_tls_and_access_control(folder)
 
 
 def intrude(running: Any, name: str) -> Any:
-    """Open a session with somebody's certificate to a running scenario."""
+    """Open a session with a given certificate to a running scenario."""
     return open_session(running.scenario.bus, "client", name)
 
 
@@ -349,7 +349,7 @@ def test_what_was_heard_on_cmd_vel_is_not_taken_again_from_who_may_not_say_it(st
 
 
 def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder):
-    # where they are let in, each service waits for the future that they tell of
+    # if they were let in, each service would wait for their future tick
     running = stack(SCENARIOS / "back.toml", *secure(folder))
     newest = {}
     for topic in (keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE):

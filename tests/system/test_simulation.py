@@ -1,4 +1,4 @@
-"""Scenarios from Python: the same bits as the command line."""
+"""Scenarios from Python: bit-identical to the command line."""
 
 import doctest
 import math

@@ -57,7 +57,7 @@ class Shown:
 
     @property
     def uri(self) -> str:
-        """What a native viewer connects to."""
+        """The address for a native viewer."""
         return parse_qs(urlsplit(self.url).query)["url"][0]
 
     def until(self, time_s: float) -> None:
@@ -91,7 +91,7 @@ def dark(image: np.ndarray) -> np.ndarray:
 
 
 def shows_the_scene(image: np.ndarray) -> bool:
-    """Whether the person's red arrow stands on ground of which most is free."""
+    """Return whether the person's red arrow is visible on mostly free ground."""
     return share(image, red) > 0.001 and 0.5 < share(image, ground) < 0.99
 
 

@@ -219,7 +219,7 @@ class OnBus(Rig):
         super().__init__("target", scenario, keys.TARGET_ODOM, keys.OBSERVATION)
 
     def tick(self, tick, y=0.0, run=1):
-        """Return what comes of a tick in which the robot truly is at `y` [m]."""
+        """Return the outputs of a tick with the true robot at `y` [m]."""
         truth = planar_odometry(Time(), "world", "base_link", Pose2D(y=y), Twist2D())
         return self.put(keys.GROUND_TRUTH, truth, self.at(tick, run))
 

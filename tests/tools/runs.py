@@ -12,7 +12,7 @@ ALL = ("physics", "controller", "target", "follower")
 
 
 class Run:
-    """A bus on which a run is told, and its trajectory."""
+    """A bus with the samples of a run, and its trajectory."""
 
     def __init__(self, ticks, services=ALL):
         self.bus = LocalBus()

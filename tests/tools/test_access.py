@@ -1,4 +1,4 @@
-"""Who may publish, answer and ask what."""
+"""Permissions to publish, answer and query, by role."""
 
 import json
 

@@ -61,7 +61,7 @@ def test_a_namespace_that_is_no_key_is_one_line():
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What is asked over a bus, which answers with what it was asked."""
+    """Return the list of requests on a bus that answers with the request itself."""
     asked = []
 
     def call(call, request, *_):

@@ -41,7 +41,7 @@ def test_where_no_release_is_told_a_key_is_held_until_its_repeats_stop():
     assert keys.command(1.82).x == 0.5  # each next one 0.25 s
     assert keys.command(1.84).x == 0.0
     keys.press("w", 1.9)
-    assert keys.command(2.5).x == 0.5  # pressed anew, it takes the long time again
+    assert keys.command(2.5).x == 0.5  # a new press holds for the long time
 
 
 def test_where_no_release_is_told_the_newest_key_takes_the_place_of_the_one_before():

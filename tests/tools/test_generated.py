@@ -1,4 +1,4 @@
-"""What repeats the graph does so truly: documents, access rules, compose file, folders."""
+"""Copies of the graph agree with it: documents, access rules, compose file, folders."""
 
 import re
 

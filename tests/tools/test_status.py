@@ -1,4 +1,4 @@
-"""What `mecazen status` shows of what services say of themselves."""
+"""The screen of `mecazen status`, from the diagnostics of services."""
 
 import pytest
 from mecazen.bus import LocalBus

@@ -48,7 +48,7 @@ def test_nothing_that_a_node_publishes_is_heard_so_it_costs_the_loop_nothing():
     assert OPEN == ("cmd_vel", "target/cmd_vel")
     published = {topic.key.replace("*", "physics") for topic in TOPICS}
     for key in OPEN:
-        # while a node drives, only slips are heard; else nobody publishes on the key
+        # while a node drives, only slips are heard; otherwise no node publishes on the key
         assert not any(hears(slips(key), one) for one in published)
         assert not any(hears(likes(key), one) for one in published - {key})
 

@@ -1,4 +1,4 @@
-"""What `mecazen up` prints, and what it does when it is asked to end."""
+"""The output of `mecazen up`, and its end by a signal."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A picture of one robot, what it is told, and what it shows."""
+"""A picture of one robot, its messages, and its entities."""
 
 import math
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,4 @@
-"""What is shown of each message, and when."""
+"""The entities for each message, and their times."""
 
 import math
 

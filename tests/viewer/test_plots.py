@@ -1,4 +1,4 @@
-"""What the plots show."""
+"""The curves of the plots."""
 
 import math
 

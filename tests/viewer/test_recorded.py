@@ -29,7 +29,7 @@ def sample(number, run=1):
 
 @pytest.fixture
 def recording(monkeypatch):
-    """What the reader of `.mcap` gives: some samples."""
+    """Return samples as the reader of `.mcap` gives them."""
     samples = []
     made = SimpleNamespace(
         samples=lambda: iter(samples),

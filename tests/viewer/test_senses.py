@@ -1,4 +1,4 @@
-"""What sensors see, and bodies, as shapes."""
+"""Observations of sensors, and bodies, as shapes."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What is read of a URDF and of a mesh."""
+"""Contents of a URDF and of a mesh."""
 
 from itertools import pairwise
 
