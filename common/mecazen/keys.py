@@ -56,6 +56,8 @@ class Call(Generic[RequestT, AnswerT]):
 CLOCK = Topic("clock", m.Clock, "simulated time")
 JOINT_STATES = Topic("joint_states", m.JointState, "4 wheels, then every roller")
 GROUND_TRUTH = Topic("ground_truth/odom", m.Odometry, "the robot's true pose, in world")
+IMU = Topic("imu", m.Imu, "angular velocity and specific force, in base_link")
+BATTERY_STATE = Topic("battery_state", m.BatteryState, "the battery's voltage")
 JOINT_COMMAND = Topic("joint_command", m.JointState, "velocity or effort per wheel")
 ODOM = Topic("odom", m.Odometry, "odometry, in odom")
 CMD_VEL = Topic("cmd_vel", m.Twist, "commanded body velocity, in base_link", open=True)
@@ -94,6 +96,8 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     CLOCK,
     JOINT_STATES,
     GROUND_TRUTH,
+    IMU,
+    BATTERY_STATE,
     JOINT_COMMAND,
     ODOM,
     CMD_VEL,

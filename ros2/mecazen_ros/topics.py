@@ -99,8 +99,10 @@ def publications(topic: Topic[Any], name: str, where: Namespace) -> list[Publica
         found = [plain._replace(convert=lambda o: prefixed(_uncertain(o), prefix))]
     elif topic.type is m.LaserScan:
         found = [plain._replace(qos=SENSOR_DATA, convert=lambda s: prefixed(rep_117(s), prefix))]
-    elif topic.type in (m.Image, m.CameraInfo):
+    elif topic.type in (m.Image, m.CameraInfo, m.Imu):
         found = [plain._replace(qos=SENSOR_DATA)]
+    elif topic.type is m.BatteryState:
+        found = [plain._replace(convert=lambda b: prefixed(_unmeasured(b), prefix))]
     if topic is keys.ODOM:
         frames = partial(_frame, prefix=prefix)
     elif topic is keys.JOINT_STATES and where.urdf:
@@ -152,6 +154,13 @@ def rep_117(scan: m.LaserScan) -> m.LaserScan:
     most = scan.range_max
     ranges = tuple((r if r <= most else math.inf) if r > 0.0 else math.nan for r in scan.ranges)
     return msgspec.structs.replace(scan, ranges=ranges)
+
+
+def _unmeasured(battery: m.BatteryState) -> m.BatteryState:
+    """Return a battery's state with NaN for what is not measured; see `BatteryState`."""
+    names = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
+    lost = {name: math.nan for name in names if getattr(battery, name) == 0.0}
+    return msgspec.structs.replace(battery, **lost)
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:

@@ -19,9 +19,11 @@ from mecazen.config import (
     RobotConfig,
     Scenario,
     SensorConfig,
+    SensorsConfig,
     SimConfig,
     StartConfig,
 )
+from mecazen.config.sensors import ImuConfig
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
@@ -395,3 +397,24 @@ def test_a_person_who_jumps_shoves_no_robot_and_is_refused(how):
     for x in (0.1, 0.1, 0.1, 2.69):  # 10 m/s take one as far as the last in the 40 ms
         assert len(driven.tick(**at(x)).refused) == (x < 1.0)
     assert math.hypot(driven.pose().x - before.x, driven.pose().y - before.y) < 1e-3
+
+
+def test_imu_and_battery_are_given_at_their_rates_and_only_where_asked_for():
+    assert set(Driven().states[""]) == {keys.JOINT_STATES, keys.GROUND_TRUTH}
+    driven = Driven(sensor=SensorConfig(also=("imu", "battery")))
+    given = []
+    for _ in range(11):
+        given.append(set(driven.states[""]) & {keys.IMU, keys.BATTERY_STATE})
+        driven.drive(1, [0.0] * 4)
+    assert given == [
+        {keys.IMU, keys.BATTERY_STATE},
+        *[{keys.IMU}] * 9,
+        {keys.IMU, keys.BATTERY_STATE},
+    ]
+    assert "skeleton" not in driven.world.scenario.features  # neither looks at a person
+
+
+def test_a_rate_of_an_instrument_that_divides_no_tick_rate_is_refused():
+    sensors = SensorsConfig(imu=ImuConfig(rate_hz=30.0))
+    with pytest.raises(ConfigError, match=r"sensors\.imu\.rate_hz = 30"):
+        Driven(sensor=SensorConfig(also=("imu",)), sensors=sensors)

@@ -31,6 +31,13 @@ def test_what_is_exact_has_a_small_variance_and_what_is_not_keeps_its_own():
     assert shown[:8] == (1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
 
 
+def test_a_battery_has_nan_for_what_is_not_measured():
+    shown = seen(keys.BATTERY_STATE)["battery_state"].convert(m.BatteryState(voltage=12.5))
+    assert (shown.voltage, shown.power_supply_status) == (12.5, 0)
+    assert math.isnan(shown.current)
+    assert math.isnan(shown.percentage)
+
+
 def test_of_several_robots_each_has_its_names_and_frames_in_one_tree():
     found = seen(keys.ODOM, "robot1")
     assert set(found) == {"robot1/odom", "tf"}

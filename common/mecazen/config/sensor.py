@@ -18,6 +18,10 @@ _FEATURES: dict[str, tuple[str, ...]] = {
 }
 
 
+_BLIND = ("imu", "battery")
+"""Sensors that do not look, so that no one needs a body for them."""
+
+
 def check_intervals(key: str, intervals: Sequence[tuple[float, float]]) -> None:
     """Raise ValueError if an interval does not end after it begins."""
     for begin, end in intervals:
@@ -63,7 +67,7 @@ class SensorConfig(Section):
 
     kind: Literal["pose", "body", "legs", "fused"] = "pose"
     """The person's pose with noise; joints that a camera sees; legs in a lidar's scan; both."""
-    also: tuple[Literal["lidar", "tracker", "depth"], ...] = ()
+    also: tuple[Literal["lidar", "tracker", "depth", "imu", "battery"], ...] = ()
     """Sensors that run beside it, for others to take."""
     rate_hz: Positive = 25.0
     """Frames a second; divides the tick rate."""
@@ -101,5 +105,6 @@ class SensorConfig(Section):
 
 def features(kind: str, also: Iterable[str]) -> frozenset[str]:
     """Return the features of the graph that sensors ask for; none for an unknown kind."""
-    beside = ("skeleton",) if also else ()
+    also = tuple(also)
+    beside = ("skeleton",) if set(also) - set(_BLIND) else ()
     return frozenset((*_FEATURES.get(kind, ()), *beside, *also))

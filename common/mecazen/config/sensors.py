@@ -1,4 +1,4 @@
-"""`[sensors]`: lidar, body tracker and depth camera.
+"""`[sensors]`: lidar, body tracker, depth camera, inertial measurement unit and battery.
 
 The robot file has their mounting: `camera` carries the body tracker and the depth camera, `lidar`
 the lidar.
@@ -141,6 +141,40 @@ class DepthConfig(Section):
             raise ValueError("edge_probability must be at most 0.5: as many pixels are invalid")
 
 
+class ImuConfig(Section):
+    """An inertial measurement unit with the axes and the origin of base_link.
+
+    White noise is that of an MPU-6050's data sheet (0.005 °/s and 400 µg per √Hz) at a bandwidth
+    of 50 Hz. Biases, as left by a calibration at rest, and their random walk are assumptions.
+    """
+
+    rate_hz: Positive = 100.0
+    """Samples a second; divides the tick rate. The specific force is the mean since the last."""
+    gyro_std_rad_s: NonNegative = 0.0006
+    """White noise of the angular velocity."""
+    gyro_bias_std_rad_s: NonNegative = 0.002
+    """Bias of the angular velocity at the start: deviation over runs."""
+    gyro_walk_rad_s: NonNegative = 0.0001
+    """Standard deviation of the change of that bias within 1 s."""
+    accel_std_m_s2: NonNegative = 0.03
+    """White noise of the specific force."""
+    accel_bias_std_m_s2: NonNegative = 0.05
+    """Bias of the specific force at the start: deviation over runs."""
+    accel_walk_m_s2: NonNegative = 0.001
+    """Standard deviation of the change of that bias within 1 s."""
+
+
+class BatteryConfig(Section):
+    """The battery that supplies the motors, and the measurement of its voltage."""
+
+    rate_hz: Positive = 10.0
+    """Samples a second; divides the tick rate."""
+    voltage_v: Positive = 12.0
+    """Voltage without load."""
+    voltage_std_v: NonNegative = 0.02
+    """White noise of the measurement."""
+
+
 class SensorsConfig(Section):
     """The robot's sensors."""
 
@@ -150,3 +184,5 @@ class SensorsConfig(Section):
     lidar: LidarConfig = LidarConfig()
     tracker: TrackerConfig = TrackerConfig()
     depth: DepthConfig = DepthConfig()
+    imu: ImuConfig = ImuConfig()
+    battery: BatteryConfig = BatteryConfig()

@@ -261,6 +261,47 @@ class CameraInfo(Message):
     roi: RegionOfInterest = RegionOfInterest()
 
 
+class Imu(Message):
+    """Angular velocity [rad/s] and specific force [m/s²] in header.frame_id, with covariances.
+
+    The orientation is not measured if the first number of its covariance is -1.
+    """
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/Imu"
+    header: Header = Header()
+    orientation: Quaternion = Quaternion()
+    orientation_covariance: Matrix3 = (0.0,) * 9
+    angular_velocity: Vector3 = Vector3()
+    angular_velocity_covariance: Matrix3 = (0.0,) * 9
+    linear_acceleration: Vector3 = Vector3()
+    linear_acceleration_covariance: Matrix3 = (0.0,) * 9
+
+
+class BatteryState(Message):
+    """Voltage [V], current [A] (negative: discharging), charge [A·h] and health of a battery.
+
+    A quantity other than the voltage is 0 if it is not measured; ROS then has NaN.
+    """
+
+    ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/BatteryState"
+    header: Header = Header()
+    voltage: Float32 = 0.0
+    temperature: Float32 = 0.0
+    current: Float32 = 0.0
+    charge: Float32 = 0.0
+    capacity: Float32 = 0.0
+    design_capacity: Float32 = 0.0
+    percentage: Float32 = 0.0
+    power_supply_status: UInt8 = 0
+    power_supply_health: UInt8 = 0
+    power_supply_technology: UInt8 = 0
+    present: bool = False
+    cell_voltage: tuple[Float32, ...] = ()
+    cell_temperature: tuple[Float32, ...] = ()
+    location: str = ""
+    serial_number: str = ""
+
+
 class KeyValue(Message):
     """A named value."""
 

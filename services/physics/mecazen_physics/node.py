@@ -10,7 +10,9 @@ import numpy as np
 from mecazen.config import Scenario
 from mecazen.graph import TABLE
 from mecazen.keys import (
+    BATTERY_STATE,
     GROUND_TRUTH,
+    IMU,
     JOINT_COMMAND,
     JOINT_STATES,
     PEOPLE,
@@ -39,9 +41,10 @@ from mecazen.messages import (
 )
 from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS, WHEELS
-from mecazen.robots import join_key
+from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
 
+from mecazen_physics.instruments import Battery, Imu
 from mecazen_physics.people import Floats, MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
@@ -79,10 +82,12 @@ class PhysicsWorld(World):
 
     def reset(self, seed: int) -> None:
         """Put the robots back to the start, in a new simulation."""
-        del seed
         self.simulation = self.make_simulation()
         self.robots = dict(zip(self.parts, self.simulation.robots, strict=True))
         self.watchdogs = {name: Watchdog(part) for name, part in self.parts.items()}
+        self.instruments = {
+            name: _instruments(part, seed_of(seed, name)) for name, part in self.parts.items()
+        }
         self.reported: dict[str, ReportedPerson] = {}
         """Persons by name."""
         self.walking: dict[str, MovingPerson] = {}
@@ -108,7 +113,16 @@ class PhysicsWorld(World):
                 self._place_followed(self.followed[name], heard)
             self._place_walkers(next(iter(inputs.values())))
             self.simulation.advance(commands, self.steps_per_tick)
-        return {name: _messages(robot, tick) for name, robot in self.robots.items()}
+        return {name: self._outputs(name, tick) for name in self.robots}
+
+    def _outputs(self, name: str, tick: Tick) -> Outputs:
+        """Return a robot's joints, its true pose, and what its instruments measure."""
+        state = self.robots[name].state
+        outputs = _messages(self.robots[name], tick)
+        for topic, instrument in self.instruments[name].items():
+            if tick.number % instrument.period == 0:
+                outputs[topic] = instrument.measure(state, tick.time)
+        return outputs
 
     def _command(self, name: str, inputs: Inputs) -> WheelCommand:
         """Return what the motors are to do, at rest if no commands come any more."""
@@ -198,7 +212,19 @@ class PhysicsWorld(World):
         return values
 
 
-def _messages(robot: SimulatedRobot, tick: Tick) -> Outputs:
+def _instruments(part: Scenario, seed: int) -> dict[Topic[Any], Imu | Battery]:
+    """Return the instruments of a robot that its scenario asks for, with noise from `seed`."""
+    found: dict[Topic[Any], Imu | Battery] = {}
+    if "imu" in part.features:
+        period = part.ticks_per("sensors.imu.rate_hz")
+        found[IMU] = Imu(part.sensors.imu, period, part.sim.tick_s, seed)
+    if "battery" in part.features:
+        period = part.ticks_per("sensors.battery.rate_hz")
+        found[BATTERY_STATE] = Battery(part.sensors.battery, period, seed)
+    return found
+
+
+def _messages(robot: SimulatedRobot, tick: Tick) -> dict[Topic[Any], Message]:
     """Return a robot's joints and its true pose."""
     state, now = robot.state, tick.time
     x, y, z = state.position

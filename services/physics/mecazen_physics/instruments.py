@@ -1,0 +1,105 @@
+"""Instruments on board, from the state of the robot to what they measure."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mecazen import messages as m
+from mecazen.config.sensors import BatteryConfig, ImuConfig
+from numpy.random import PCG64, Generator
+
+from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.state import RobotState, Vector, unrotate
+
+NOT_MEASURED = (-1.0, *(0.0,) * 8)
+"""ROS's covariance of a quantity that a sensor does not measure."""
+
+
+class Imu:
+    """An inertial measurement unit: white noise on a bias that walks at random.
+
+    Args:
+        config: Its errors.
+        period: Ticks from one sample to the next.
+        tick_s: Duration of a tick [s].
+        seed: Seed of the errors.
+    """
+
+    def __init__(self, config: ImuConfig, period: int, tick_s: float, seed: int) -> None:
+        self.period = period
+        self._period_s = period * tick_s
+        self._velocity: Vector = (0.0, 0.0, 0.0)
+        """Velocity in world at the last sample [m/s]."""
+        self._random = Generator(PCG64((seed, 1)))
+        self._std = config.gyro_std_rad_s, config.accel_std_m_s2
+        self._walk = [
+            walk * math.sqrt(self._period_s)
+            for walk in (config.gyro_walk_rad_s, config.accel_walk_m_s2)
+        ]
+        drawn = self._random.standard_normal(6).tolist()
+        self._bias = [
+            [std * value for value in values]
+            for std, values in zip(
+                (config.gyro_bias_std_rad_s, config.accel_bias_std_m_s2),
+                (drawn[:3], drawn[3:]),
+                strict=True,
+            )
+        ]
+
+    def measure(self, state: RobotState, time: m.Time) -> m.Imu:
+        """Return the sample of a state; call it once in each period."""
+        x, y, z, w = state.orientation
+        velocity = unrotate((-x, -y, -z, w), *state.linear)  # in world
+        change = [
+            (new - old) / self._period_s for new, old in zip(velocity, self._velocity, strict=True)
+        ]
+        self._velocity = velocity
+        force = unrotate(state.orientation, change[0], change[1], change[2] + GRAVITY)
+        noise = self._random.standard_normal((2, 2, 3)).tolist()
+        measured = []
+        for kind, true in enumerate((state.angular, force)):
+            bias, std, walk = self._bias[kind], self._std[kind], self._walk[kind]
+            walked, white = noise[kind]
+            for axis in range(3):
+                bias[axis] += walk * walked[axis]
+            measured.append([t + b + std * n for t, b, n in zip(true, bias, white, strict=True)])
+        angular, linear = measured
+        return m.Imu(
+            header=m.Header(stamp=time, frame_id="base_link"),
+            orientation_covariance=NOT_MEASURED,
+            angular_velocity=m.Vector3(*angular),
+            angular_velocity_covariance=_isotropic(self._std[0]),
+            linear_acceleration=m.Vector3(*linear),
+            linear_acceleration_covariance=_isotropic(self._std[1]),
+        )
+
+
+class Battery:
+    """The battery, and the measurement of its voltage.
+
+    Args:
+        config: Its voltage and the noise.
+        period: Ticks from one sample to the next.
+        seed: Seed of the noise.
+    """
+
+    def __init__(self, config: BatteryConfig, period: int, seed: int) -> None:
+        self.period = period
+        self._config = config
+        self._random = Generator(PCG64((seed, 2)))
+
+    def measure(self, state: RobotState, time: m.Time) -> m.BatteryState:
+        """Return the sample of a state; call it once in each period."""
+        config = self._config
+        voltage = config.voltage_v + config.voltage_std_v * float(self._random.standard_normal())
+        return m.BatteryState(
+            header=m.Header(stamp=time, frame_id="base_link"),
+            voltage=float(np.float32(voltage)),
+            present=True,
+        )
+
+
+def _isotropic(std: float) -> tuple[float, ...]:
+    """Return the covariance of a vector (9) with white noise on each axis."""
+    return tuple(std * std if index % 4 == 0 else 0.0 for index in range(9))

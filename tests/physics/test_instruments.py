@@ -1,0 +1,91 @@
+"""Instruments measure the true state, with the errors that the configuration names."""
+
+import math
+
+import numpy as np
+import pytest
+from mecazen import messages as m
+from mecazen.config.sensors import BatteryConfig, ImuConfig
+from mecazen_physics.instruments import Battery, Imu
+from mecazen_physics.state import RobotState
+
+EXACT = ImuConfig(
+    gyro_std_rad_s=0.0,
+    gyro_bias_std_rad_s=0.0,
+    gyro_walk_rad_s=0.0,
+    accel_std_m_s2=0.0,
+    accel_bias_std_m_s2=0.0,
+    accel_walk_m_s2=0.0,
+)
+G = 9.80665
+LEFT = (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))
+"""The orientation of a robot that looks along y of world."""
+
+
+def moving(linear=(0.0, 0.0, 0.0), angular=(0.0, 0.0, 0.0), orientation=(0.0, 0.0, 0.0, 1.0)):
+    return RobotState(0.0, (0.0, 0.0, 0.0), orientation, linear, angular, [], [], [])
+
+
+def vector(of):
+    return of.x, of.y, of.z
+
+
+def samples(imu, state, count):
+    found = [imu.measure(state, m.Time()) for _ in range(count)]
+    return np.array([(*vector(s.angular_velocity), *vector(s.linear_acceleration)) for s in found])
+
+
+def test_a_robot_at_rest_feels_its_weight():
+    found = Imu(EXACT, 1, 0.01, seed=1).measure(moving(), m.Time(2))
+    assert vector(found.linear_acceleration) == pytest.approx((0.0, 0.0, G))
+    assert (found.header.stamp, found.header.frame_id) == (m.Time(2), "base_link")
+    assert found.orientation_covariance[0] == -1.0  # ROS's sign of no estimate
+
+
+def test_a_robot_that_starts_to_the_side_feels_that_side_in_its_own_frame():
+    found = Imu(EXACT, 2, 0.01, seed=1).measure(moving((0.0, 0.1, 0.0), orientation=LEFT), m.Time())
+    # 0.1 m/s within two ticks of 10 ms
+    assert vector(found.linear_acceleration) == pytest.approx((0.0, 5.0, G))
+
+
+def test_a_robot_that_drives_a_circle_feels_the_force_to_its_centre():
+    imu, rate = Imu(EXACT, 1, 0.01, seed=1), 2.0
+    for tick in range(2):
+        yaw = rate * 0.01 * tick
+        turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+        found = imu.measure(moving((0.5, 0.0, 0.0), (0.0, 0.0, rate), turned), m.Time())
+    assert vector(found.angular_velocity) == (0.0, 0.0, rate)
+    # the mean of a tick, so half of its turn (0.01 rad) is off: 0.5·2·0.01 m/s²
+    assert vector(found.linear_acceleration) == pytest.approx((0.0, 1.0, G), abs=0.011)
+
+
+def test_noise_bias_and_random_walk_have_the_deviations_of_the_configuration():
+    white = Imu(ImuConfig(gyro_bias_std_rad_s=0.0, gyro_walk_rad_s=0.0), 1, 0.01, seed=1)
+    # 2000 samples: a deviation is known to 1/√4000, 1.6 %; five of those
+    assert samples(white, moving(), 2000)[:, :3].std() == pytest.approx(0.0006, rel=0.08)
+    biases = [
+        samples(Imu(ImuConfig(gyro_std_rad_s=0.0), 1, 0.01, seed=seed), moving(), 1)[0, :3]
+        for seed in range(300)
+    ]
+    assert np.std(biases) == pytest.approx(0.002, rel=0.12)  # 900 values: 2.4 %; five of those
+    walking = ImuConfig(gyro_std_rad_s=0.0, gyro_bias_std_rad_s=0.0)
+    runs = [samples(Imu(walking, 50, 0.01, seed), moving(), 3)[:, :3] for seed in range(300)]
+    changes = [run[2] - run[0] for run in runs]  # within 1 s
+    assert np.std(changes) == pytest.approx(0.0001, rel=0.12)
+
+
+def test_the_same_seed_gives_the_same_samples_and_another_gives_others():
+    first, again, other = (samples(Imu(ImuConfig(), 1, 0.01, s), moving(), 5) for s in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.any(first == other)
+
+
+def test_the_battery_has_its_voltage_within_the_noise():
+    battery = Battery(BatteryConfig(voltage_v=24.0), 1, seed=1)
+    found = [battery.measure(moving(), m.Time(1)) for _ in range(500)]
+    voltages = [sample.voltage for sample in found]
+    assert np.mean(voltages) == pytest.approx(24.0, abs=5 * 0.02 / math.sqrt(500))
+    assert np.std(voltages) == pytest.approx(0.02, rel=0.16)  # 500 values: 3.2 %; five of those
+    assert found[0].present
+    assert found[0].header.stamp == m.Time(1)
+    assert voltages[0] == float(np.float32(voltages[0]))  # exact in ROS's 32 bits
