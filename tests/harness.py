@@ -14,11 +14,11 @@ import msgspec
 import pytest
 from hostile import Put
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus, LocalBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.errors import BusError
+from mecazen.errors import BusError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.keys import Topic
+from mecazen.keys import Call, Topic
 from mecazen.messages import Message, Twist
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import Kind
@@ -142,6 +142,14 @@ def error_of(kind: type[Exception], run: Callable[[], object]) -> str:
         run()
     assert len(str(caught.value).splitlines()) == 1
     return str(caught.value)
+
+
+def ask_bytes(bus: Bus, call: Call[Any, Any], payload: bytes) -> Any:
+    """Query a key within the process with bytes, as an external program does."""
+    try:
+        return bus.call(call, bus._decode_request(call, payload))
+    except RefusedError as refusal:
+        raise BusError(f"{call.key}: {refusal}") from None
 
 
 class Sample(NamedTuple):

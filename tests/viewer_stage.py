@@ -14,7 +14,7 @@ from mecazen.covariance import diagonal_covariance
 from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
-from mecazen.runtime.drivers import observe
+from mecazen.runtime.process import observe
 from mecazen.wire import Stamp
 from mecazen_viewer.components import Components
 

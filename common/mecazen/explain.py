@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Callable
 from datetime import date, datetime, time
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 import msgspec.inspect as mi
@@ -15,20 +16,12 @@ from mecazen.config.scenario import NO_KEYS
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
 
-
-class NameSource(Protocol):
-    """Says where the value of a key comes from."""
-
-    def __call__(self, key: str, problem: str, *, of_table: bool) -> str:
-        """Return the source's name."""
+NameSource = Callable[[str, str, bool], str]
+"""Says where the value of a key comes from, given the problem and whether it is that of a table."""
 
 
 def explain(
-    error: msgspec.ValidationError,
-    raw: Any,
-    kind: type[Section],
-    prefix: str,
-    name_source: NameSource,
+    error: msgspec.ValidationError, raw: Any, kind: type[Section], prefix: str, source: NameSource
 ) -> str:
     """Turn msgspec's message into one line with file, key and what is allowed."""
     problem, _, where = str(error).rpartition(" - at `$")
@@ -54,9 +47,8 @@ def explain(
     elif not isinstance(node, mi.StructType):
         problem += f"; allowed: {describe(node)}"
     key = ".".join([prefix, *trail] if prefix else trail)
-    of_table = own_words and isinstance(node, mi.StructType)
-    source = name_source(key, problem, of_table=of_table)
-    parts = (source, "" if source.endswith(f" with --set {key}") else key, problem)
+    name = source(key, problem, own_words and isinstance(node, mi.StructType))
+    parts = (name, "" if name.endswith(f" with --set {key}") else key, problem)
     return one_line(": ".join(part for part in parts if part))
 
 

@@ -68,7 +68,6 @@ TARGET_CMD_VEL = Topic(
 )
 TARGET_ODOM = Topic("target/odom", m.Odometry, "the person's true pose, in world")
 TARGET_SKELETON = Topic("target/skeleton", m.Skeleton, "the person's true joints, in world")
-OBSERVATION = Topic("target/observation", m.Observation, "the person as the robot perceives them")
 PEOPLE = Topic(
     "people",
     m.People,
@@ -81,6 +80,7 @@ SKELETONS = Topic("skeleton/observation", m.Skeletons, "the bodies that the trac
 LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the scan")
 DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]", max_bytes=MAX_PAYLOAD_BYTES)
 CAMERA_INFO = Topic("camera/camera_info", m.CameraInfo, "how the depth camera projects")
+OBSERVATION = Topic("target/observation", m.Observation, "the person as the robot perceives them")
 FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
 PARAMETERS = Topic(
     "sim/parameters",
@@ -91,32 +91,6 @@ PARAMETERS = Topic(
 
 DIAGNOSTICS = Topic("diagnostics/*", m.DiagnosticArray, "a service's rates, counts and health")
 """Diagnostics of all services; `diagnostics` returns the topic of one service."""
-
-TOPICS: tuple[Topic[m.Message], ...] = (
-    CLOCK,
-    JOINT_STATES,
-    GROUND_TRUTH,
-    IMU,
-    BATTERY_STATE,
-    JOINT_COMMAND,
-    ODOM,
-    CMD_VEL,
-    GUARD_CMD_VEL,
-    GUARD_STATE,
-    TARGET_CMD_VEL,
-    TARGET_ODOM,
-    TARGET_SKELETON,
-    PEOPLE,
-    SCAN,
-    SKELETONS,
-    LEGS,
-    DEPTH,
-    CAMERA_INFO,
-    OBSERVATION,
-    FOLLOWER_STATE,
-    PARAMETERS,
-    DIAGNOSTICS,
-)  # type: ignore[assignment]  # a tuple of topics of different messages
 
 ROBOT_DESCRIPTION = Call(
     "robot_description", m.Empty, m.String, "the robot as URDF; meshes below", files=True
@@ -149,19 +123,10 @@ SET_ODOMETRY = Call(
     changes=True,
 )
 
-CALLS: tuple[Call[m.Message, m.Message], ...] = (
-    ROBOT_DESCRIPTION,
-    SIM_STATE,
-    SIM_SCENARIO,
-    SIM_PAUSE,
-    SIM_RESUME,
-    SIM_STEP,
-    SIM_RESET,
-    SIM_SPEED,
-    GET_PARAMETERS,
-    SET_PARAMETERS,
-    SET_ODOMETRY,
-)  # type: ignore[assignment]
+TOPICS: tuple[Topic[m.Message], ...] = tuple(v for v in vars().values() if type(v) is Topic)
+"""All topics, in the order of this file."""
+CALLS: tuple[Call[m.Message, m.Message], ...] = tuple(v for v in vars().values() if type(v) is Call)
+"""All calls, in the order of this file."""
 
 
 @cache

@@ -140,7 +140,7 @@ def _read_part(
     file: Path | None = None
     if isinstance(name, str):
         ours = re.fullmatch(r"[\w-]+", name)
-        where = f"{origin.name(part, 'file', of_table=True)}: {part}: "
+        where = f"{origin.name(part, 'file', True)}: {part}: "
         file = named_file(name, part, where) if ours else origin.locate(name)
     below = read_toml(file) if file else {}
     if part == "world":
@@ -373,7 +373,7 @@ class _Origin(NamedTuple):
         is_given = any(path is text for text in self.given)
         return (Path.cwd() if is_given else self.path.parent) / path
 
-    def name(self, key: str, problem: str, *, of_table: bool) -> str:
+    def name(self, key: str, problem: str, of_table: bool) -> str:
         """Return the file of `key`, and the override that it may come from."""
         is_changed = any(f"{key}.".startswith(f"{change}.") for change in self.changes)
         own = self.files.get(key.partition(".")[0])

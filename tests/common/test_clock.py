@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from carts import ALONE, STATES, Carts, Rig, state, x_of
-from harness import Listener, error_of, load_robot
+from harness import Listener, ask_bytes, error_of, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import StoppedError
@@ -192,7 +192,7 @@ def test_a_reset_in_place_is_a_new_run_even_where_an_answer_is_missing(answers):
 def test_a_malformed_request_is_answered_by_an_error(call, payload):
     rig = Rig(ALONE, mode="real_time")
     with pytest.raises(BusError, match=f"^{call.key}: .+"):
-        rig.bus.call_bytes(call, payload)
+        ask_bytes(rig.bus, call, payload)
     assert rig.bus.refused == {call.key: 1}
     assert not rig.clock.paused
 

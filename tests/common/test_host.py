@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from harness import Rig, load_robot
+from harness import Rig, ask_bytes, load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario, SimConfig
@@ -152,7 +152,7 @@ def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
     bus = rig().bus
     assert bus.call(PLACE, m.OdometryRequest()).child_frame_id == "toy/place"
     with pytest.raises(BusError, match=r"^toy/place: behind the start$"):
-        bus.call_bytes(PLACE, b'{"pose":{"position":{"x":-1}}}')
+        ask_bytes(bus, PLACE, b'{"pose":{"position":{"x":-1}}}')
 
 
 def test_a_row_may_hang_on_the_configuration(rig):

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from harness import error_of, forward
+from harness import ask_bytes, error_of, forward
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import LocalBus
@@ -96,9 +96,9 @@ def test_a_request_beyond_its_limit_is_refused_and_counted():
         lambda request, reply: (asked.append(request), reply.answer(m.Odometry())),
     )
     near, far = (m.OdometryRequest(pose=m.Pose(position=m.Point(x=x))) for x in (1e5, 100000.1))
-    bus.call_bytes(keys.SET_ODOMETRY, encode(near, "json"))
+    ask_bytes(bus, keys.SET_ODOMETRY, encode(near, "json"))
     with pytest.raises(BusError, match=r"^set_odometry: position 100000\.1 is out of range, "):
-        bus.call_bytes(keys.SET_ODOMETRY, encode(far, "json"))
+        ask_bytes(bus, keys.SET_ODOMETRY, encode(far, "json"))
     assert asked == [near]
     assert bus.refused == {"set_odometry": 1}
 

@@ -1,6 +1,7 @@
 """The bus within one process: a put reaches every subscriber before it returns."""
 
 import pytest
+from harness import ask_bytes
 from mecazen import keys
 from mecazen.bus import LocalBus, StoppedError
 from mecazen.errors import BusError
@@ -32,14 +33,14 @@ def test_bytes_on_a_key_without_subscribers_are_lost(bus):
 @pytest.mark.parametrize("payload", [b"", b" \n", b"{}", b"\x80"])
 def test_an_empty_request_means_the_defaults(bus, payload):
     bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks)))
-    assert bus.call_bytes(keys.SIM_STEP, payload).tick == 1
+    assert ask_bytes(bus, keys.SIM_STEP, payload).tick == 1
 
 
 @pytest.mark.parametrize("payload", [b'{"ticks":0}', b'{"ticks":"x"}', b"x", b"[]", b"\xc0"])
 def test_a_malformed_request_is_refused_and_counted(bus, payload):
     bus.serve(keys.SIM_STEP, lambda _, reply: reply.answer(SimState()))
     with pytest.raises(BusError, match=r"^sim/step: "):
-        bus.call_bytes(keys.SIM_STEP, payload)
+        ask_bytes(bus, keys.SIM_STEP, payload)
     assert bus.refused == {"sim/step": 1}
     assert bus.call(keys.SIM_STEP, StepRequest()) == SimState()
 

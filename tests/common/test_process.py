@@ -1,24 +1,33 @@
 """Services as a process: how they end, and what they say when they can't begin."""
 
 import json
+import logging
 import os
 import re
 import secrets
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
+from carts import Carts
 from harness import COMMAND_GUARD_S, wait
-from mecazen.config import BusConfig, Process
+from mecazen.bus import LocalBus
+from mecazen.config import BusConfig, Process, SimConfig
 from mecazen.errors import BusError
+from mecazen.graph import TABLE
 from mecazen.keys import SIM_STATE
 from mecazen.messages import Empty
+from mecazen.node import Node
 from mecazen.runtime import process as running
+from mecazen.runtime.clock import Clock
+from mecazen.runtime.observer import Observer
 from mecazen.runtime.report import Reporter
+from mecazen.runtime.worker import Worker
 from mecazen.wire import Stamp
 
 TOYS = """
@@ -320,3 +329,81 @@ def test_a_client_waits_for_the_router_once(monkeypatch, scenario):
 )
 def test_a_stack_stays_together_on_the_core_with_the_fewest_real_time_processes(others, core):
     assert running.choose_core([3, 0, 1, 2], others, parent=1) == core
+
+
+class Page(Observer):
+    def reset(self, seed):
+        self.seed = seed
+
+
+class Still(Node):
+    ROW = TABLE["target"]
+
+    def reset(self, seed): ...
+
+    def step(self, tick, inputs):
+        return {}
+
+
+@pytest.fixture
+def toys(monkeypatch):
+    kinds = {"physics": Carts, "viewer": Page}
+    monkeypatch.setattr("mecazen.programs.find", lambda name, _: kinds.get(name, Still))
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize(
+    ("services", "kind"),
+    [(["target"], Worker), (["physics"], Clock), (["target", "physics"], Clock)],
+)
+def test_with_the_world_there_is_time_and_without_it_a_worker_that_waits(scenario, services, kind):
+    driver = running.drive([(service, "") for service in services], LocalBus(), scenario)
+    assert type(driver) is kind
+    assert {hosted.name for hosted in driver.host.hosted} == set(services)
+
+
+@pytest.mark.usefixtures("toys")
+def test_an_observer_drives_itself_and_has_begun_a_run(scenario):
+    page = running.drive([("viewer", "")], LocalBus(), scenario)
+    assert isinstance(page, Page)
+    assert page.seed == 5
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """The settings of sessions that were opened; handlers and logs are as before when it ends."""
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    opened = []
+
+    def open_session(*args, **settings):
+        opened.append(settings)
+        return nullcontext()
+
+    monkeypatch.setattr(running, "open_session", open_session)
+    yield opened
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("sim", "most_hz"),
+    [
+        (SimConfig(), 1000.0),  # ten samples in each tick of 10 ms
+        (SimConfig(tick_s=0.02, speed=4.0), 2000.0),
+        (SimConfig(mode="lockstep"), None),
+    ],
+)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_even_if_it_comes_before_it_waits(opened, scenario, sim, most_hz, number):
+    told = []
+
+    def tell(report):
+        told.append(report.kind)
+        os.kill(os.getpid(), number)
+
+    reporter = SimpleNamespace(log_level=logging.WARNING, tell=tell)
+    running.run_router(msgspec.structs.replace(scenario, sim=sim), reporter)
+    assert told == ["started"]
+    assert opened == [{"most_hz": most_hz, "robots": ("",)}]

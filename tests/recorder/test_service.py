@@ -7,8 +7,8 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RecorderConfig, Scenario
 from mecazen.loading import to_toml
-from mecazen.runtime.drivers import observe
 from mecazen.runtime.host import Host
+from mecazen.runtime.process import observe
 from mecazen.runtime.worker import Worker
 from mecazen.schema import Output
 from mecazen_recorder.reader import Recording

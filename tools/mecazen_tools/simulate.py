@@ -22,9 +22,9 @@ from mecazen.loading import load_scenario
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
-from mecazen.runtime.drivers import observe
 from mecazen.runtime.host import Host
 from mecazen.runtime.pace import Receipts
+from mecazen.runtime.process import observe
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 

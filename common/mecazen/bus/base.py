@@ -16,8 +16,7 @@ from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
-from mecazen.suggest import unknown_fields
-from mecazen.text import printable
+from mecazen.text import printable, unknown_fields
 from mecazen.wire import RefusedError, Stamp, decode, format_of
 
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)

@@ -10,6 +10,7 @@ import queue
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Generic, TypeVar
 
@@ -17,13 +18,20 @@ SAMPLE_BYTES = 500
 """Approximate memory of a waiting sample besides its payload [bytes]."""
 BACKLOG_BYTES = 1 << 26
 """Maximum size of the waiting samples of a subscription that needs every sample [bytes]."""
+SIGNAL_CHECK_S = 0.2
+"""Maximum delay of a signal that arrives just before a wait and does not interrupt it [s]."""
 WAITING_SAMPLES = 16
 """Maximum number of waiting samples of any other subscription, which takes the newest valid one."""
 
 Queue = queue.SimpleQueue[Callable[[], None]]
-
-
 SampleT = TypeVar("SampleT")
+
+
+def next_of(waiting: queue.SimpleQueue[SampleT]) -> SampleT:
+    """Return the next of a queue; also a signal may put it there."""
+    while True:
+        with suppress(queue.Empty):
+            return waiting.get(timeout=SIGNAL_CHECK_S)
 
 
 class Refusals:

@@ -11,7 +11,6 @@ from typing import Any
 from mecazen.bus.base import (
     Bus,
     Handler,
-    Nothing,
     Publisher,
     Reply,
     StoppedError,
@@ -40,17 +39,8 @@ class LocalBus(Bus):
         """Return a publisher for a topic."""
         return _LocalPublisher(self._handlers[topic.key])
 
-    def subscribe(
-        self,
-        topic: Topic[MessageT],
-        handler: Handler[MessageT],
-        *,
-        every: bool = False,
-        nothing: Nothing | None = None,
-        of: str = "",
-    ) -> None:
+    def subscribe(self, topic: Topic[MessageT], handler: Handler[MessageT], **_: Any) -> None:
         """Deliver every sample of a topic to `handler`, in the order of subscription."""
-        del every, nothing, of
         self._topics.setdefault(topic.key, topic)
         self._handlers[topic.key].append(handler)
 
@@ -93,13 +83,6 @@ class LocalBus(Bus):
         if not self.serves(call):
             raise BusError(f"{call.key}: nobody answers")
         return self._ask(call, request)
-
-    def call_bytes(self, call: Call[RequestT, AnswerT], payload: bytes) -> AnswerT:
-        """Query a key with bytes, as an external program would."""
-        try:
-            return self.call(call, self._decode_request(call, payload))
-        except RefusedError as refusal:
-            raise BusError(f"{call.key}: {refusal}") from None
 
     def declare_alive(self, name: str, robot: str = "") -> None:
         """Note that a service is alive."""

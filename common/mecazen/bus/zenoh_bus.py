@@ -21,7 +21,7 @@ from mecazen.bus.base import (
     decode_sample,
     deliver,
 )
-from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals
+from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals, next_of
 from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
 from mecazen.bus.receiving import Pause, direct
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
@@ -37,9 +37,6 @@ logger = logging.getLogger(__name__)
 
 Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""
-
-SIGNAL_CHECK_S = 0.2
-"""Maximum delay of a signal that arrives just before a wait and does not interrupt it [s]."""
 
 
 class ZenohBus(Bus):
@@ -124,13 +121,12 @@ class ZenohBus(Bus):
         handlers = self._heard.setdefault((topic.key, every, of), [])
         handlers.append(handler)
         if len(handlers) == 1:
-            self._hear(topic, handlers, every=every, nothing=nothing, of=of)
+            self._hear(topic, handlers, every, nothing, of)
 
     def _hear(
         self,
         topic: Topic[MessageT],
         handlers: list[Handler[MessageT]],
-        *,
         every: bool,
         nothing: Nothing | None,
         of: str,
@@ -334,7 +330,7 @@ class ZenohBus(Bus):
         """Deliver one sample, query or event on this thread."""
         try:
             if timeout_s is None:
-                deliver_one = self._wait()
+                deliver_one = next_of(self._queue)
             elif timeout_s <= 0.0:
                 deliver_one = self._queue.get_nowait()
             else:
@@ -343,13 +339,6 @@ class ZenohBus(Bus):
             return False
         deliver_one()
         return True
-
-    def _wait(self) -> Callable[[], None]:
-        while True:
-            try:
-                return self._queue.get(timeout=SIGNAL_CHECK_S)
-            except queue.Empty:
-                continue
 
     def stop(self) -> None:
         """Make the next `spin_once`, or one that waits, raise StoppedError."""

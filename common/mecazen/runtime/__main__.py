@@ -11,9 +11,8 @@ from contextlib import contextmanager
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario, scenario_path
-from mecazen.runtime.process import end_with_stdin, run_process
+from mecazen.runtime.process import end_with_stdin, run_process, run_router
 from mecazen.runtime.report import Report, Reporter
-from mecazen.runtime.router import run_router
 
 ROUTER = "router"
 

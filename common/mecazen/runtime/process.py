@@ -1,4 +1,4 @@
-"""Runs services as a process: opens the bus, declares liveliness, sets priority and signals."""
+"""Runs services, or the router, as a process: bus, driver, liveliness, priority and signals."""
 
 from __future__ import annotations
 
@@ -8,28 +8,35 @@ import signal
 import threading
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 
 from mecazen import log
 from mecazen.bridges import Put, bridge_of
-from mecazen.bus.base import StoppedError
+from mecazen.bus import Bus, StoppedError
+from mecazen.bus.inbox import next_of
+from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.errors import BusError, ConfigError
-from mecazen.graph import SHARED
-from mecazen.programs import graph_of
+from mecazen.graph import OBSERVERS, SHARED
+from mecazen.programs import classes, graph_of
 from mecazen.robots import join_key
-from mecazen.runtime.drivers import drive
-from mecazen.runtime.host import Host, part_of
+from mecazen.runtime.clock import Clock
+from mecazen.runtime.host import Host, Part, part_of
 from mecazen.runtime.observer import Observer
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.runtime.report import Report, Reporter
-from mecazen.runtime.router import stop_on_signals
+from mecazen.runtime.worker import Worker
 from mecazen.wire import NS_PER_S
 
 logger = logging.getLogger(__name__)
+
+SAMPLES_PER_TICK = 10
+"""In real time, the number of samples per tick that a router accepts on a key from each link."""
 
 
 def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> None:
@@ -90,6 +97,51 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
         if side is not None:
             side.close()
         bus.close()
+
+
+def drive(parts: Sequence[Part], bus: Bus, scenario: Scenario) -> Clock | Worker | Observer:
+    """Return the driver of a process's services, ready to run.
+
+    Raises:
+        ConfigError: A service does not exist, or the scenario does not suit it.
+    """
+    if parts[0][0] in OBSERVERS:
+        return observe(parts[0][0], bus, scenario)
+    host = Host(parts, bus, scenario)
+    return Worker(host) if host.world is None else Clock(host)
+
+
+def observe(service: str, bus: Bus, scenario: Scenario) -> Observer:
+    """Return an observer, ready to run; raises as `drive`."""
+    (kind,) = classes(service, scenario).values()
+    assert issubclass(kind, Observer)  # `classes` refuses other types
+    observer = kind(service, bus, scenario)
+    observer.reset(scenario.seed)
+    return observer
+
+
+def run_router(scenario: Scenario, reporter: Reporter) -> None:
+    """Run the router until a signal ends it.
+
+    Raises:
+        BusError: The port is taken, or an endpoint is insecure.
+    """
+    log.set_up("router", lambda: 0.0, reporter.log_level)
+    stopped: SimpleQueue[None] = SimpleQueue()
+    stop_on_signals(partial(stopped.put, None))
+    sim = scenario.sim
+    # lockstep has no rate: ticks may be fast, and a dropped sample would be awaited in vain
+    most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
+    with open_session(scenario.bus, "router", "router", most_hz=most_hz, robots=scenario.names):
+        logger.info("msg=started endpoints=%s", ",".join(scenario.bus.router_endpoints or ()))
+        reporter.tell(Report("started"))
+        next_of(stopped)
+
+
+def stop_on_signals(stop: Callable[[], None]) -> None:
+    """Call `stop` on SIGINT, SIGTERM and SIGHUP."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop())
 
 
 def _put_nowhere(*_: object) -> None:

@@ -147,8 +147,4 @@ def read_norm(file: Path) -> Norm:
     try:
         return msgspec.convert(raw, Norm)
     except msgspec.ValidationError as error:
-
-        def name_source(key: str, problem: str, *, of_table: bool) -> str:
-            return str(file)
-
-        raise ConfigError(explain(error, raw, Norm, "", name_source)) from None
+        raise ConfigError(explain(error, raw, Norm, "", lambda *_: str(file))) from None

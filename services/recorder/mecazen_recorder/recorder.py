@@ -23,8 +23,8 @@ from mecazen.loading import robots_in
 from mecazen.messages import Empty, Message
 from mecazen.robots import split_key
 from mecazen.runtime.pace import RECORD, Receipts
+from mecazen.runtime.process import stop_on_signals
 from mecazen.runtime.readiness import READY
-from mecazen.runtime.router import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
 from mecazen_recorder.runs import FirstSamples

@@ -16,8 +16,7 @@ from mecazen.keys import topic_of
 from mecazen.limits import refuse_implausible
 from mecazen.plan import compile_plan
 from mecazen.programs import graph_of
-from mecazen.suggest import unknown_fields
-from mecazen.text import printable
+from mecazen.text import printable, unknown_fields
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from rich.table import Column, Table
 from rich.text import Text
