@@ -13,10 +13,8 @@ from mecazen.row import Row, due, every
 from mecazen.wire import NS_PER_S
 from mecazen_follower.estimators import Array, Estimate, Estimator
 from mecazen_follower.following import Following
-from mecazen_follower.making import make_planner
 from mecazen_follower.measurement import Measurement
-from mecazen_follower.node import data_sheet, sight_of, view_of
-from mecazen_follower.planner.costs import Extents
+from mecazen_follower.node import data_sheet, make_planner, view_of
 from mecazen_follower.tracking import Frame
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
@@ -57,10 +55,8 @@ class OracleFollower(Node):
         """Begin a run."""
         self._truth = Truth(Params())
         config = self.scenario.follower
-        drive, robot = Drive.of(self.scenario), self.scenario.robot
-        body = Extents(*robot.footprint, self.scenario.world.person.radius_m)
-        sensor = data_sheet(self.scenario)
-        planner = make_planner(config, drive, body, sight_of(self.scenario, sensor), seed)
+        drive, sensor = Drive.of(self.scenario), data_sheet(self.scenario)
+        planner = make_planner(self.scenario, sensor, seed)
         view = view_of(self.scenario, sensor, config)
         self._following = Following(config, SensorConfig(), drive, view, planner=planner)
         self._following.people.estimator = self._truth

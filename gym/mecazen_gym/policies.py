@@ -12,9 +12,9 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.programs import imported
 from mecazen_follower.following import Following
-from mecazen_follower.making import make_controller
 from mecazen_follower.measurement import Measurement
 from mecazen_follower.node import data_sheet, view_of
+from mecazen_follower.pid import PoseController
 from mecazen_follower.tracking import Frame
 from msgspec.structs import replace
 
@@ -49,8 +49,7 @@ class Pid:
 
     def __init__(self, env: FollowEnv, seed: int) -> None:
         del seed
-        control = PidControl(feed_forward=False)
-        self._law = make_controller(replace(env.follower, control=control))
+        self._law = PoseController(PidControl(feed_forward=False))
         self._env = env
 
     def __call__(self, observation: Array) -> Array:

@@ -10,11 +10,11 @@ from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.making import make_controller, make_planner
 from mecazen_follower.planner.costs import Extents, Sight, Situation
 from mecazen_follower.planner.field import Shadows
+from mecazen_follower.planner.planner import Planner
 from mecazen_follower.planner.rollout import Rollout
-from mecazen_follower.polar import FieldOfView
+from mecazen_follower.polar import FieldOfView, PolarController
 
 SCENARIO = Scenario(robot=load_robot())
 DRIVE = Drive.of(SCENARIO)
@@ -58,7 +58,7 @@ def scan(lidar, circles):
 
 def planner_of(config=None, sight=CAMERA, **settings):
     config = FollowerConfig(planner=PlannerConfig(**{"samples": 400, **settings}), **config or {})
-    return config, make_planner(config, DRIVE, BODY, sight, seed=1)
+    return config, Planner(config, DRIVE, BODY, sight, seed=1)
 
 
 def standing(place, velocity=(0.0, 0.0)):
@@ -71,7 +71,8 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     The robot is a circle about its rectangle here. `walkers` are (x, y, vx, vy) at time 0.
     """
     config, planner = planner_of(config)
-    law = make_controller(config, DRIVE, FieldOfView(math.radians(22.5)))
+    view = FieldOfView(math.radians(22.5))
+    law = PolarController(config.standoff, config.control, DRIVE, view)
     person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)
     for tick in range(round(seconds / TICK)):

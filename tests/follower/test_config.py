@@ -7,8 +7,6 @@ import pytest
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import LinearGains, PidControl, PolarControl
 from mecazen_follower.estimators import ESTIMATORS
-from mecazen_follower.making import make_controller
-from mecazen_follower.polar import PolarController
 
 
 def load(**table):
@@ -19,7 +17,7 @@ def test_defaults_follow_1_m_behind_around_the_person():
     config = load()
     assert config.standoff == pytest.approx((1.0, math.pi, 0.0))
     assert config.estimator in ESTIMATORS
-    assert isinstance(make_controller(config), PolarController)
+    assert config.control == PolarControl()
 
 
 def test_what_of_the_control_is_not_given_keeps_its_default():

@@ -4,16 +4,17 @@ import math
 
 import numpy as np
 import pytest
-from mecazen_follower.planner.law import Goals, PolarGains, towards
+from mecazen.config.follower import PolarControl
+from mecazen_follower.planner.law import Goals, towards
 
-GAINS = PolarGains(linear=3.0, braking=2.0, heading=4.0, heading_braking=6.0, max_yaw_rate=3.0)
+LAW = PolarControl(heading_gain_1_s=4.0)
 BEHIND = -1.0, 0.0, 0.0
 
 
 def commanded(place, velocity=(0.0, 0.0, 0.0), turn=0.0):
     """Return what is commanded at a place; the goal is 1 m behind a person at the origin."""
     poses, velocities = (np.array(of)[None, :, None] for of in (BEHIND, velocity))
-    command = towards(np.zeros((1, 3)), Goals(poses, velocities, np.array([turn])), GAINS)
+    command = towards(np.zeros((1, 3)), Goals(poses, velocities, np.array([turn])), LAW)
     return command(0, *np.array(place)[:, None])[:, 0]
 
 

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_follower.pid import PID, Gains, PoseController
 
@@ -61,7 +62,7 @@ NORTH = math.pi / 2
 
 def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
     gains = Gains(kp=kp, ki=ki, kd=kd, limit=5.0)
-    return PoseController(gains, gains, gains, feed_forward)
+    return PoseController(PidControl(gains, gains, gains, feed_forward))
 
 
 def test_error_is_taken_in_base_link():

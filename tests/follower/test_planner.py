@@ -21,11 +21,11 @@ ORIGIN = Pose2D()
 
 
 def test_the_trail_leads_round_the_corner_that_the_person_took():
-    trail = Trail(1.2)
+    trail = Trail()
     for k in range(17):
-        trail.add(Pose2D(0.125 * k, 0.0))
+        trail.add(Pose2D(0.125 * k, 0.0), 1.2)
     for k in range(1, 5):
-        trail.add(Pose2D(2.0, 0.125 * k))
+        trail.add(Pose2D(2.0, 0.125 * k), 1.2)
     robot = Pose2D(0.5, 0.0)
     person = Prediction.of(standing((2.0, 0.6, math.pi / 2), (0.0, 0.4)), robot, 4, 0.25)
     goals = goals_of(Standoff(1.2, math.pi, 0.0), person, trail.points(robot))

@@ -10,12 +10,12 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from mecazen.config import ControllerConfig, FollowerConfig, Scenario
 from mecazen.config.controller import AxisLimits, LinearLimits
-from mecazen.config.follower import PidControl
+from mecazen.config.follower import PidControl, PolarControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.standoff import Standoff
-from mecazen_follower.making import make_controller
-from mecazen_follower.polar import ALL_AROUND, Approach, PolarController, kept_view
+from mecazen_follower.pid import PoseController
+from mecazen_follower.polar import ALL_AROUND, PolarController, approach, kept_view
 from msgspec.structs import replace
 from planar import angles, poses, standoffs, twists
 
@@ -26,9 +26,10 @@ STILL = Twist2D()
 
 
 def make(standoff=BACK, max_speed=2.0, max_yaw_rate=3.0):
-    return PolarController(
-        standoff, Approach(3.0, 2.0), Approach(4.0, 6.0), max_speed, max_yaw_rate
+    law = PolarControl(
+        heading_gain_1_s=4.0, max_speed_m_s=max_speed, max_yaw_rate_rad_s=max_yaw_rate
     )
+    return PolarController(standoff, law)
 
 
 def follow(controller, robot, seconds, walk=STILL, standoff=BACK, acceleration=math.inf):
@@ -54,12 +55,9 @@ def follow(controller, robot, seconds, walk=STILL, standoff=BACK, acceleration=m
 
 
 def test_approach_is_proportional_near_and_brakes_in_time_from_afar():
-    approach = Approach(gain=3.0, deceleration=2.0)
-    assert approach.rate(0.1) == pytest.approx(0.3)
-    assert approach.rate(-0.1) == pytest.approx(-0.3)
-    # v² = 2 * 2 m/s² * 4 m
-    assert approach.rate(4.0) == pytest.approx(4.0)
-    assert approach.rate(0.0) == 0.0
+    # from afar v² = 2 * 2 m/s² * 4 m
+    for error, rate in ((0.1, 0.3), (-0.1, -0.3), (4.0, 4.0), (0.0, 0.0)):
+        assert approach(error, 3.0, 2.0) == pytest.approx(rate)
 
 
 @given(standoffs, poses, twists)
@@ -91,7 +89,7 @@ def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance,
 
 def test_pids_drive_through_the_person_where_it_goes_around():
     start = Pose2D(1.5, 0.0, 0.0)
-    pid = make_controller(FollowerConfig(control=PidControl()))
+    pid = PoseController(PidControl())
     assert min(a.distance(b) for a, b in follow(pid, start, 5.0)) < 0.05
     assert min(a.distance(b) for a, b in follow(make(), start, 5.0)) > 0.95
 
@@ -174,7 +172,7 @@ def walk(config, walking, seconds, view=ALL_AROUND):
 
     The person's body twist at a time is `walking`; the follower knows pose and velocity.
     """
-    controller = make_controller(config, DRIVE, view)
+    controller = PolarController(config.standoff, config.control, DRIVE, view)
     person = Pose2D()
     robot = config.standoff.goal(person)
     for tick in range(round(seconds / DT)):

@@ -7,15 +7,16 @@ from collections import deque
 from typing import NamedTuple
 
 from mecazen.config import FollowerConfig, SensorConfig
+from mecazen.config.follower import PidControl, PolarControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.standoff import Errors
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.making import make_controller
+from mecazen_follower.pid import PoseController
 from mecazen_follower.planner.planner import Planner
 from mecazen_follower.planner.verdict import Plan
-from mecazen_follower.polar import ALL_AROUND, UNLIMITED, FieldOfView
+from mecazen_follower.polar import ALL_AROUND, UNLIMITED, FieldOfView, PolarController
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5
@@ -57,23 +58,28 @@ class Following:
         planner: Planner | None = None,
     ) -> None:
         self.people = PersonTracker(config, sensor, hold)
-        self._controller = make_controller(config, drive, view)
+        self._controller: PoseController | PolarController
+        if isinstance(config.control, PidControl):
+            self._controller = PoseController(config.control)
+        else:
+            self._controller = PolarController(config.standoff, config.control, drive, view)
         self.planner = planner
-        self._view = view
+        self.configure(config, drive, view)
         self._side = 1.0
-        self._standoff = config.standoff
-        self._response = config.response_s
         self._pending: deque[tuple[Twist2D, float]] = deque()
         """Commands to which the robot has not responded yet, with their durations [s]."""
         self._robot: Pose2D | None = None
 
-    def take_over(self, other: Following) -> None:
-        """Go on with the person and the robot as another has known them, who drove differently."""
-        self.people = other.people
-        self._controller.take_over(other._controller)  # type: ignore[arg-type]  # the same kind
-        if self.planner is not None and other.planner is not None:
-            self.planner.take_over(other.planner)
-        self._side, self._pending, self._robot = other._side, other._pending, other._robot
+    def configure(self, config: FollowerConfig, drive: Drive, view: FieldOfView) -> None:
+        """Go on with other gains, limits or another place."""
+        self._standoff, self._response, self._view = config.standoff, config.response_s, view
+        match self._controller, config.control:
+            case PoseController() as pids, PidControl() as law:
+                pids.configure(law)
+            case PolarController() as polar, PolarControl() as law:
+                polar.configure(config.standoff, law, drive, view)
+        if self.planner is not None:
+            self.planner.configure(config, drive)
 
     def step(self, time: float, dt: float, robot: Pose2D, frame: Frame | None) -> Step:
         """Compute the tick at `time` [s], `dt` [s] after the last, with base_link at `robot`."""

@@ -23,9 +23,9 @@ from msgspec.structs import replace
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
-from mecazen_follower.making import make_planner
 from mecazen_follower.measurement import Measurement, check
 from mecazen_follower.planner.costs import Extents, Sight
+from mecazen_follower.planner.planner import Planner
 from mecazen_follower.polar import FieldOfView, kept_view
 from mecazen_follower.tracking import Frame
 
@@ -80,26 +80,20 @@ class FollowerNode(Node):
 
     def reset(self, seed: int) -> None:
         """Forget the person and where the robot was."""
-        self.seed = seed
-        self.following = self._make_following()
+        sensor, drive = self.sensor, Drive.of(self.scenario)
+        view = view_of(self.scenario, sensor, self.config)
+        # scans wait for the frames of a camera, which come later
+        hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
+        planner = make_planner(self.scenario, sensor, seed)
+        self.following = Following(self.config, sensor, drive, view, hold_s, planner)
         self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
         self.state: m.FollowerState | None = None
 
     def configure(self, scenario: Scenario) -> None:
         """Drive differently from now on, or to another place."""
         super().configure(scenario)
-        following = self._make_following()
-        following.take_over(self.following)
-        self.following = following
-
-    def _make_following(self) -> Following:
-        sensor, drive = self.sensor, Drive.of(self.scenario)
-        view = view_of(self.scenario, sensor, self.config)
-        # scans wait for the frames of a camera, which come later
-        hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
-        body = Extents(*self.scenario.robot.footprint, self.scenario.world.person.radius_m)
-        planner = make_planner(self.config, drive, body, sight_of(self.scenario, sensor), self.seed)
-        return Following(self.config, sensor, drive, view, hold_s, planner)
+        view = view_of(scenario, self.sensor, self.config)
+        self.following.configure(self.config, Drive.of(scenario), view)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
@@ -209,15 +203,20 @@ def data_sheet(scenario: Scenario) -> SensorConfig:
     )
 
 
-def sight_of(scenario: Scenario, sensor: SensorConfig) -> Sight:
-    """Return where the sensor looks by which the person is found."""
+def make_planner(scenario: Scenario, sensor: SensorConfig, seed: int) -> Planner | None:
+    """Return a new planner for a scenario's robot and its sensor, if one is configured."""
+    if scenario.follower.planner is None:
+        return None
     half_fov = math.radians(sensor.fov_deg) / 2
     if sensor.kind == "pose":
-        return Sight(0.0, half_fov, sensor.max_range_m)
-    if sensor.kind == "legs":
-        return Sight(0.0, half_fov, scenario.sensors.lidar.max_range_m)
-    yaw = math.radians(scenario.robot.camera.yaw_deg)
-    return Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
+        sight = Sight(0.0, half_fov, sensor.max_range_m)
+    elif sensor.kind == "legs":
+        sight = Sight(0.0, half_fov, scenario.sensors.lidar.max_range_m)
+    else:
+        yaw = math.radians(scenario.robot.camera.yaw_deg)
+        sight = Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
+    body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
+    return Planner(scenario.follower, Drive.of(scenario), body, sight, seed)
 
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:

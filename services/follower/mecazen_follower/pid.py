@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
-
-from mecazen.config.follower import Gains
+from mecazen.config.follower import Gains, PidControl
 from mecazen.geometry import Pose2D, Twist2D, rotate
 
 
@@ -19,7 +17,7 @@ class PID:
     """
 
     def __init__(self, gains: Gains) -> None:
-        self._gains = gains
+        self.gains = gains
         self._integral = 0.0
 
     def update(self, error: float, rate: float, dt: float, feed_forward: float = 0.0) -> float:
@@ -28,16 +26,12 @@ class PID:
         `rate` is the derivative of the measurement; `feed_forward` has the unit of the output
         and counts towards its limit.
         """
-        gains = self._gains
+        gains = self.gains
         integral = self._integral + gains.ki * error * dt
         output = feed_forward + gains.kp * error + integral - gains.kd * rate
         if abs(output) <= gains.limit or output * error < 0.0:
             self._integral = integral
         return min(max(output, -gains.limit), gains.limit)
-
-    def take_over(self, other: PID) -> None:
-        """Go on where one with other gains was."""
-        self._integral = other._integral
 
     def reset(self) -> None:
         """Set the integral to zero."""
@@ -58,10 +52,15 @@ class PoseController:
     Integrals are in base_link, where slip and the lag in a steady turn are constant.
     """
 
-    def __init__(self, x: Gains, y: Gains, yaw: Gains, feed_forward: bool) -> None:
-        self._x, self._y, self._yaw = PID(x), PID(y), PID(yaw)
-        self._feed_forward = feed_forward
+    def __init__(self, law: PidControl) -> None:
+        self._x, self._y, self._yaw = PID(law.x), PID(law.y), PID(law.yaw)
+        self._feed_forward = law.feed_forward
         self._last: Pose2D | None = None
+
+    def configure(self, law: PidControl) -> None:
+        """Go on with other gains."""
+        self._x.gains, self._y.gains, self._yaw.gains = law.x, law.y, law.yaw
+        self._feed_forward = law.feed_forward
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
         """Return the twist in base_link that drives the robot to the goal.
@@ -85,13 +84,6 @@ class PoseController:
             self._y.update(error.y, measured.y - expected.y, dt, expected.y),
             self._yaw.update(error.yaw, measured.yaw - expected.yaw, dt, expected.yaw),
         )
-
-    def take_over(self, other: Self) -> None:
-        """Go on where a controller with other gains was."""
-        self._x.take_over(other._x)
-        self._y.take_over(other._y)
-        self._yaw.take_over(other._yaw)
-        self._last = other._last
 
     def resume(self, twist: Twist2D) -> None:
         """Reset the integrals, which do not belong to the twist that was commanded instead."""

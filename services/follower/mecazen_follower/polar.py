@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
+from mecazen.config.follower import PolarControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.standoff import Standoff
@@ -19,23 +20,13 @@ MARGIN = math.radians(15.0)
 """Between where the person is kept and the edge of the field of view [rad]."""
 
 
-class Approach(NamedTuple):
-    """A proportional `gain` [1/s], limited so that the robot can brake in time.
+def approach(error: float, gain: float, deceleration: float) -> float:
+    """Return the rate at which to reduce `error`: proportional, with a `gain` [1/s].
 
-    `deceleration` [m/s² or rad/s²] is what the robot can achieve.
+    It is limited to √(2 a e), the speed from which the deceleration a stops within e.
     """
-
-    gain: float
-    deceleration: float
-
-    def rate(self, error: float) -> float:
-        """Return the rate at which to reduce `error`, with its sign.
-
-        It is limited to √(2 a e), the speed from which the deceleration a stops within e.
-        """
-        size = abs(error)
-        braking = math.sqrt(2.0 * self.deceleration * size)
-        return math.copysign(min(self.gain * size, braking), error)
+    size = abs(error)
+    return math.copysign(min(gain * size, math.sqrt(2.0 * deceleration * size)), error)
 
 
 class FieldOfView(NamedTuple):
@@ -63,33 +54,32 @@ class PolarController:
     Feed-forward moves the robot like a body fixed to the person. Feedback corrects the distance
     along the line to the person, the bearing across it, and the heading: docs/following.md.
 
-    `linear` is the approach of distance and bearing, the latter as an arc length [m];
-    `heading` is that of the heading. `max_speed` [m/s] limits base_link in any direction, `drive`
-    is what the robot can do, and `view` where the person is to be kept.
+    The bearing counts as an arc length [m]. `drive` is what the robot can do, and `view` where the
+    person is to be kept.
     """
 
     def __init__(
         self,
         standoff: Standoff,
-        linear: Approach,
-        heading: Approach,
-        max_speed: float,
-        max_yaw_rate: float,
+        law: PolarControl,
         drive: Drive = UNLIMITED,
         view: FieldOfView = ALL_AROUND,
     ) -> None:
-        self._standoff = standoff
-        self._linear, self._heading = linear, heading
-        self._max_speed, self._max_yaw_rate = max_speed, max_yaw_rate
-        self._drive, self._view = drive, view
+        self.configure(standoff, law, drive, view)
         self._last = Twist2D()
+
+    def configure(
+        self, standoff: Standoff, law: PolarControl, drive: Drive, view: FieldOfView
+    ) -> None:
+        """Go on with other gains, limits or another place."""
+        self._standoff, self._law, self._drive, self._view = standoff, law, drive, view
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
         """Return the twist in base_link that keeps the robot with the goal.
 
         `goal`, `goal_velocity` and `robot` are in odom; `dt` [s] is the time since the last call.
         """
-        person = self._standoff.person(goal)
+        law, person = self._law, self._standoff.person(goal)
         turn = goal_velocity.yaw
         reach = goal.x - person.x, goal.y - person.y
         with_person = goal_velocity.x + turn * reach[1], goal_velocity.y - turn * reach[0]
@@ -111,13 +101,15 @@ class PolarController:
             feed_forward = turn_to_person / distance
         else:
             feed_forward = turn
-        yaw = feed_forward + self._heading.rate(wrap(goal.yaw + facing - robot.yaw))
+        error = wrap(goal.yaw + facing - robot.yaw)
+        yaw = feed_forward + approach(error, law.heading_gain_1_s, law.heading_braking_rad_s2)
 
-        away += self._linear.rate(self._standoff.distance - distance)
-        around += distance * turn + self._linear.rate(distance * wrap(wanted - bearing))
-        yaw = min(max(yaw, -self._max_yaw_rate), self._max_yaw_rate)
+        linear = law.linear_gain_1_s, law.linear_braking_m_s2
+        away += approach(self._standoff.distance - distance, *linear)
+        around += distance * turn + approach(distance * wrap(wanted - bearing), *linear)
+        yaw = min(max(yaw, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)
         twist = Wanted(away, around, yaw, turn_first=facing != 0.0)
-        self._last = allocate(twist, direction, self._last, self._drive, self._max_speed, dt)
+        self._last = allocate(twist, direction, self._last, self._drive, law.max_speed_m_s, dt)
         return self._last
 
     def _facing(self, velocity: tuple[float, float], off: float) -> float:
@@ -133,10 +125,6 @@ class PolarController:
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
         half, centre = self._view
         return off - min(max(off - facing, centre - half), centre + half)
-
-    def take_over(self, other: Self) -> None:
-        """Go on where a controller with other gains, limits or another place was."""
-        self._last = other._last
 
     def resume(self, twist: Twist2D) -> None:
         """Go on from a twist in base_link that was commanded in place of the last one."""

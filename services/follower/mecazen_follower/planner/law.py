@@ -7,22 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.config.follower import PolarControl
 from mecazen.drive_batch import Array
 from mecazen.portable import arctan2
 
 from mecazen_follower.planner.rollout import Command
 
 Floats = npt.NDArray[np.float64]
-
-
-class PolarGains(NamedTuple):
-    """Gains [1/s] and decelerations [m/s², rad/s²] of `PolarControl`, and its fastest turn."""
-
-    linear: float
-    braking: float
-    heading: float
-    heading_braking: float
-    max_yaw_rate: float
 
 
 class Goals(NamedTuple):
@@ -36,17 +27,17 @@ class Goals(NamedTuple):
     turn: Floats
 
 
-def towards(person: Floats, goals: Goals, gains: PolarGains) -> Command:
+def towards(person: Floats, goals: Goals, law: PolarControl) -> Command:
     """Return the law of polar.py without its care for the wheels: `MotionLimits` sees to these.
 
     `person` (steps, 3) is where the person will be.
     """
-    n = goals.poses.shape[-1]
+    n, linear_braking = goals.poses.shape[-1], law.linear_braking_m_s2
     gain, twice_braking = (
         np.repeat(np.array(values)[:, None], n, axis=1)
         for values in (
-            (gains.linear, gains.linear, gains.heading),
-            (2.0 * gains.braking, 2.0 * gains.braking, 2.0 * gains.heading_braking),
+            (law.linear_gain_1_s, law.linear_gain_1_s, law.heading_gain_1_s),
+            (2.0 * linear_braking, 2.0 * linear_braking, 2.0 * law.heading_braking_rad_s2),
         )
     )
     reaches = goals.poses[:, :2] - person[:, :2, None]
@@ -69,7 +60,7 @@ def towards(person: Floats, goals: Goals, gains: PolarGains) -> Command:
         away = ux * with_x + uy * with_y + rate[0]
         around = ux * with_y - uy * with_x + goals.turn * distance + rate[1]
         turn = goals.velocities[k, 2] + rate[2]
-        turn = np.minimum(np.maximum(turn, -gains.max_yaw_rate), gains.max_yaw_rate)
+        turn = np.minimum(np.maximum(turn, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)
         return np.array((ux * away - uy * around, uy * away + ux * around, turn))
 
     return command

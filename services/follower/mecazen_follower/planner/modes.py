@@ -43,18 +43,16 @@ class Prediction(NamedTuple):
 class Trail:
     """Where the person has walked, as far back as the robot may be."""
 
-    def __init__(self, standoff: float) -> None:
-        self._points: deque[tuple[float, float]] = deque(maxlen=round((standoff + 3.0) / TRAIL_M))
+    def __init__(self) -> None:
+        self._points: deque[tuple[float, float]] = deque()
 
-    def add(self, person: Pose2D) -> None:
-        """Note where the person is, in odom."""
+    def add(self, person: Pose2D, standoff: float) -> None:
+        """Note where the person is, in odom; `standoff` [m] is the distance to keep."""
         here = person.x, person.y
         if not self._points or math.dist(self._points[-1], here) >= TRAIL_M:
             self._points.append(here)
-
-    def take_over(self, other: Trail) -> None:
-        """Keep what another has noted."""
-        self._points.extend(other._points)
+        while len(self._points) > round((standoff + 3.0) / TRAIL_M):
+            self._points.popleft()
 
     def points(self, robot: Pose2D) -> Floats:
         """Return the trail (n, 2), oldest first, from the robot's place on."""

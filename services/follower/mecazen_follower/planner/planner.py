@@ -7,17 +7,17 @@ from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.config.follower import PlannerConfig
+from mecazen.config import FollowerConfig
+from mecazen.config.follower import PolarControl
 from mecazen.drive import Drive
 from mecazen.drive_batch import Array, MotionLimits
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.messages import LaserScan
-from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Costs, Extents, Sight, Situation
 from mecazen_follower.planner.field import Shadows
-from mecazen_follower.planner.law import PolarGains, towards
+from mecazen_follower.planner.law import towards
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
 from mecazen_follower.planner.mppi import STEPS, Mppi, Problem, Search
 from mecazen_follower.planner.obstacles import Surroundings
@@ -33,11 +33,8 @@ class Planner:
     """Plans from time to time; between plans it follows the last one.
 
     Args:
-        config: Its config.
-        standoff: The place to keep beside the person.
-        gains: Gains of the polar law.
+        config: The follower's, with a planner.
         drive: Limits of wheels and controller.
-        max_speed: Maximum speed of base_link in any direction [m/s].
         body: Sizes of robot and person.
         sight: Field of view of the sensor that sees the person.
         seed: Seed of the samples.
@@ -48,30 +45,29 @@ class Planner:
     """
 
     def __init__(
-        self,
-        config: PlannerConfig,
-        standoff: Standoff,
-        gains: PolarGains,
-        drive: Drive,
-        max_speed: float,
-        body: Extents,
-        sight: Sight,
-        seed: int,
+        self, config: FollowerConfig, drive: Drive, body: Extents, sight: Sight, seed: int
     ) -> None:
-        self._config, self._standoff, self._gains = config, standoff, gains
-        self._body = body
-        self._dt = config.horizon_s / STEPS
-        self._drive, self._max_speed = drive, max_speed
-        self._limits = lru_cache(partial(MotionLimits, drive, max_speed, self._dt))
-        self._costs = Costs(config.priorities, standoff.distance, config.clearance_m, body, sight)
-        self.search: Search = Mppi(config.samples, seed)
+        self._body, self._sight = body, sight
+        self.configure(config, drive)
+        self.search: Search = Mppi(self._config.samples, seed)
         self.forget()
+
+    def configure(self, config: FollowerConfig, drive: Drive) -> None:
+        """Go on with other priorities, limits or another place."""
+        assert config.planner is not None
+        self._config, self._standoff = config.planner, config.standoff
+        self._law = config.control if isinstance(config.control, PolarControl) else PolarControl()
+        self._drive, self._dt = drive, self._config.horizon_s / STEPS
+        limits = partial(MotionLimits, drive, self._law.max_speed_m_s, self._dt)
+        self._limits = lru_cache(limits)
+        place, clearance = self._standoff.distance, self._config.clearance_m
+        self._costs = Costs(self._config.priorities, place, clearance, self._body, self._sight)
 
     def forget(self) -> None:
         """Forget everything, since odom has changed."""
         self.rest()
         self.surroundings = Surroundings()
-        self._trail = Trail(self._standoff.distance)
+        self._trail = Trail()
         self._person: Pose2D | None = None
 
     def rest(self) -> None:
@@ -80,14 +76,6 @@ class Planner:
         self._commands: Array | None = None
         self._sent = Twist2D()
         self._planned = -math.inf
-
-    def take_over(self, other: Planner) -> None:
-        """Go on where one with other priorities, limits or another place was."""
-        self.plan, self._commands = other.plan, other._commands
-        self._sent, self._planned = other._sent, other._planned
-        self.search, self.surroundings = other.search, other.surroundings
-        self._person = other._person
-        self._trail.take_over(other._trail)
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D) -> None:
         """Take a scan of `time` [s] with the lidar at a pose in odom.
@@ -110,7 +98,7 @@ class Planner:
             nominal: The command of the polar law.
         """
         self._person = person.pose
-        self._trail.add(person.pose)
+        self._trail.add(person.pose, self._standoff.distance)
         if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
             elapsed = time - self._planned
             self._planned = time
@@ -120,7 +108,7 @@ class Planner:
             return nominal
         x, y, yaw = self._commands[0].tolist()
         wanted = Twist2D(*rotate(x, y, -robot.yaw), yaw)
-        self._sent = self._drive.step(self._sent, wanted, self._max_speed, dt)
+        self._sent = self._drive.step(self._sent, wanted, self._law.max_speed_m_s, dt)
         return self._sent
 
     def replan(self, time: float, elapsed: float, person: Estimate, robot: Pose2D) -> None:
@@ -132,7 +120,7 @@ class Planner:
             self._sent,
             STEPS,
             self._limits(goals.poses.shape[-1]),
-            towards(prediction.poses, goals, self._gains),
+            towards(prediction.poses, goals, self._law),
         )
         standing = self.surroundings.standing(robot) - robot[:2]
         times: Floats = time + self._dt * np.arange(1.0, STEPS + 1.0)
