@@ -99,3 +99,12 @@ def parse_toml(text: str) -> dict[str, Any]:
         if not level:
             return tables
     raise ValueError(f"nested more than {MAX_DEPTH} deep")
+
+
+def parse_value(text: str) -> Any:
+    """Return the value of a text in TOML; a bare word is a string."""
+    try:
+        parsed = parse_toml(f"value = {text}")
+    except ValueError:
+        return text.strip()
+    return parsed["value"] if len(parsed) == 1 else text.strip()

@@ -18,14 +18,10 @@ ROUTER = "router"
 
 
 def health(name: str, config: BusConfig) -> str:
-    """Return what a service does, by its liveliness tokens.
-
-    Args:
-        name: The service, or `router`, which is alive if it can be connected to.
-        config: Where to ask.
+    """Return what a service, or the router, does, by its liveliness tokens.
 
     Raises:
-        MecazenError: It is not alive, or the router is not.
+        MecazenError: It is not alive, or the router can't be connected to.
     """
     bus = ZenohBus(config, "client")
     try:

@@ -15,7 +15,7 @@ from mecazen.config.scenario import NO_KEYS, scenario_with
 from mecazen.config.sensor import features
 from mecazen.errors import ConfigError, UntrustedError
 from mecazen.explain import explain, one_line, show
-from mecazen.files import parse_toml, read_toml
+from mecazen.files import parse_toml, parse_value, read_toml
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
 from mecazen.occupancy import take_map
 from mecazen.programs import find, installed_nodes
@@ -114,11 +114,7 @@ def from_tables(
 
 
 def _refuse_files(raw: dict[str, Any], path: Path) -> None:
-    """Refuse a robot or a world that is a file, or has a map.
-
-    Raises:
-        UntrustedError: There is one.
-    """
+    """Refuse a robot or a world that is a file, or has a map."""
     for table in (raw, *_tables(raw.get("robots"))):
         for part in ("robot", "world"):
             given = table.get(part, {})
@@ -197,12 +193,7 @@ def _take_sensors(raw: dict[str, Any]) -> None:
 
 
 def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Section]]:
-    """Return the types of the sections that user nodes bring along, by the names of the nodes.
-
-    Raises:
-        ConfigError: A program that only the scenario knows can't be imported, or takes the place
-            of a node with a section that others can't read.
-    """
+    """Return the types of the sections that user nodes bring along, by the names of the nodes."""
     given, services = raw.get("programs"), raw.get("services")
     tables = given if isinstance(given, dict) else {}
     programs = {name: program for name, program in tables.items() if isinstance(program, str)}
@@ -323,11 +314,7 @@ def _parse_override(override: str) -> tuple[str, Any]:
     key = key.strip()
     if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
         raise ConfigError(one_line(f"--set {override}: must be key.path=value"))
-    try:
-        parsed = parse_toml(f"value = {text}")
-    except ValueError:
-        return key, text.strip()
-    return key, parsed["value"] if len(parsed) == 1 else text.strip()
+    return key, parse_value(text)
 
 
 def _strings(value: Any) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ import msgspec.inspect as mi
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, one_line, show
-from mecazen.files import parse_toml
+from mecazen.files import parse_value
 from mecazen.graph import SERVICES
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import LIVE, Section, SectionT
@@ -130,15 +130,6 @@ def to_text(value: Any) -> str:
         return ""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return repr(value) if is_number else json.dumps(value)
-
-
-def from_text(text: str) -> Any:
-    """Return the value of a text in TOML; a bare word is a string."""
-    try:
-        parsed = parse_toml(f"value = {text}")
-    except ValueError:
-        return text.strip()
-    return parsed["value"] if len(parsed) == 1 else text.strip()
 
 
 def settings_of(message: Parameters) -> dict[str, str]:
@@ -258,11 +249,13 @@ def _converted(text: str, section: type[Section], name: str, key: str) -> Any:
     kind = _kinds(section)[name]
     if not text and _is_optional(kind):
         return None
+    value = parse_value(text)
     try:
-        return msgspec.convert(from_text(text), _types(section)[name])
+        return msgspec.convert(value, _types(section)[name])
     except msgspec.ValidationError:
-        value = show(from_text(text))
-        raise ConfigError(one_line(f"{key}: got {value}; allowed: {describe(kind)}")) from None
+        raise ConfigError(
+            one_line(f"{key}: got {show(value)}; allowed: {describe(kind)}")
+        ) from None
 
 
 @cache

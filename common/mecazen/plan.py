@@ -218,11 +218,7 @@ class _Draft:
 
 
 def _ordered(drafts: list[_Draft], givers: Mapping[str, _Draft]) -> list[_Draft]:
-    """Sort drafts so that each follows the drafts that it waits for; else keep the table's order.
-
-    Raises:
-        ConfigError: Some nodes wait for each other; the message names them.
-    """
+    """Sort drafts so that each follows those that it waits for; else keep the table's order."""
     awaited = {
         id(draft): []
         if draft.is_world  # it answers to the tick before

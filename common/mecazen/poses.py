@@ -9,11 +9,7 @@ from mecazen.geometry import Pose2D, wrap
 
 
 class PoseHistory:
-    """The newest poses of something that moves, by simulated time.
-
-    Args:
-        duration_ns: For how long poses are kept [ns].
-    """
+    """The newest poses of something that moves, kept for `duration_ns` of simulated time."""
 
     def __init__(self, duration_ns: int) -> None:
         self._duration_ns = duration_ns

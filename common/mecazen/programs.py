@@ -181,11 +181,7 @@ def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
 
 
 def _refuse_bypass(rows: Iterable[Row]) -> None:
-    """Refuse a row that moves the wheels past the guard.
-
-    Raises:
-        ConfigError: It does.
-    """
+    """Refuse a row that moves the wheels past the guard."""
     for row in rows:
         takes = CMD_VEL in [i.topic for i in row.inputs]
         if takes and JOINT_COMMAND in row.outputs:
@@ -200,11 +196,7 @@ def _refuse_bypass(rows: Iterable[Row]) -> None:
 
 
 def _check_own(row: Row, program: str, found: Graph) -> None:
-    """Refuse a row of one's own that can't work in its graph.
-
-    Raises:
-        ConfigError: A key is none, or carries something else; or nothing makes its steps.
-    """
+    """Refuse a row of one's own that can't work in its graph."""
     known = {topic.key: topic for topic in TOPICS} | {call.key: call for call in CALLS}
     named: list[Topic[Any] | Call[Any, Any]] = [i.topic for i in row.inputs]
     named += (*row.outputs, *row.calls)

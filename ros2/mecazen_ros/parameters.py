@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.errors import BusError, RefusedError
+from mecazen.files import parse_value
 from mecazen.keys import Call
-from mecazen.parameters import ROBOTS, from_text, to_message, to_text
+from mecazen.parameters import ROBOTS, to_message, to_text
 
 from mecazen_ros.interfaces import Interface, message, service
 
@@ -126,7 +127,7 @@ def _value(parameter: m.ParameterDescriptor) -> Any:
     """Return a parameter's value; in TOML, as a text, where ROS has no type for it."""
     if not parameter.value:
         return Value()
-    value = from_text(parameter.value)
+    value = parse_value(parameter.value)
     if parameter.type == "float":
         value = float(value)
     if isinstance(value, list) and {type(one) for one in value} == {int, float}:

@@ -11,8 +11,9 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 SAMPLE_BYTES = 500
 """Approximate memory of a waiting sample besides its payload [bytes]."""
@@ -34,66 +35,57 @@ def next_of(waiting: queue.SimpleQueue[SampleT]) -> SampleT:
             return waiting.get(timeout=SIGNAL_CHECK_S)
 
 
+@dataclass
 class Refusals:
-    """Counts what Zenoh's threads refuse, and reports the counts on the service's thread.
+    """Counts what Zenoh's threads refuse, and reports the counts on the service's thread."""
 
-    Args:
-        ready: Queue for the call that reports.
-        report: Function called with a key, a reason and the number of refusals.
-    """
-
-    def __init__(self, ready: Queue, report: Callable[[str, str, int], None]) -> None:
-        self._ready = ready
-        self._report = report
-        self._counts: Counter[tuple[str, str]] = Counter()
-        self._lock = threading.Lock()
+    ready: Queue
+    report: Callable[[str, str, int], None]
+    """Function called with a key, a reason and the number of refusals."""
+    _counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def add(self, key: str, reason: str) -> None:
         """Count a refusal."""
         with self._lock:
             if not self._counts:
-                self._ready.put(self._deliver)
+                self.ready.put(self._deliver)
             self._counts[key, reason] += 1
 
     def _deliver(self) -> None:
         with self._lock:
             counts, self._counts = self._counts, Counter()
         for (key, reason), count in counts.items():
-            self._report(key, reason, count)
+            self.report(key, reason, count)
 
 
+def _no_samples() -> deque[Any]:
+    return deque(maxlen=WAITING_SAMPLES)
+
+
+@dataclass
 class Inbox(Generic[SampleT]):
     """Keeps the newest samples of a topic and delivers the newest valid one.
 
     A malformed sample never displaces a valid one: if `WAITING_SAMPLES` wait already, the next
     sample is kept only if it is valid.
-
-    Args:
-        ready: Queue for the call that delivers.
-        take: Delivers a sample; returns whether it was valid.
-        is_good: Returns whether a sample can be delivered; runs on Zenoh's threads.
-        count_lost: Function called with the number of samples that newer ones replaced.
     """
 
-    def __init__(
-        self,
-        ready: Queue,
-        take: Callable[[SampleT], bool],
-        is_good: Callable[[SampleT], bool],
-        count_lost: Callable[[int], None] = lambda _: None,
-    ) -> None:
-        self._count_lost = count_lost
-        self._displaced = 0
-        self._ready = ready
-        self._take = take
-        self._is_good = is_good
-        self._samples: deque[SampleT] = deque(maxlen=WAITING_SAMPLES)
-        self._announced = False
-        self._lock = threading.Lock()
+    ready: Queue
+    take: Callable[[SampleT], bool]
+    """Delivers a sample; returns whether it was valid."""
+    is_good: Callable[[SampleT], bool]
+    """Returns whether a sample can be delivered; runs on Zenoh's threads."""
+    count_lost: Callable[[int], None] = lambda _: None
+    """Function called with the number of samples that newer ones replaced."""
+    _displaced: int = 0
+    _samples: deque[SampleT] = field(default_factory=_no_samples)
+    _announced: bool = False
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def receive(self, sample: SampleT) -> None:
         """Keep a sample, in place of the oldest if the inbox is full and the sample is valid."""
-        if not self._keep(sample, displace=False) and self._is_good(sample):
+        if not self._keep(sample, displace=False) and self.is_good(sample):
             self._keep(sample, displace=True)
 
     def _keep(self, sample: SampleT, *, displace: bool) -> bool:
@@ -105,60 +97,48 @@ class Inbox(Generic[SampleT]):
             self._samples.append(sample)
             if not self._announced:
                 self._announced = True
-                self._ready.put(self._deliver)
+                self.ready.put(self._deliver)
             return True
 
     def _deliver(self) -> None:
         with self._lock:
-            samples, self._samples = self._samples, deque(maxlen=WAITING_SAMPLES)
+            samples, self._samples = self._samples, _no_samples()
             lost, self._displaced = self._displaced, 0
             self._announced = False
-        while samples and not self._take(samples.pop()):
+        while samples and not self.take(samples.pop()):
             pass
         if lost := lost + len(samples):
-            self._count_lost(lost)
+            self.count_lost(lost)
 
 
+@dataclass
 class Backlog(Generic[SampleT]):
-    """Keeps every waiting sample of a subscription, up to a number of bytes.
+    """Keeps every waiting sample of a subscription, up to a number of bytes."""
 
-    Args:
-        ready: Queue for the calls that deliver.
-        take: Delivers a sample.
-        size: Returns the size of a sample [bytes].
-        limit: Maximum size of all waiting samples [bytes].
-        refuse: Function called for a sample beyond the limit; runs on Zenoh's threads.
-    """
-
-    def __init__(
-        self,
-        ready: Queue,
-        take: Callable[[SampleT], object],
-        size: Callable[[SampleT], int],
-        limit: float,
-        refuse: Callable[[], None],
-    ) -> None:
-        self._ready = ready
-        self._take = take
-        self._size = size
-        self._limit = limit
-        self._refuse = refuse
-        self._bytes = 0
-        self._lock = threading.Lock()
+    ready: Queue
+    take: Callable[[SampleT], object]
+    size: Callable[[SampleT], int]
+    """Returns the size of a sample [bytes]."""
+    limit: float
+    """Maximum size of all waiting samples [bytes]."""
+    refuse: Callable[[], None]
+    """Function called for a sample beyond the limit; runs on Zenoh's threads."""
+    _bytes: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def receive(self, sample: SampleT) -> None:
         """Keep a sample if there is room for it."""
-        size = SAMPLE_BYTES + self._size(sample)
+        size = SAMPLE_BYTES + self.size(sample)
         with self._lock:
-            has_room = self._bytes + size <= self._limit
+            has_room = self._bytes + size <= self.limit
             if has_room:
                 self._bytes += size
         if has_room:
-            self._ready.put(partial(self._deliver, sample, size))
+            self.ready.put(partial(self._deliver, sample, size))
         else:
-            self._refuse()
+            self.refuse()
 
     def _deliver(self, sample: SampleT, size: int) -> None:
         with self._lock:
             self._bytes -= size
-        self._take(sample)
+        self.take(sample)

@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 
 import zenoh
@@ -64,32 +65,24 @@ class Refuser:
 _refuser = Refuser()
 
 
+@dataclass
 class QueryInbox:
-    """Keeps waiting queries, and refuses those that are oversized or beyond `WAITING_QUERIES`.
+    """Keeps waiting queries, and refuses those that are oversized or beyond `WAITING_QUERIES`."""
 
-    Args:
-        ready: Queue for the calls that answer.
-        key: The only key expression that is answered; None for any.
-        take: Answers a query, on the service's thread.
-        refuse: Function called with a query and a reason, on the refuser's thread.
-    """
-
-    def __init__(
-        self,
-        ready: Queue,
-        key: str | None,
-        take: Callable[[zenoh.Query], None],
-        refuse: Callable[[zenoh.Query, str], None],
-    ) -> None:
-        self._ready = ready
-        self._key = key
-        self._take = take
-        self._refuse = refuse
-        self._room = threading.Semaphore(WAITING_QUERIES)
+    ready: Queue
+    key: str | None
+    """The only key expression that is answered; None for any."""
+    take: Callable[[zenoh.Query], None]
+    """Answers a query, on the service's thread."""
+    refuse: Callable[[zenoh.Query, str], None]
+    """Refuses a query with a reason, on the refuser's thread."""
+    _room: threading.Semaphore = field(
+        default_factory=partial(threading.Semaphore, WAITING_QUERIES)
+    )
 
     def receive(self, query: zenoh.Query) -> None:
         """Keep a query if it is valid and there is room for it."""
-        if self._key is not None and str(query.key_expr) != self._key:
+        if self.key is not None and str(query.key_expr) != self.key:
             # a query with a wildcard explores the keys and must not change state
             self._put_off(query, "asked on another key expression")
         elif len(query.payload or b"") > MAX_SAMPLE_BYTES:
@@ -97,16 +90,16 @@ class QueryInbox:
         elif envelope_bytes(query) + len(str(query.parameters)) > MAX_ENVELOPE_BYTES:
             self._put_off(query, TOO_LONG)
         elif self._room.acquire(blocking=False):
-            self._ready.put(partial(self._deliver, query))
+            self.ready.put(partial(self._deliver, query))
         else:
             self._put_off(query, f"{WAITING_QUERIES} queries wait")
 
     def _put_off(self, query: zenoh.Query, reason: str) -> None:
-        _refuser.put(partial(self._refuse, query, reason))
+        _refuser.put(partial(self.refuse, query, reason))
 
     def _deliver(self, query: zenoh.Query) -> None:
         self._room.release()
-        self._take(query)
+        self.take(query)
 
 
 def envelope_bytes(one: zenoh.Sample | zenoh.Query) -> int:
@@ -114,22 +107,22 @@ def envelope_bytes(one: zenoh.Sample | zenoh.Query) -> int:
     return len(str(one.key_expr)) + len(one.attachment or b"")
 
 
+@dataclass
 class ZenohReply(Reply[AnswerT]):
     """Answers one query, on its key."""
 
-    def __init__(self, query: zenoh.Query, key: str, form: Format) -> None:
-        self._query = query
-        self._key = key
-        self._format: Format = form
+    query: zenoh.Query
+    key: str
+    form: Format
 
     def answer(self, message: AnswerT) -> None:
         """Answer with a message."""
-        with self._query as query:
-            query.reply(self._key, encode(message, self._format), encoding=ENCODINGS[self._format])
+        with self.query as query:
+            query.reply(self.key, encode(message, self.form), encoding=ENCODINGS[self.form])
 
     def refuse(self, reason: str) -> None:
         """Answer with an error."""
-        with self._query as query:
+        with self.query as query:
             query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
 
 

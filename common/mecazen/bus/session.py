@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import json
 import logging
 import os
@@ -14,7 +15,6 @@ from typing import Any, Literal
 import zenoh
 
 from mecazen.bridges import bridge_of
-from mecazen.bus.endpoints import is_open
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Topic
@@ -65,6 +65,9 @@ ONLY_ROUTER = {
     "policies": [{"subjects": ["router"], "rules": ["the router relays"]}],
 }
 """Access control of a tool: any admitted program could listen in place of an ended router."""
+
+WITHIN_THE_MACHINE = ("unixsock-stream", "unixpipe")
+"""Protocols of links through the file system, which its permissions protect."""
 
 AUTHORITY = "ca"
 """Name of the certificate authority's certificate in a folder of keys."""
@@ -184,11 +187,7 @@ def _expressions(
 
 
 def _certificates(folder: Path, name: str) -> dict[str, Any]:
-    """Return Zenoh's settings for mutual TLS, with which both ends of a link show certificates.
-
-    Raises:
-        BusError: A certificate or key for `name` can't be read, or the authority's has expired.
-    """
+    """Return Zenoh's settings for mutual TLS, with which both ends of a link show certificates."""
     authority, certificate, key = (
         folder / file for file in (f"{AUTHORITY}.crt", f"{name}.crt", f"{name}.key")
     )
@@ -207,11 +206,7 @@ def _certificates(folder: Path, name: str) -> dict[str, Any]:
 
 
 def _refuse_expired(authority: Path) -> None:
-    """Check that an authority's certificate has not expired; Zenoh would report no reason.
-
-    Raises:
-        BusError: It has, or it is no certificate.
-    """
+    """Check that an authority's certificate has not expired; Zenoh would report no reason."""
     import ssl  # noqa: PLC0415  # only links with certificates need it
 
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -226,11 +221,7 @@ def _refuse_expired(authority: Path) -> None:
 
 
 def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
-    """Check that all links of a peer or a router are on loopback or use certificates.
-
-    Raises:
-        BusError: An endpoint is neither, and `insecure` is false.
-    """
+    """Check that all links of a peer or a router are on loopback or use certificates."""
     mutual_tls = base.get_json("transport/link/tls/enable_mtls") == "true"
     for way in ("listen", "connect"):
         endpoints = json.loads(base.get_json(f"{way}/endpoints"))
@@ -245,6 +236,36 @@ def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None
                     f"{what}: give bus.keys and take tls/…, or allow it by bus.insecure = true"
                 )
             logger.warning("msg=%r", f"{what}: whoever reaches it drives the robot")
+
+
+def is_open(endpoint: str, *, mutual_tls: bool) -> bool:
+    """Return whether a Zenoh endpoint accepts unknown programs.
+
+    Endpoints on loopback, and those where both ends must show a certificate, do not.
+
+    Args:
+        endpoint: `protocol/address`, and perhaps `?metadata` and `#configuration`.
+        mutual_tls: Whether TLS requires a certificate of both ends, unless the endpoint's own
+            configuration overrides this.
+    """
+    place, _, configuration = endpoint.partition("#")
+    protocol, _, address = place.partition("?")[0].partition("/")
+    if protocol in WITHIN_THE_MACHINE or _is_loopback(address):
+        return False
+    said = re.findall(r"(?:^|;)enable_mtls=([^;]*)", configuration)
+    return protocol not in {"tls", "quic"} or (said[-1:] or [str(mutual_tls)])[0].lower() != "true"
+
+
+def _is_loopback(address: str) -> bool:
+    host = address.rpartition(":")[0]
+    if host == "localhost":
+        return True
+    try:
+        ip = ipaddress.ip_address(host.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return False
+    mapped = ip.ipv4_mapped if isinstance(ip, ipaddress.IPv6Address) else None
+    return (mapped or ip).is_loopback
 
 
 def open_session(

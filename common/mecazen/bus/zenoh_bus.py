@@ -23,9 +23,8 @@ from mecazen.bus.base import (
 )
 from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals, next_of
 from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
-from mecazen.bus.receiving import Pause, direct
+from mecazen.bus.receiving import Pause, Sources, direct
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
-from mecazen.bus.sources import Sources
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic

@@ -20,28 +20,21 @@ class Changing:
     """The parameters of a simulation: from the scenario, from its script, and from queries.
 
     Values that a query sets stay in effect for the following runs. The script restarts with each
-    run.
-
-    Args:
-        scenario: The whole scenario, as started.
-        check: Raises ConfigError if a scenario does not suit the named service.
+    run. `check` raises ConfigError if a scenario does not suit the named service.
 
     Raises:
         ConfigError: The script changes a parameter that is not live, or to an invalid value.
-
-    Attributes:
-        scenario: The scenario that applies now.
-        revision: Number of changes so far.
-        settings: Parameters that differ from the start.
-        wanted: The scenario that applies once all requested changes are due.
     """
 
     def __init__(self, scenario: Scenario, check: Callable[[Scenario, str], None]) -> None:
         self._started = scenario
         self._check = check
         self.scenario = self.wanted = scenario
+        """The scenario that applies now, and the one once all requested changes are due."""
         self.revision = 0
+        """Number of changes so far."""
         self.settings: Settings = {}
+        """Parameters that differ from the start."""
         self._kept: Settings = {}
         self._asked: Settings = {}
         self._script: dict[int, Settings] = {}

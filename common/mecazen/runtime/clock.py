@@ -48,9 +48,6 @@ ARRIVED_AT_MOST = 100
 class Clock:
     """Drives the loop of the process that contains the world, and answers `sim/…` queries.
 
-    Args:
-        host: The services of the process, one of which contains the world.
-
     Raises:
         ConfigError: No service contains the world, or the script of changes is invalid.
     """
@@ -153,11 +150,7 @@ class Clock:
         host.report_if_due()
 
     def _await_answers(self) -> None:
-        """Deliver samples until the tick is answered (lockstep) or the next is due (real time).
-
-        Raises:
-            StepTimeoutError: In lockstep, a service that takes part is gone or silent.
-        """
+        """Deliver samples until the tick is answered (lockstep) or the next is due (real time)."""
         for slot in self.world.slots:
             slot.open(self.tick + 1, self.tick)
         if not any(slot.awaited is not None for slot in self.world.remote):
@@ -213,12 +206,7 @@ class Clock:
         return [name for name in names if name not in self.host.bus.presence.names]
 
     def _refuse_silence(self, missing: list[Slot], begin_s: float) -> None:
-        """Raise an error if a service that has not answered is gone or silent.
-
-        Raises:
-            StepTimeoutError: A service is gone, the wait since `begin_s` was too long, or a turn of
-                this process gave no answer.
-        """
+        """Raise StepTimeoutError if a service that has not answered is gone or silent."""
         gone = self._gone(missing)
         waited_s = time.monotonic() - begin_s
         silent = [

@@ -22,15 +22,7 @@ class Heard(Protocol):
 
 
 class Health:
-    """Publishes values that a service reports, and the state of its inputs.
-
-    Args:
-        name: The service's name.
-        robot: The service's robot; empty for a single robot and for shared services.
-        bus: The bus to publish on.
-        scenario: The whole scenario.
-        inputs: The inputs, by the service's own keys.
-    """
+    """Publishes values that a service reports, and the state of its inputs, by its own keys."""
 
     def __init__(
         self, name: str, robot: str, bus: Bus, scenario: Scenario, inputs: Mapping[str, Heard]

@@ -28,14 +28,7 @@ def explaining(name: str) -> Iterator[None]:
 
 
 class Hosted:
-    """A node in its process.
-
-    Args:
-        turn: The node's turn of the plan.
-        kind: The node's class.
-        scenario: The scenario of the node's robot.
-        is_own: Whether it is a user node, whose errors are explained and outputs checked.
-    """
+    """A node in its process; errors of a user node are explained, and its outputs checked."""
 
     def __init__(
         self, turn: Turn, kind: type[Computing], scenario: Scenario, *, is_own: bool
@@ -75,13 +68,7 @@ class Hosted:
 
 
 class WorldSteps:
-    """Adapts a world to the loop: full keys for the robots' topics, and the clock as an output.
-
-    Args:
-        world: The world.
-        turn: The world's turn of the plan.
-        robots: The robots' names.
-    """
+    """Adapts a world to the loop: full keys for the robots' topics, and the clock as an output."""
 
     def __init__(self, world: World, turn: Turn, robots: tuple[str, ...]) -> None:
         self._world = world

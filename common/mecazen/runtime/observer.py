@@ -26,11 +26,6 @@ class Observer(ABC):
     """A service that shows or records the samples of nodes.
 
     The first sample of a new run calls `reset`. Samples of ended runs are dropped.
-
-    Args:
-        name: The service's name.
-        bus: The bus to observe.
-        scenario: The whole scenario.
     """
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:

@@ -35,11 +35,7 @@ def receipts(name: str, robot: str = "") -> Topic[m.Clock]:
 class Receipts:
     """Acknowledges samples for a service that needs all of them.
 
-    Args:
-        bus: The bus, which already has the service's subscriptions.
-        name: The service's name.
-        robot: The service's robot; empty for a single robot and for shared services.
-        tick_ns: The control period; 0 if unknown [ns].
+    The bus already has the service's subscriptions. A control period of 0 is unknown [ns].
     """
 
     def __init__(self, bus: Bus, name: str, robot: str = "", tick_ns: int = 0) -> None:
@@ -66,13 +62,7 @@ class Receipts:
 
 
 class Pace:
-    """Makes the clock wait for services that need every sample.
-
-    Args:
-        bus: The bus that delivers their receipts.
-        tick_ns: The control period [ns].
-        patience_s: Maximum time that the clock waits for a service [s].
-    """
+    """Makes the clock wait for services that need every sample, at most `patience_s` for each."""
 
     def __init__(self, bus: Bus, tick_ns: int, patience_s: float) -> None:
         self._bus, self._tick_ns, self._patience_s = bus, tick_ns, patience_s

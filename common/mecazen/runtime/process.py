@@ -217,9 +217,6 @@ def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None
 
     The query uses a client session, since only a client's session begins with its link to the
     router.
-
-    Raises:
-        BusError: A service with one of these names is alive, or a client reaches no router.
     """
     try:
         bus = ZenohBus(config, "client", name=parts[0][0])

@@ -24,9 +24,6 @@ class Worker:
 
     In lockstep a tick waits until all its samples have arrived. In real time it waits until a
     sample of the next tick arrives, and then continues without the missing ones.
-
-    Args:
-        host: The services of the process.
     """
 
     def __init__(self, host: Host) -> None:
@@ -101,11 +98,7 @@ class Worker:
         return True
 
     def _await(self, slot: Slot) -> bool:
-        """Wait for a sample that the tick in progress lacks; return False if it can't arrive.
-
-        Raises:
-            StepTimeoutError: In lockstep, its publisher is silent.
-        """
+        """Wait for a sample that the tick in progress lacks; return False if it can't arrive."""
         host, begin_s = self.host, time.monotonic()
         while slot.lacks and not self._is_over(self._last):
             if self._wait(POLL_S):
