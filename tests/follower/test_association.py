@@ -7,7 +7,7 @@ import pytest
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D, wrap
 from mecazen_follower.association import DOUBT_S, is_flipped
-from mecazen_follower.measurement import Measurement
+from mecazen_follower.measurement import NO_HEADING, Measurement
 from mecazen_follower.tracking import Frame, PersonTracker
 
 FRAME_S = 0.04
@@ -140,6 +140,17 @@ def test_a_heading_that_stays_reversed_is_believed(first):
         yaw = first if number < change else wrap(first + math.pi)
         estimate = seen.frame(number, Pose2D(0.0, 0.0, yaw))
     assert abs(wrap(estimate.pose.yaw - yaw)) < math.radians(6.0)
+
+
+def test_frames_without_a_heading_do_not_keep_a_reversed_heading_alive():
+    seen, blind = Seen(), tuple(map(tuple, np.diag([0.01, 0.01, NO_HEADING]).tolist()))
+    for number in range(SETTLED + 2 * round(DOUBT_S / FRAME_S)):
+        yaw = 0.0 if number < SETTLED else math.pi
+        seen.frame(number, Pose2D(0.0, 0.0, yaw))
+        time = (number + 0.5) * FRAME_S
+        frame = Frame(time, [Measurement(Pose2D(), blind)], begins=False)
+        estimate = seen.tracker.step(time, frame, Pose2D())
+    assert abs(wrap(estimate.pose.yaw - math.pi)) < math.radians(6.0)
 
 
 def test_a_heading_is_taken_for_a_flip_only_if_that_is_likelier():

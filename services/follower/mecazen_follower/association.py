@@ -14,7 +14,7 @@ from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, wrap
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.measurement import Measurement
+from mecazen_follower.measurement import Measurement, has_heading
 
 GATE = 25.0
 """Gate of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
@@ -218,6 +218,8 @@ class Association:
         self._hits += 1
         self._last = seen.pose
         self._identity = seen.identity or self._identity
+        if not has_heading(seen):
+            return Choice(seen, restart=False)  # it neither contradicts nor confirms the heading
         variance = person.covariance[2][2] + seen.covariance[2][2]
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
             self._flipped = Contradiction()

@@ -29,6 +29,11 @@ class Measurement(NamedTuple):
     """The sensor's name for them; empty if it has none."""
 
 
+def has_heading(measurement: Measurement) -> bool:
+    """Return whether the sensor observed the heading."""
+    return measurement.covariance[2][2] < NO_HEADING
+
+
 def check(measurement: Measurement) -> Measurement:
     """Return a measurement that every estimator can use.
 

@@ -13,7 +13,7 @@ from mecazen.geometry import Pose2D
 from mecazen_follower.association import Association, nearest
 from mecazen_follower.estimators import Estimate, make_estimator
 from mecazen_follower.estimators.base import as_tuple
-from mecazen_follower.measurement import NO_HEADING, Measurement
+from mecazen_follower.measurement import Measurement, has_heading
 from mecazen_follower.noise import ReportedNoise
 
 MISSED_FRAMES = 1.5
@@ -225,11 +225,11 @@ def _headed(one: Measurement, person: Estimate | None, expected: Pose2D) -> Meas
 
     Before the person is known it is as if the robot were at its place, give or take `GUESS_RAD`.
     """
-    (xx, xy, _), (yx, yy, _), (_, _, variance) = one.covariance
-    if variance < NO_HEADING:
+    if has_heading(one):
         return one
     if person is not None:
         return one._replace(pose=one.pose._replace(yaw=person.pose.yaw))
     guess = one.pose._replace(yaw=expected.yaw)
+    (xx, xy, _), (yx, yy, _), _ = one.covariance
     covariance = (xx, xy, 0.0), (yx, yy, 0.0), (0.0, 0.0, GUESS_RAD**2)
     return one._replace(pose=guess, covariance=covariance)
