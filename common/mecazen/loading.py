@@ -43,10 +43,20 @@ def scenario_path(name: str) -> Path:
 def given_file(name: str, kind: str) -> Path:
     """Return a TOML file given on the command line by its path or as in `named_file`.
 
+    A folder, a pipe or a device is returned as well: `read_toml` says what it is.
+
     Raises:
         ConfigError: There is no such file.
     """
-    return path if (path := Path(name)).is_file() else named_file(name, kind)
+    path = Path(name)
+    if path.is_file():
+        return path
+    try:
+        return named_file(name, kind)
+    except ConfigError:
+        if name and path.exists():
+            return path
+        raise
 
 
 def named_file(name: str, kind: str, where: str = "") -> Path:

@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 MAX_TRIES = 3
 """How often a job is started whose worker dies."""
-CONNECT_S = 10.0
+CONNECT_S = 2.0
 
 
 Outcomes = Generator[tuple[Job, T | MecazenError], None, None]

@@ -1,12 +1,13 @@
 """A scenario is checked as a whole, and an error is one line that names its place."""
 
+import os
 from pathlib import Path
 
 import msgspec
 import pytest
 import tomli_w
 from common.sections import TOY, problem
-from harness import ROOT, SCENARIOS
+from harness import ROOT, SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import effective, load_scenario, scenario_path
@@ -91,6 +92,15 @@ def test_when_a_file_is_missing_expect_its_path(write_scenario):
     assert problem(path) == expected
     path.write_bytes(b"\xff\xfe")
     assert problem(path) == "scenarios/none.toml: must be text in UTF-8"
+
+
+def test_a_folder_or_a_pipe_in_the_place_of_a_scenario_is_called_so(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "back").mkdir()
+    assert scenario_path("back").name == "back.toml"  # a scenario of this name comes first
+    os.mkfifo("pipe")
+    for name, words in ((str(tmp_path), "Is a directory"), ("pipe", "not a device or a pipe")):
+        assert words in error_of(ConfigError, lambda name=name: load_scenario(scenario_path(name)))
 
 
 @pytest.mark.parametrize(

@@ -128,6 +128,12 @@ def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys, monkeypatch
     assert capsys.readouterr().out == "new/folder/figure.svg\n"
 
 
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch):
+    """Wait only a moment for a scheduler that does not answer."""
+    monkeypatch.setattr("mecazen_experiments.executor.CONNECT_S", 0.1)
+
+
 WRONG = [
     (("run", "nowhere"), ("nowhere",)),
     (("run", "short.toml"), ("short.toml", "unknown key")),
@@ -137,6 +143,10 @@ WRONG = [
     (("run", "short_experiment.toml", "--json", "none/out.json"), ("none/out.json", "folder")),
     (("run", "short_experiment.toml", "--store", "short.toml"), ("short.toml", "store")),
     (("run", "short_experiment.toml", "--scheduler", "here"), ("here", "tcp://HOST:PORT")),
+    (
+        ("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1"),
+        ("tcp://127.0.0.1:1: no Dask scheduler answers there",),
+    ),
     (
         ("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1", "--jobs", 2),
         ("--jobs", "--scheduler"),

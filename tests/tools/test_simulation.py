@@ -70,6 +70,7 @@ def test_what_is_commanded_is_published_before_each_tick(sim):
             lambda sim: load(CARTS, {"follower.standof_m": 1.5}),
             "scenario with follower.standof_m: ",
         ),
+        (lambda sim: Simulation(None), "scenario: got None; must be a name, a file or a Scenario"),
         (lambda sim: Simulation(CARTS, duration=1.0), "duration: no option of Simulation; did you"),
         (lambda sim: sim.set_parameters(**{"follower.standoff_m": 1.5}), "takes no part"),
         (lambda sim: sim.set_parameters(**{"sim.tick_s": 0.02}), "can't change while it runs"),

@@ -387,7 +387,12 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
         overrides = tuple(f"{key}={_setting(key, value)}" for key, value in settings.items())
         if isinstance(scenario, Scenario):
             return from_tables(effective(scenario), Path("scenario"), overrides)
-        return load_scenario(scenario_path(fspath(scenario)), overrides)
+        try:
+            name = fspath(scenario)
+        except TypeError:
+            said = f"scenario: got {show(scenario)}; must be a name, a file or a Scenario"
+            raise ConfigError(one_line(said)) from None
+        return load_scenario(scenario_path(name), overrides)
     except ConfigError as error:
         raise ConfigError(str(error).replace("--set ", "")) from None  # in Python there is none
 

@@ -122,11 +122,14 @@ def _global(
 def simulate_command(
     scenario: ScenarioArgument,
     seed: Annotated[
-        int | None, typer.Option(help="Seed of the noise.", show_default="the scenario's")
+        int | None,
+        typer.Option(
+            min=0, max=2**32 - 1, help="Seed of the noise.", show_default="the scenario's"
+        ),
     ] = None,
     duration_s: Annotated[
         float | None,
-        typer.Option("--duration", help="Simulated seconds.", show_default="the scenario's"),
+        typer.Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
     ] = None,
     distributed: Annotated[
         bool, typer.Option("--distributed", help="As processes over Zenoh; the result is the same.")
