@@ -98,17 +98,6 @@ def test_what_fits_on_the_disk_is_kept_up_to_the_last_whole_chunk(tmp_path):
     assert path.stat().st_size <= 1_000_000
 
 
-def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(tmp_path, monkeypatch):
-    writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
-    writer.write("cmd_vel", Twist(), stamp_of(0), 0)
-    writer._sync()
-    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
-    with pytest.raises(RecordingError, match="No space left; what was recorded before can be read"):
-        writer.close()
-    writer.close()  # as a service does that has failed
-    assert [sample.key for sample in Recording(tmp_path / "a.mcap").samples()] == ["cmd_vel"]
-
-
 def test_when_the_disk_is_full_from_the_start_expect_no_file(tmp_path, monkeypatch):
     writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
     writer.write("cmd_vel", Twist(), stamp_of(0), 0)
@@ -131,10 +120,10 @@ def test_there_is_a_limit_to_keys_and_runs(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("kind", sorted({t.type for t in TOPICS}, key=lambda k: k.__name__))
 def test_a_json_schema_has_the_message_at_its_root_and_all_that_it_refers_to(kind):
-    schema = writer.schema_of(kind, "json")
-    table = msgspec.json.decode(schema.data)
-    assert (schema.encoding, schema.name) == ("jsonschema", kind.ROS_TYPE)
+    name, encoding, data = writer.schema_of(kind, "json")
+    table = msgspec.json.decode(data)
+    assert (encoding, name) == ("jsonschema", kind.ROS_TYPE)
     assert table["type"] == "object"
     assert tuple(table["properties"]) == kind.__struct_fields__
-    references = [part.partition(b'"')[0] for part in schema.data.split(b'"$ref":"#/$defs/')[1:]]
+    references = [part.partition(b'"')[0] for part in data.split(b'"$ref":"#/$defs/')[1:]]
     assert {name.decode() for name in references} <= set(table["$defs"])

@@ -175,6 +175,15 @@ def test_output_that_does_not_fit_on_the_disk_is_one_line(tmp_path, unbuffered):
     assert run(tmp_path / "version", "--version") == (0, "")
 
 
+class Key(str):
+    """A keystroke as blessed has it; it is empty if none came in time."""
+
+    def __new__(cls, text="", *, key_name=None, released=False):
+        key = super().__new__(cls, text)
+        key.key_name, key.released, key.repeated = key_name, released, False
+        return key
+
+
 @pytest.mark.parametrize(
     ("code", "name"),
     [
@@ -185,10 +194,7 @@ def test_output_that_does_not_fit_on_the_disk_is_one_line(tmp_path, unbuffered):
     ],
 )
 def test_a_key_has_one_name_in_either_protocol(code, name):
-    class Key(str):
-        key_name = code[0]
-
-    assert teleop._name(Key(code[1])) == name
+    assert teleop._name(Key(code[1], key_name=code[0])) == name
 
 
 def test_who_is_driven_moves_while_a_key_is_held_until_q():
@@ -196,11 +202,11 @@ def test_who_is_driven_moves_while_a_key_is_held_until_q():
     driven = SimpleNamespace(
         send=sent.append, update=lambda: None, moves=False, text=lambda: "x 1", note=lambda: ""
     )
-    presses = [teleop.Press("w"), None, teleop.Press("w", released=True), None, teleop.Press("q")]
+    presses = [Key("w"), Key(), Key("w", released=True), Key(), Key("q")]
 
     def read(timeout_s):
         press = presses.pop(0)
-        if press is None:
+        if not press:
             time.sleep(timeout_s)
         return press
 

@@ -50,11 +50,11 @@ def plug(monkeypatch):
 def test_the_first_gamepad_drives_until_it_is_pulled_out(plug):
     known = Pad()
     plug("a wheel", known)
-    pad, told = gamepad.find()
+    twist, told = gamepad.find()
     assert told == "gamepad pad: the left stick moves, the right one turns"
-    assert pad.twist() == pytest.approx((1.0, 0.0, -1.0), abs=1e-4)  # 32767 of 32768
+    assert twist() == pytest.approx((1.0, 0.0, -1.0), abs=1e-4)  # 32767 of 32768
     known.is_there = False
-    assert pad.twist() == (0.0, 0.0, 0.0)
+    assert twist() == (0.0, 0.0, 0.0)
 
 
 def test_without_a_gamepad_or_its_library_it_is_said_in_one_line(plug, monkeypatch):

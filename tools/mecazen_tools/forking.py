@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import msgspec
 from mecazen import graph
@@ -56,10 +56,6 @@ class Signal(msgspec.Struct, frozen=True, tag=True):
 
 class ForkError(MecazenError):
     """No process could be forked."""
-
-
-class ParentEndedError(ForkError):
-    """The parent has ended, and could not fork."""
 
 
 class Child:
@@ -122,11 +118,13 @@ class Parent:
                 signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
         self._ended = False
 
-    def start(self, process: Process) -> Child:
+    def start(self, process: Process) -> Child | None:
         """Fork a process that runs where, and is scheduled as, the calling thread is.
 
+        Returns:
+            The process; None if the parent has ended.
+
         Raises:
-            ParentEndedError: The parent has ended.
             ForkError: It can't fork.
         """
         (reports, report_end), (errors, error_end) = os.pipe(), os.pipe()
@@ -147,9 +145,9 @@ class Parent:
             return Child(answered.number, reports, errors)
         os.close(reports)
         os.close(errors)
-        if answered is None:
-            raise ParentEndedError("the parent of all processes has ended")
-        raise ForkError(answered.text)
+        if answered is not None:
+            raise ForkError(answered.text)
+        return None
 
     def signal(self, pid: int, number: int) -> None:
         """Send a fork a signal, unless it has ended and its number may be another's."""
@@ -165,14 +163,6 @@ class Parent:
         if not self._ended:
             os.waitpid(self._pid, 0)
             self._ended = True
-
-
-class _Forked(NamedTuple):
-    """The inputs of a new process."""
-
-    start: Start
-    errors: int
-    reports: int
 
 
 class _Forks:
@@ -191,8 +181,11 @@ class _Forks:
         self._running: dict[int, tuple[int, int]] = {}
         """Process, and pipe for the report of its end, by the descriptor that is readable then."""
 
-    def serve(self) -> _Forked | None:
-        """Fork on request; return the inputs in each fork, and None here when the socket closes."""
+    def serve(self) -> tuple[Start, int, int] | None:
+        """Fork on request until the socket closes; then return None.
+
+        Returns in each fork the request, and the pipes for standard error and for reports.
+        """
         while True:
             ready = self._ready.select(0.0 if self._running and self._to_import else None)
             if not ready:
@@ -208,8 +201,9 @@ class _Forks:
                     return None
                 request = msgspec.json.decode(data, type=Start | Signal)
                 if isinstance(request, Start):
-                    if self._fork(request, *ends):
-                        return _Forked(request, *ends)
+                    errors, reports = ends
+                    if self._fork(request, errors, reports):
+                        return request, errors, reports
                 elif any(pid == request.pid for pid, _ in self._running.values()):
                     os.kill(request.pid, request.number)
 

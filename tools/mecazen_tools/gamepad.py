@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from mecazen.geometry import Twist2D
@@ -19,26 +21,13 @@ FULL = 32768.0
 """A stick's deflection at its end."""
 
 
-class Gamepad:
-    """The first gamepad that is plugged in at the start."""
+def find() -> tuple[Callable[[], Twist2D] | None, str]:
+    """Find the first gamepad that is plugged in at the start.
 
-    def __init__(self, pygame: Any, pad: Any) -> None:
-        self._pygame = pygame
-        self._pad = pad
-        self.name = str(pad.name)
-
-    def twist(self) -> Twist2D:
-        """Return the velocity of its sticks, as shares of the speeds; zero once it is unplugged."""
-        game = self._pygame
-        game.event.pump()
-        if not self._pad.attached():
-            return Twist2D()
-        axes = game.CONTROLLER_AXIS_LEFTX, game.CONTROLLER_AXIS_LEFTY, game.CONTROLLER_AXIS_RIGHTX
-        return stick_twist(*(self._pad.get_axis(axis) / FULL for axis in axes))
-
-
-def find() -> tuple[Gamepad | None, str]:
-    """Return the gamepad, if there is one, and a line for the user."""
+    Returns:
+        A function that returns the velocity of its sticks as shares of the speeds, and zero once it
+        is unplugged; None without a gamepad. And a line for the user.
+    """
     os.environ.update(SDL)
     try:
         import pygame  # noqa: PLC0415  # an extra
@@ -49,9 +38,19 @@ def find() -> tuple[Gamepad | None, str]:
         pygame.display.init()
         controller.init()
         known = [n for n in range(controller.get_count()) if controller.is_controller(n)]
-        pad = Gamepad(pygame, controller.Controller(known[0])) if known else None
+        pad: Any = controller.Controller(known[0]) if known else None
     except pygame.error as error:
         return None, f"keyboard only: no gamepad can be read: {error}"
     if pad is None:
         return None, "keyboard only: no gamepad is plugged in"
-    return pad, f"gamepad {pad.name}: the left stick moves, the right one turns"
+    return partial(
+        _twist, pygame, pad
+    ), f"gamepad {pad.name}: the left stick moves, the right one turns"
+
+
+def _twist(game: Any, pad: Any) -> Twist2D:
+    game.event.pump()
+    if not pad.attached():
+        return Twist2D()
+    axes = game.CONTROLLER_AXIS_LEFTX, game.CONTROLLER_AXIS_LEFTY, game.CONTROLLER_AXIS_RIGHTX
+    return stick_twist(*(pad.get_axis(axis) / FULL for axis in axes))

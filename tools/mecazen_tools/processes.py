@@ -23,7 +23,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import OBSERVERS
 from mecazen.runtime.report import Report
 
-from mecazen_tools.forking import Child, Parent, ParentEndedError
+from mecazen_tools.forking import Child, Parent
 
 STOP_TIMEOUT_S = 5.0
 """How long a process may take to end before it is killed."""
@@ -48,13 +48,6 @@ class Line(NamedTuple):
     text: str
     is_address: bool = False
     """Whether it is the address of a page that the process serves."""
-
-
-class Told(NamedTuple):
-    """A report of a process."""
-
-    name: str
-    report: Report
 
 
 class Ended(NamedTuple):
@@ -122,7 +115,7 @@ class Supervisor:
         self._parent = self._fork()
         self._parts: dict[str, _Part] = {}
         self._watchers: list[threading.Thread] = []
-        self._events: queue.SimpleQueue[Line | Told | Ended] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Line | Ended | tuple[str, Report]] = queue.SimpleQueue()
 
     @property
     def pids(self) -> dict[str, int]:
@@ -141,12 +134,13 @@ class Supervisor:
         self._parts[process.name] = _Part(self._spawn(process), process, needed)
 
     def _spawn(self, process: Process) -> Child:
-        try:
-            child = self._parent.start(process)
-        except ParentEndedError:
+        child = self._parent.start(process)
+        if child is None:
             self._parent.close()
             self._parent = self._fork()
             child = self._parent.start(process)
+        if child is None:
+            raise ProcessError("the parent of all processes has ended")
         watcher = threading.Thread(target=self._watch, args=(process.name, child), daemon=True)
         watcher.start()
         self._watchers = [other for other in self._watchers if other.is_alive()]
@@ -187,15 +181,16 @@ class Supervisor:
                 return event
             if isinstance(event, Ended):
                 return self._take_end(event)
-            part, report = self._parts[event.name], event.report
+            name, report = event
+            part = self._parts[name]
             if report.kind == "started":
                 part.has_run, part.begin_s = True, time.monotonic()
-                if event.name == ROUTER.name:
-                    return Line(event.name, "the router listens")
+                if name == ROUTER.name:
+                    return Line(name, "the router listens")
             elif report.kind == "failed":
                 part.error = report.text
             else:
-                return Line(event.name, report.text, is_address=True)
+                return Line(name, report.text, is_address=True)
 
     def _start_again(self) -> float:
         """Start again what is due; return when the next is [s], of the monotonic clock."""
@@ -258,7 +253,7 @@ class Supervisor:
         reader = threading.Thread(target=self._read, args=(name, child, last), daemon=True)
         reader.start()
         while (report := child.next_report()) is not None:
-            self._events.put(Told(name, report))
+            self._events.put((name, report))
         reader.join(LAST_LINES_S)
         self._events.put(Ended(name, child.code, last[0] if last else ""))
 

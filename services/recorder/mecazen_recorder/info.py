@@ -66,7 +66,8 @@ def inspect(recording: Recording) -> Info:
     types: dict[str, str] = {}
     spans: dict[int, tuple[int, int]] = {}
     seeds: dict[int, int] = {}
-    changes: dict[int, _Changes] = {}
+    known: dict[int, tuple[Parameter, ...]] = {}
+    changes: dict[int, list[str]] = {}
     for sample in recording.samples():
         stamp = sample.stamp
         run = None if stamp is None else stamp.run
@@ -80,32 +81,21 @@ def inspect(recording: Recording) -> Info:
             if sample.key == PARAMETERS.key:
                 with recording.reading(sample):
                     message = sample.message(Parameters)
-                changes.setdefault(stamp.run, _Changes()).add(message)
+                before, known[stamp.run] = known.get(stamp.run, ()), message.parameters
+                if new := [one for one in message.parameters if one not in before]:
+                    settings = ", ".join(f"{one.name}={one.value}" for one in new)
+                    told = f"t = {message.header.stamp.ns / NS_PER_S:g} s: {settings}"
+                    changes.setdefault(stamp.run, []).append(told)
     runs = []
     for run, (first, last) in spans.items():
         names = tuple(filter(None, recording.robots(run)))
         span_s = first / NS_PER_S, last / NS_PER_S
-        known, told = run in recording.scenarios, changes.get(run, _Changes()).told
-        runs.append(RunInfo(run, seeds.get(run), names, *span_s, known, tuple(told)))
+        is_known, changed = run in recording.scenarios, tuple(changes.get(run, ()))
+        runs.append(RunInfo(run, seeds.get(run), names, *span_s, is_known, changed))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
     count = sum(one.count for one in infos)
     duration_s = sum(one.end_s - one.begin_s for one in runs)
     return Info(str(recording.path), recording.is_cut_off, count, duration_s, tuple(runs), infos)
-
-
-class _Changes:
-    """The changes of a run: what differs from one message to the next."""
-
-    def __init__(self) -> None:
-        self.told: list[str] = []
-        self._last: tuple[Parameter, ...] = ()
-
-    def add(self, message: Parameters) -> None:
-        new = [one for one in message.parameters if one not in self._last]
-        self._last = message.parameters
-        if new:
-            settings = ", ".join(f"{one.name}={one.value}" for one in new)
-            self.told.append(f"t = {message.header.stamp.ns / NS_PER_S:g} s: {settings}")
 
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from matplotlib.figure import Figure
 from mecazen import keys
@@ -17,18 +15,11 @@ from mecazen_tools.run_figure import Course, draw
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
 
-Rows = list[tuple[float, ...]]
+Rows = dict[str, list[tuple[float, ...]]]
+"""The drawn data of a run, by key, which includes the robot's name."""
 
 FOLLOWER = "follower"
 DRAWN = {topic.key: topic for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.CMD_VEL)}
-
-
-class PlottedRun(NamedTuple):
-    """The drawn data of a run."""
-
-    seed: int
-    rows: dict[str, Rows]
-    """Rows by key, which includes the robot's name."""
 
 
 def figure(recording: Recording, number: int | None) -> Figure:
@@ -46,23 +37,23 @@ def figure(recording: Recording, number: int | None) -> Figure:
         allowed = ", ".join(map(str, runs))
         raise RecordingError(f"--run {wanted}: not in {recording.path}, which holds {allowed}")
     scenario = _scenario(recording, wanted)
-    run = runs[wanted]
+    seed, rows = runs[wanted]
     courses = []
     for robot in scenario.names:
         truth = join_key(keys.GROUND_TRUTH.key, robot)
-        if truth not in run.rows:
+        if truth not in rows:
             raise RecordingError(f"{recording.path}: nothing on {truth} in run {wanted}")
         others = (join_key(topic.key, robot) for topic in (keys.TARGET_ODOM, keys.CMD_VEL))
-        person, command = (run.rows.get(key, []) for key in others)
+        person, command = (rows.get(key, []) for key in others)
         courses.append(
             Course(
                 robot,
-                np.array(run.rows[truth]),
+                np.array(rows[truth]),
                 np.array(person).reshape(-1, 7),
                 np.array(command).reshape(-1, 4),
             )
         )
-    return draw(courses, scenario, f"{recording.path.name}, run {wanted}, seed {run.seed}")
+    return draw(courses, scenario, f"{recording.path.name}, run {wanted}, seed {seed}")
 
 
 def _scenario(recording: Recording, run: int) -> Scenario:
@@ -73,27 +64,27 @@ def _scenario(recording: Recording, run: int) -> Scenario:
         return recording.scenario(run)
 
 
-def _read(recording: Recording) -> dict[int, PlottedRun]:
-    """Return the drawn data of each run.
+def _read(recording: Recording) -> dict[int, tuple[int, Rows]]:
+    """Return the seed and the drawn data of each run.
 
     A sample without a stamp, such as a command by hand, belongs to the current run.
 
     Raises:
         RecordingError: A sample is not what its key carries.
     """
-    runs: dict[int, PlottedRun] = {}
+    runs: dict[int, tuple[int, Rows]] = {}
     number = None
     for sample in recording.samples():
         if sample.stamp is not None:
             number = sample.stamp.run
-            runs.setdefault(number, PlottedRun(sample.stamp.seed, {}))
+            runs.setdefault(number, (sample.stamp.seed, {}))
         if number is None:
             continue
         topic = DRAWN.get(split_key(sample.key, recording.robots(number))[1])
         if topic is not None:
             with recording.reading(sample):
                 row = (sample.time_ns / NS_PER_S, *_numbers(sample.message(topic.type)))
-            runs[number].rows.setdefault(sample.key, []).append(row)
+            runs[number][1].setdefault(sample.key, []).append(row)
     return runs
 
 

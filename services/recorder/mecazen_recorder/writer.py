@@ -6,7 +6,7 @@ import os
 import time
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, NamedTuple, NoReturn, cast
+from typing import IO, NoReturn, cast
 
 import msgspec
 from mcap.opcode import Opcode
@@ -104,22 +104,14 @@ class Sink:
         os.close(self._file)
 
 
-class Schema(NamedTuple):
-    """An MCAP schema."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-
-def schema_of(kind: type[Message], encoding: Encoding) -> Schema:
-    """Return a message's schema: ROS's definition for CDR, else a JSON schema."""
+def schema_of(kind: type[Message], encoding: Encoding) -> tuple[str, str, bytes]:
+    """Return name, encoding and data of a message's schema: ROS's definition, or a JSON schema."""
     if encoding == "cdr":
-        return Schema(kind.ROS_TYPE, "ros2msg", definition(kind).encode())
+        return (kind.ROS_TYPE, "ros2msg", definition(kind).encode())
     _, definitions = msgspec.json.schema_components([kind], ref_template="#/$defs/{name}")
     # readers expect the message at the root, not a reference to it
     text = msgspec.json.encode({**definitions[kind.__name__], "$defs": definitions})
-    return Schema(kind.ROS_TYPE, "jsonschema", text)
+    return (kind.ROS_TYPE, "jsonschema", text)
 
 
 class RecordingWriter:

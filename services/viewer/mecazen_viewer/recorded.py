@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
 from mecazen.bus import LocalBus
-from mecazen.config import Scenario
-from mecazen.description import RobotDescription, serve_description
+from mecazen.description import serve_description
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import open_regular
-from mecazen.wire import RefusedError, Stamp
+from mecazen.wire import RefusedError
 
 from mecazen_viewer.layout import blueprint
 from mecazen_viewer.rerun_process import SHOWS, WINDOW, RerunProcess, free_port, page, uri
@@ -29,30 +28,6 @@ MAGIC = b"\x89MCAP0\r\n"
 """First bytes of an MCAP file; Rerun shows an empty page for a file without them."""
 SECTIONS = ("physics", "follower")
 """Sections of a scenario that the scene needs."""
-
-
-class Sample(Protocol):
-    """A sample of a recording."""
-
-    key: str
-    time_ns: int
-    stamp: Stamp | None
-
-    def as_published(self) -> tuple[bytes, str, bytes | None]:
-        """Return payload, encoding and attachment."""
-
-
-class Recording(Protocol):
-    """The interface of the entry points `mecazen.recordings`."""
-
-    def samples(self) -> Iterator[Sample]:
-        """Return the samples in the order of recording."""
-
-    def descriptions(self) -> dict[str, RobotDescription]:
-        """Return the description of each robot, by name."""
-
-    def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run, with the named sections."""
 
 
 def open_file(file: Path, *, native: bool) -> None:
@@ -96,7 +71,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
     reader = next((one.load() for one in entries if f".{one.name}" == file.suffix), None)
     if reader is None:
         raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
-    recording: Recording = reader(file)
+    recording = reader(file)  # a `mecazen_recorder.reader.Recording`
     bus = LocalBus()
     for robot, description in recording.descriptions().items():
         serve_description(bus, robot, description)
@@ -124,7 +99,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
     return files
 
 
-def _frames(samples: Iterator[Sample]) -> Iterator[Sample]:
+def _frames(samples: Iterable[Any]) -> Iterator[Any]:
     """Return the samples at the rate at which the viewer takes them in a live run."""
     shown: dict[str, tuple[int, int]] = {}  # run and time [ns] of the last sample of each key
     for sample in samples:

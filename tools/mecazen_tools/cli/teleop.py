@@ -33,7 +33,6 @@ from mecazen_tools.driving import Hand
 from mecazen_tools.strays import OWN_WAY, goes_own_way, scenario_at
 
 if TYPE_CHECKING:
-    from blessed import Terminal
     from blessed.keyboard import Keystroke
 
 PERIOD_S = 0.05
@@ -63,14 +62,6 @@ class Role(NamedTuple):
 
 ROBOT = Role(keys.CMD_VEL, keys.ODOM, "controller")
 PERSON = Role(keys.TARGET_CMD_VEL, keys.TARGET_ODOM, "target")
-
-
-class Press(NamedTuple):
-    """A key event from the terminal."""
-
-    key: str
-    released: bool = False
-    repeated: bool = False
 
 
 class Driven:
@@ -204,13 +195,13 @@ def teleop(
     role = PERSON if person else ROBOT
     with tool_bus(connect, namespace, tls) as bus:
         driven = Driven(bus, role, robot)
-        pad, told = gamepad.find()
+        stick, told = gamepad.find()
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, _interrupt)
         try:
             with _keyboard() as (read, tells_release), _live(f"{driving.HELP}\n{told}") as show:
                 hand = Hand(speed, turn, tells_release=tells_release)
-                _drive(driven, hand, pad, read, show)
+                _drive(driven, hand, stick, read, show)
         except (OSError, EOFError, termios.error):
             pass  # the terminal has gone
         finally:
@@ -224,8 +215,8 @@ def _interrupt(*_: object) -> None:
 def _drive(
     driven: Driven,
     hand: Hand,
-    pad: gamepad.Gamepad | None,
-    read: Callable[[float], Press | None],
+    stick: Callable[[], Twist2D] | None,
+    read: Callable[[float], Keystroke],
     show: Callable[[Group], None],
 ) -> None:
     """Publish the velocity of the held keys and sticks until a key quits."""
@@ -235,17 +226,18 @@ def _drive(
         stops = False
         while (left_s := due - time.monotonic()) > 0.0:
             press = read(left_s)
-            if press is None:
+            if not press:
                 continue
+            key = _name(press)
             if press.released:
-                hand.release(press.key)
-            elif press.key in QUIT:
+                hand.release(key)
+            elif key in QUIT:
                 return
             else:
-                hand.press(press.key, time.monotonic(), repeated=press.repeated)
-            stops |= press.key == driving.STOP
+                hand.press(key, time.monotonic(), repeated=press.repeated)
+            stops |= key == driving.STOP
         driven.update()
-        twist = hand.command(time.monotonic(), None if pad is None else pad.twist())
+        twist = hand.command(time.monotonic(), None if stick is None else stick())
         if any(twist) or driven.moves or stops:
             driven.send(twist)
         x, y, yaw = twist
@@ -265,8 +257,8 @@ def _live(head: str) -> Iterator[Callable[[Group], None]]:
 
 
 @contextmanager
-def _keyboard() -> Iterator[tuple[Callable[[float], Press | None], bool]]:
-    """Yield a function that waits for a key up to a time [s], and whether it reports releases."""
+def _keyboard() -> Iterator[tuple[Callable[[float], Keystroke], bool]]:
+    """Yield a function that waits for a key up to a time [s], and whether releases are reported."""
     from blessed import Terminal  # noqa: PLC0415  # only teleop needs it
 
     # with styles it asks the terminal what it can draw, and waits 10 s for one that does not answer
@@ -276,7 +268,7 @@ def _keyboard() -> Iterator[tuple[Callable[[float], Press | None], bool]]:
         if tells_release:
             _tell(f"\x1b[>{KITTY}u")
         try:
-            yield partial(_read, terminal), tells_release
+            yield partial(terminal.inkey, esc_delay=0.0), tells_release
         finally:
             if tells_release:
                 with suppress(OSError):
@@ -286,11 +278,6 @@ def _keyboard() -> Iterator[tuple[Callable[[float], Press | None], bool]]:
 def _tell(sequence: str) -> None:
     sys.stdout.write(sequence)
     sys.stdout.flush()
-
-
-def _read(terminal: Terminal, timeout_s: float) -> Press | None:
-    key = terminal.inkey(timeout_s, esc_delay=0.0)
-    return Press(_name(key), key.released, key.repeated) if key else None
 
 
 def _name(key: Keystroke) -> str:
