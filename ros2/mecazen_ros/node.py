@@ -8,7 +8,7 @@ subscriber. Messages from ROS are published on the plain key.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import count
 from typing import Any
@@ -18,23 +18,25 @@ import zenoh
 import zenoh.ext
 from mecazen import keys
 from mecazen.bridges import Put
+from mecazen.bus.base import Reply
 from mecazen.bus.inbox import Inbox, Queue, Refusals
 from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Scenario
+from mecazen.description import ask_description
 from mecazen.errors import RefusedError
 from mecazen.graph import SHARED, Graph
-from mecazen.keys import Topic
+from mecazen.keys import Call, Topic, call_of_robot, of_robot
 from mecazen.limits import refuse_implausible
-from mecazen.messages import Empty, Message, String
+from mecazen.messages import Message, String
+from mecazen.robots import join_key
 from mecazen.row import Row
 from mecazen.wire import Stamp
 
 from mecazen_ros import cdr
 from mecazen_ros.description import fixed_frames, portable
 from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters, ParameterService
-from mecazen_ros.process import Process
 from mecazen_ros.protocol import (
     LATCHED,
     NO_HASH,
@@ -61,7 +63,8 @@ from mecazen_ros.types import RosTypeError, service_hash, type_hash
 
 logger = logging.getLogger(__name__)
 
-Work = Callable[[], None]
+Send = Callable[[Message, Stamp | None], None]
+DESCRIPTION_TIMEOUT_S = 10.0
 MISSES = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5)
 """Interval at which subscribers learn of a latched sample that they missed, as in rmw_zenoh [s]."""
 
@@ -90,7 +93,7 @@ class RosSide:
         self, name: str, robot: str, bus: ZenohBus, put: Put, scenario: Scenario, graph: Graph
     ) -> None:
         """Show a service as a ROS node."""
-        RosNode(self, name, Process(bus, robot, put), scenario, graph)
+        RosNode(self, name, robot, bus, put, scenario, graph)
 
     def keep(self, *declared: object) -> None:
         """Keep what Zenoh undeclares with its last reference."""
@@ -125,46 +128,55 @@ class RosNode:
     Args:
         side: Session of the process's ROS nodes.
         name: Name of the service.
-        process: Process that the service is in.
+        robot: Its robot, if there are several and it belongs to one.
+        bus: Bus of its process.
+        put: Publishes a message without a stamp, in this process and elsewhere.
         scenario: Configuration for the service's robot.
         graph: Nodes of the scenario.
     """
 
     def __init__(
-        self, side: RosSide, name: str, process: Process, scenario: Scenario, graph: Graph
+        self,
+        side: RosSide,
+        name: str,
+        robot: str,
+        bus: ZenohBus,
+        put: Put,
+        scenario: Scenario,
+        graph: Graph,
     ) -> None:
         here = Namespace(scenario.bus.namespace or "")
         self._side = side
         self._node = Node(side.domain, side.id, next(side.numbers), here.name, ros_name(name))
-        self._process = process
+        self._robot, self._bus, self._put = robot, bus, put
         side.declare_token(self._node.token)
         for row in graph.services.get(name, ()):
-            for robot in scenario.names:
-                self._add(row, graph, robot, here.within(robot))
+            for one in scenario.names:
+                self._add(row, graph, one or robot, here.within(one))
             for topic in row.outputs:
                 if _is_common(row, topic):
-                    self._publish(topic, "", name_of(row, topic), topic, here)
+                    self._publish(topic, robot, name_of(row, topic), topic, here)
             for service in SERVICES:
                 if service.call in row.calls:
                     key, _ = self._declare("SS", here.whole(service.name), _service_type(service))
-                    self._serve(key, service.name, by_query(service, process))
+                    self._serve(key, service.name, by_query(service, self._ask))
             if keys.SET_PARAMETERS in row.calls:
                 for other in scenario.services:
-                    for robot in ("",) if other in SHARED else scenario.names:
-                        self._serve_parameters(other, robot, here.within(robot))
+                    for one in ("",) if other in SHARED else scenario.names:
+                        self._serve_parameters(other, one, here.within(one))
         if name in scenario.services:
-            for one in PARAMETER_SERVICES:
-                whole = here.whole(f"{ros_name(name)}/{one.name}")
-                self._declare("SS", whole, _service_type(one), PARAMETERS)
+            for parameter_service in PARAMETER_SERVICES:
+                whole = here.whole(f"{ros_name(name)}/{parameter_service.name}")
+                self._declare("SS", whole, _service_type(parameter_service), PARAMETERS)
         health = keys.diagnostics(name)
-        self._publish(health, "", health.key, health, here)
+        self._publish(health, robot, health.key, health, here)
 
     def _add(self, row: Row, graph: Graph, robot: str, where: Namespace) -> None:
         """Declare what a row publishes and takes of one robot."""
         if keys.ROBOT_DESCRIPTION in row.calls:
-            urdf = self._process.call(keys.ROBOT_DESCRIPTION, robot, Empty()).data
-            where = where._replace(urdf=urdf)
-            self._describe(robot, where)
+            described = ask_description(self._bus, robot, DESCRIPTION_TIMEOUT_S)
+            where = where._replace(urdf=described.urdf)
+            self._describe(where, described.meshes)
         for topic in row.outputs:
             if not _is_common(row, topic):
                 self._publish(row.on_bus(topic), robot, name_of(row, topic), topic, where)
@@ -174,9 +186,8 @@ class RosNode:
                 for one in subscriptions(given.topic, topic.key):
                     self._take(topic, robot, one, where)
 
-    def _describe(self, robot: str, where: Namespace) -> None:
+    def _describe(self, where: Namespace, meshes: Mapping[str, bytes]) -> None:
         """Publish the robot's shapes and fixed frames, also for late subscribers."""
-        meshes = self._process.files(keys.ROBOT_DESCRIPTION.key, robot)
         messages: tuple[Message, ...] = (
             String(data=portable(where.urdf, meshes)),
             fixed_frames(where.urdf, where.prefix),
@@ -197,6 +208,7 @@ class RosNode:
         self, heard: Topic[Any], robot: str, name: str, topic: Topic[Any], where: Namespace
     ) -> None:
         """Publish messages of the topic `heard` in ROS while it has subscribers there."""
+        listeners = self._bus.listeners(of_robot(heard, robot))
         for one in publications(topic, name, where):
             try:
                 kind = _type(one.kind)
@@ -207,19 +219,14 @@ class RosNode:
             publisher = self._side.session.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.DROP
             )
-            send = _sender(publisher, gid, one)
-            listen = partial(self._process.listen, heard, robot, send)
-            unlisten = partial(self._process.unlisten, heard, robot, send)
-
-            match = partial(_match, self._process.queue, listen, unlisten)
+            match = partial(_match, self._bus.queue, listeners, _sender(publisher, gid, one))
             self._side.keep(publisher, publisher.declare_matching_listener(direct(match)))
 
     def _take(self, topic: Topic[Any], robot: str, one: Subscription, where: Namespace) -> None:
         """Publish samples from ROS on the plain key, without a stamp."""
-        process = self._process
         key, _ = self._declare("MS", where.whole(one.name), _type(one.kind))
-        refuse = partial(process.refuse, _source(one.name), robot)
-        refusals = Refusals(process.queue, lambda _, reason, number: refuse(reason, number))
+        refusals = Refusals(self._bus.queue, self._bus.refuse)
+        source, on_bus = join_key(_source(one.name), robot), of_robot(topic, robot)
 
         def message_of(sample: zenoh.Sample) -> Message:
             if len(sample.payload) > topic.max_bytes:
@@ -235,13 +242,13 @@ class RosNode:
             try:
                 inbox.receive(message_of(sample))
             except RefusedError as refusal:
-                refusals.add("", str(refusal))
+                refusals.add(source, str(refusal))
 
         def take(message: Message) -> bool:
-            process.publish(topic, robot, message)
+            self._put(on_bus, message)
             return True
 
-        inbox: Inbox[Message] = Inbox(process.queue, take, lambda _: True)
+        inbox: Inbox[Message] = Inbox(self._bus.queue, take, lambda _: True)
         subscriber = self._side.session.declare_subscriber(
             key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
         )
@@ -249,15 +256,23 @@ class RosNode:
 
     def _serve_parameters(self, service: str, robot: str, where: Namespace) -> None:
         """Answer the services for the parameters of a node, whichever process it is in."""
-        parameters = NodeParameters(service, robot, lambda c, r: self._process.call(c, "", r))
+
+        def ask(call: Call[Any, Any], request: Message) -> Any:
+            return self._bus.call(call_of_robot(call, self._robot), request)
+
+        parameters = NodeParameters(service, robot, ask)
         for one in PARAMETER_SERVICES:
             name = f"{ros_name(service)}/{one.name}"
             key = self._side.key(where.whole(name), *_service_type(one))
             self._serve(key, name, by_parameters(one, parameters))
 
     def _serve(self, key: str, name: str, respond: Respond) -> None:
-        refuse = partial(self._process.refuse, _source(name), "")
-        self._side.keep(serve(self._side.session, self._process.queue, key, refuse, respond))
+        source = join_key(_source(name), self._robot)
+        self._side.keep(serve(self._side.session, self._bus, key, source, respond))
+
+    def _ask(self, call: Call[Any, Any], request: Message, reply: Reply[Any]) -> None:
+        """Have a query answered that this process serves, now or later."""
+        self._bus.server(call_of_robot(call, self._robot))(request, reply)
 
     def _declare(
         self,
@@ -275,9 +290,7 @@ class RosNode:
         return self._side.key(name, dds, hashed), gid_of(token)
 
 
-def _sender(
-    publisher: zenoh.Publisher, gid: bytes, one: Publication
-) -> Callable[[Message, Stamp | None], None]:
+def _sender(publisher: zenoh.Publisher, gid: bytes, one: Publication) -> Send:
     """Return what publishes a message in ROS; not one from outside, perhaps from ROS itself."""
     sequence = count(1)
 
@@ -289,9 +302,14 @@ def _sender(
     return send
 
 
-def _match(queue: Queue, listen: Work, unlisten: Work, status: zenoh.MatchingStatus) -> None:
+def _match(queue: Queue, listeners: list[Send], send: Send, status: zenoh.MatchingStatus) -> None:
     """Have the process's thread listen from a topic's first subscriber until its last."""
-    queue.put(listen if status.matching else unlisten)
+
+    def change() -> None:
+        if status.matching != (send in listeners):
+            (listeners.append if status.matching else listeners.remove)(send)
+
+    queue.put(change)
 
 
 def _type(kind: type[Message]) -> tuple[str, str]:

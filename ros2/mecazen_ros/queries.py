@@ -8,20 +8,23 @@ from typing import Any
 
 import zenoh
 from mecazen.bus.base import Reply
-from mecazen.bus.inbox import Queue, Refusals
+from mecazen.bus.inbox import Refusals
 from mecazen.bus.queries import QueryInbox
 from mecazen.bus.receiving import direct
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import RefusedError
+from mecazen.keys import Call
 from mecazen.messages import Message
 
 from mecazen_ros import cdr
 from mecazen_ros.parameters import NodeParameters, ParameterService
-from mecazen_ros.process import Process
 from mecazen_ros.protocol import Attachment
 from mecazen_ros.services import FAILED, OK, UNSUPPORTED, Service
 
 Give = Callable[[Message], None]
 """Sends the response to a request."""
+Ask = Callable[[Call[Any, Any], Message, Reply[Any]], None]
+"""Makes a query, which is answered now or later."""
 Respond = Callable[[bytes, Give], None]
 """Answers a request, which is in CDR, at once or later."""
 
@@ -41,7 +44,7 @@ class _QueryReply(Reply[Any]):
         self._give(self._service.respond(FAILED, reason))
 
 
-def by_query(service: Service, process: Process) -> Respond:
+def by_query(service: Service, ask: Ask) -> Respond:
     """Return a function that answers a service by a query that the process serves."""
 
     def respond(payload: bytes, give: Give) -> None:
@@ -50,7 +53,7 @@ def by_query(service: Service, process: Process) -> Respond:
         except RefusedError as refusal:
             give(service.respond(UNSUPPORTED, str(refusal)))
         else:
-            process.ask(call, request, _QueryReply(give, service))
+            ask(call, request, _QueryReply(give, service))
 
     return respond
 
@@ -69,14 +72,10 @@ def by_parameters(service: ParameterService, parameters: NodeParameters) -> Resp
 
 
 def serve(
-    session: zenoh.Session,
-    queue: Queue,
-    key: str,
-    refuse: Callable[[str, int], None],
-    respond: Respond,
+    session: zenoh.Session, bus: ZenohBus, key: str, source: str, respond: Respond
 ) -> zenoh.Queryable[None]:
-    """Answer requests on a key, on the thread that `queue` is of; `refuse` counts refused ones."""
-    refusals = Refusals(queue, lambda _, reason, count: refuse(reason, count))
+    """Answer requests on a key, on the bus's thread; refused ones count under the name `source`."""
+    refusals = Refusals(bus.queue, bus.refuse)
 
     def take(query: zenoh.Query) -> None:
         try:
@@ -92,10 +91,10 @@ def serve(
         respond(b"" if query.payload is None else query.payload.to_bytes(), give)
 
     def drop(query: zenoh.Query, reason: str) -> None:
-        refusals.add("", reason)
+        refusals.add(source, reason)
         query.drop()  # type: ignore[no-untyped-call]
 
-    inbox = QueryInbox(queue, key, take, drop)
+    inbox = QueryInbox(bus.queue, key, take, drop)
     return session.declare_queryable(key, direct(inbox.receive), complete=True)
 
 

@@ -14,21 +14,6 @@ from mecazen_ros.services import FAILED, OK, SERVICES, UNSUPPORTED
 STEP = next(service for service in SERVICES if service.name == "step_simulation")
 
 
-class Process:
-    """Answers a query, or refuses it for a reason."""
-
-    def __init__(self, reason=""):
-        self.reason = reason
-        self.asked = []
-
-    def ask(self, call, request, reply):
-        self.asked.append((call, request.ticks))
-        if self.reason:
-            reply.refuse(self.reason)
-        else:
-            reply.answer(SimState(tick=request.ticks))
-
-
 @pytest.mark.parametrize(
     ("steps", "reason", "asked", "result"),
     [
@@ -38,18 +23,25 @@ class Process:
     ],
 )
 def test_a_request_is_asked_as_a_query_and_a_refusal_is_a_response(steps, reason, asked, result):
-    process, given = Process(reason), []
-    by_query(STEP, process)(cdr.encode(STEP.interface.request(steps)), given.append)
-    assert process.asked == asked
+    made, given = [], []
+
+    def ask(call, request, reply):
+        made.append((call, request.ticks))
+        if reason:
+            reply.refuse(reason)
+        else:
+            reply.answer(SimState(tick=request.ticks))
+
+    by_query(STEP, ask)(cdr.encode(STEP.interface.request(steps)), given.append)
+    assert made == asked
     (response,) = given
     assert (response.result.result, response.result.error_message) == result
 
 
 def test_bytes_that_are_no_request_are_told_so():
-    process, given = Process(), []
-    by_query(STEP, process)(b"\x00", given.append)
+    given = []
+    by_query(STEP, lambda *_: pytest.fail("asked"))(b"\x00", given.append)
     assert given[0].result.result == UNSUPPORTED
-    assert not process.asked
 
 
 def test_a_service_for_parameters_gets_the_request_or_none_where_it_is_malformed():
