@@ -9,12 +9,12 @@ import pytest
 from harness import Command, assert_one_line, mecazen
 from mecazen import keys
 from mecazen.description import RobotDescription, serve_description
-from mecazen.messages import Odometry, String, Twist
+from mecazen.messages import String
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from recorder.conftest import Net
-from recorder.ticks import odometry, stamp_of, tick
+from recorder.ticks import stamp_of, tick
 
 PER_TICK = len(tick(0))
 
@@ -80,14 +80,6 @@ def test_a_recording_without_a_sample_is_an_error_and_no_file(net, tmp_path):
     assert err.endswith(f"error: {path}: not written, since no sample came\n")
     assert code == 1
     assert not path.exists()
-
-
-def test_some_keys_are_recorded_once_each(net, tmp_path):
-    path = tmp_path / "some.mcap"
-    recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
-    net.publish(range(5))
-    finish(net, recorder, path, 10)
-    assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 5
 
 
 @pytest.mark.parametrize("batches", [0, 1, 3])
@@ -160,43 +152,6 @@ def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_l
     assert recording.descriptions() == {"": ROBOT}
 
 
-def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, tmp_path):
-    names = ("one", "two")
-    toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
-    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
-    for name in names:
-        serve_description(net.bus, name, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
-    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
-    recorder = record(net, first)
-    for number in range(10):
-        for name in names:
-            odom = keys.of_robot(keys.ODOM, name)
-            net.bus.publisher(odom).put(odometry(number), stamp_of(number))
-    net.bus.put_bytes("two/odom", b"{", JSON_ENCODING)
-    net.bus.put_bytes("two/camera", b"\xff", "image/png")
-    assert "21 samples, 1 refused or dropped" in finish(net, recorder, first, 21)
-    expected = samples(first)
-    assert [(s.key, s.kind) for s in expected[-3:]] == [
-        ("one/odom", Odometry),
-        ("two/odom", Odometry),
-        ("two/camera", None),
-    ]
-    assert {name: of.urdf for name, of in Recording(first).descriptions().items()} == {
-        name: f"<robot name='{name}'/>" for name in names
-    }
-    assert Recording(first).descriptions()["two"].meshes == ROBOT.meshes
-
-    recorder = record(net, second)
-    net.run("replay", first, "--speed", 100)
-    finish(net, recorder, second, 21)
-    assert samples(second) == expected
-    shown = mecazen("info", first).stdout
-    assert "two/odom" in shown
-    assert "robots one, two" in shown
-    alone = net.run("replay", first, "--robot", "two")
-    assert_one_line(alone, 2, "--through")
-
-
 def test_a_key_of_any_name_is_text_in_the_table(tmp_path):
     path = tmp_path / "odd.mcap"
     writer = RecordingWriter(path, "json")
@@ -205,17 +160,6 @@ def test_a_key_of_any_name_is_text_in_the_table(tmp_path):
     shown = mecazen("info", path)
     assert (shown.returncode, shown.stderr) == (0, "")
     assert r"my/[/oops]\x1b[2J" in shown.stdout
-
-
-def test_without_a_router_expect_one_line(make_recording, tmp_path):
-    nowhere = ("--connect", "tcp/127.0.0.1:1")
-    path = tmp_path / "none.mcap"
-    for done in (
-        mecazen("record", "-o", path, *nowhere),
-        mecazen("replay", make_recording(), *nowhere),
-    ):
-        assert_one_line(done, 1, "tcp/127.0.0.1:1", "mecazen up")
-    assert not path.exists()
 
 
 def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
@@ -237,11 +181,3 @@ def test_rerun_and_json_do_not_go_together(tmp_path):
     done = mecazen("record", "-o", tmp_path / "a.mcap", "--rrd", "--encoding", "json")
     assert done.returncode == 2
     assert "--encoding cdr" in done.stderr
-
-
-def test_an_empty_twist_is_a_whole_message(net, tmp_path):
-    path = tmp_path / "whole.mcap"
-    recorder = record(net, path, "--encoding", "json")
-    net.bus.put_bytes("cmd_vel", b"{}")
-    finish(net, recorder, path, 1)
-    assert msgspec.json.decode(samples(path)[0].payload) == msgspec.to_builtins(Twist())

@@ -135,14 +135,6 @@ def test_one_query_decides_about_all_runs_that_waited_for_it(rig, monkeypatch):
     assert {sample.stamp.run for sample in rig.end()} == {7}
 
 
-def test_where_no_physics_answers_a_file_holds_a_number_of_runs(rig, monkeypatch):
-    monkeypatch.setattr(module, "MAX_OTHER_RUNS", 3)
-    rig.may_answer.set()
-    for run in range(100, 120):
-        rig.tell_tick(0, run)
-    assert {sample.stamp.run for sample in rig.end()} == {100, 101, 102}
-
-
 def test_made_up_keys_leave_room_for_those_of_the_table(rig, monkeypatch):
     monkeypatch.setattr(writer, "MAX_OTHER_CHANNELS", 10)
     for number in range(20):

@@ -153,11 +153,6 @@ def read(name, payloads):
     return found
 
 
-def write(name, fields):
-    """What cyclonedds writes."""
-    return filled(schema(name), fields).serialize().hex()
-
-
 def hashes(name):
     """The hashes of a type, by the name of who says it."""
     if "/srv/" in name:

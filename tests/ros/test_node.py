@@ -280,23 +280,6 @@ def test_who_subscribes_late_still_gets_the_description(ros):
     subscriber.undeclare()
 
 
-def test_a_subscription_of_everything_hears_nothing_twice(ros, router):
-    there = ros("controller")
-    keys_heard = []
-    with ExitStack() as stack:
-        all_ = ZenohBus(BusConfig(connect=(router,)), "client")
-        stack.callback(all_.close)
-        all_.subscribe_bytes("**", lambda key, *_: keys_heard.append(key))
-        hearing = there.bus.listeners(keys.ODOM)
-        wait(there.bus, lambda: hearing)
-        there.bus.publisher(keys.ODOM).put(Odometry(), STAMP)
-        there.bus.drain()
-        there.bus.publisher(keys.JOINT_COMMAND)
-        there.bus.put_bytes("end", b"")
-        wait(all_, lambda: f"{there.name}/end" in keys_heard)
-    assert [key for key in keys_heard if "odom" in key] == [f"{there.name}/odom"]
-
-
 @pytest.mark.parametrize("namespace", ["robot-1", "1st", "fleet/2"])
 def test_a_namespace_that_ros_does_not_allow_is_a_clear_error(write_scenario, namespace):
     settings = (f"bus.namespace='{namespace}'", "bus.ros2=true")

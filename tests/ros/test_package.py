@@ -1,6 +1,5 @@
 """The package `mecazen_msgs`: complete, and with what its messages depend on."""
 
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -30,12 +29,3 @@ def test_a_message_begins_with_its_docstring_and_has_its_own_fields_only(package
         "string name",
         "geometry_msgs/Pose pose",
     ]
-
-
-def test_the_manifest_names_version_and_packages(package):
-    manifest = package["package.xml"]
-    assert f"<version>{version('mecazen')}</version>" in manifest
-    for name in ("geometry_msgs", "std_msgs"):
-        assert f"<depend>{name}</depend>" in manifest
-        assert f"find_package({name} REQUIRED)" in package["CMakeLists.txt"]
-    assert "<depend>mecazen_msgs</depend>" not in manifest

@@ -77,15 +77,6 @@ def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach):
         assert wait(attach, 2).active_recording == "Recording:mecazen:00000002"
 
 
-def test_every_view_of_the_layout_is_there_and_none_complains(attach):
-    with playing(ticks=150) as (server, _):
-        attach.open(server.uri)
-        state = wait(attach, 1)
-        names = {view.name for view in state.views}
-        assert {"following", "from above", "log", "health", "distance error [m]"} <= names
-        assert all(view.visible and not view.reports for view in state.views)
-
-
 def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(attach):
     with playing("one", "two", ticks=150) as (server, _):
         attach.open(server.uri)
