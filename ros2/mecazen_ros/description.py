@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 from mecazen.messages import Header, JointState, Quaternion, Time, Vector3
+from mecazen.urdf import Joint, Vector, read, read_origin
 
 from mecazen_ros.interfaces import message
 
@@ -25,47 +26,34 @@ Rotation = tuple[float, float, float, float]
 """A unit quaternion: x, y, z, w."""
 
 
-class Joint(NamedTuple):
-    """Where a joint has its child in its parent's frame, at position 0."""
-
-    name: str
-    parent: str
-    child: str
-    translation: Vector3
-    rotation: Rotation
-    axis: tuple[float, float, float] | None
-    """A unit vector that the child turns about; None of a fixed joint."""
-
-    def transform(self, position: float, time: Time, prefix: str) -> Any:
-        """Return where the child is with the joint at `position` [rad]."""
-        rotation = self.rotation
-        if self.axis is not None:
-            s, c = math.sin(position / 2), math.cos(position / 2)
-            ax, ay, az = self.axis
-            rotation = _product(rotation, (ax * s, ay * s, az * s, c))
-        return TransformStamped(
-            header=Header(stamp=time, frame_id=prefix + self.parent),
-            child_frame_id=prefix + self.child,
-            transform=Transform(translation=self.translation, rotation=Quaternion(*rotation)),
-        )
-
-
-def joints(urdf: str) -> list[Joint]:
-    """Return the fixed joints of a URDF, and those that turn."""
-    return [_joint(one) for one in _root(urdf).iterfind("joint") if _turns(one) is not None]
-
-
 def fixed_frames(urdf: str, prefix: str) -> Any:
     """Return where links are that are fixed to others; `prefix` begins each frame's name."""
-    fixed = (joint for joint in joints(urdf) if joint.axis is None)
-    return TFMessage(transforms=tuple(joint.transform(0.0, Time(), prefix) for joint in fixed))
+    fixed = [joint for joint in read(urdf).joints if joint.kind == "fixed"]
+    return TFMessage(
+        transforms=tuple(
+            _frame(joint, _quaternion(*joint.origin.rpy), Time(), prefix) for joint in fixed
+        )
+    )
+
+
+def _frame(joint: Joint, rotation: Rotation, time: Time, prefix: str) -> Any:
+    """Return where a joint has its child, turned by a rotation."""
+    return TransformStamped(
+        header=Header(stamp=time, frame_id=prefix + joint.parent),
+        child_frame_id=prefix + joint.child,
+        transform=Transform(Vector3(*joint.origin.xyz), Quaternion(*rotation)),
+    )
 
 
 class MovingFrames:
     """The frames of the joints that turn, from their positions, `MOVING_HZ` times a second."""
 
     def __init__(self, urdf: str, prefix: str) -> None:
-        self._joints = {joint.name: joint for joint in joints(urdf) if joint.axis is not None}
+        self._joints = {
+            one.name: (one, _quaternion(*one.origin.rpy), _unit(one.axis or (1.0, 0.0, 0.0)))
+            for one in read(urdf).joints
+            if one.kind in ("continuous", "revolute")
+        }
         self._prefix = prefix
         self._last_ns = -1
 
@@ -79,11 +67,17 @@ class MovingFrames:
         moved = zip(state.name, state.position, strict=False)
         return TFMessage(
             transforms=tuple(
-                self._joints[name].transform(position, time, self._prefix)
+                self._turned(name, position, time)
                 for name, position in moved
                 if name in self._joints
             )
         )
+
+    def _turned(self, name: str, position: float, time: Time) -> Any:
+        joint, rotation, axis = self._joints[name]
+        s, c = math.sin(position / 2), math.cos(position / 2)
+        x, y, z = (part * s for part in axis)
+        return _frame(joint, _product(rotation, (x, y, z, c)), time, self._prefix)
 
 
 def portable(urdf: str, meshes: Mapping[str, bytes]) -> str:
@@ -95,7 +89,7 @@ def portable(urdf: str, meshes: Mapping[str, bytes]) -> str:
         urdf: Names its meshes by relative paths.
         meshes: Their binary STL [m]: bodies of revolution about z, as rollers are.
     """
-    root = _root(urdf)
+    root = ET.fromstring(urdf)  # noqa: S314 - of our own making, or of a world of the user's own
     cylinders = {name: list(_slices(stl)) for name, stl in meshes.items()}
     for link in root.iterfind("link"):
         for part in [*link.iterfind("visual"), *link.iterfind("collision")]:
@@ -111,11 +105,10 @@ def portable(urdf: str, meshes: Mapping[str, bytes]) -> str:
 def _cylinder(part: ET.Element, middle: float, radius: float, length: float) -> ET.Element:
     """Return a part of a link with a cylinder about its z axis in the place of its shape."""
     made = ET.Element(part.tag)
-    origin = _origin(part)
-    turned = _turned(_quaternion(*_numbers(origin, "rpy")), (0.0, 0.0, middle))
-    xyz = [a + b for a, b in zip(_numbers(origin, "xyz"), turned, strict=True)]
-    attributes = {"xyz": _text(*xyz), "rpy": _text(*_numbers(origin, "rpy"))}
-    ET.SubElement(made, "origin", attributes)
+    origin = read_origin(part)
+    turned = _turned(_quaternion(*origin.rpy), (0.0, 0.0, middle))
+    xyz = [a + b for a, b in zip(origin.xyz, turned, strict=True)]
+    ET.SubElement(made, "origin", {"xyz": _text(*xyz), "rpy": _text(*origin.rpy)})
     size = {"radius": _text(radius), "length": _text(length)}
     ET.SubElement(ET.SubElement(made, "geometry"), "cylinder", size)
     made.extend(part.findall("material"))
@@ -134,42 +127,10 @@ def _slices(stl: bytes) -> Iterator[tuple[float, float, float]]:
         yield (low + high) / 2, float(inside.max(initial=0.0)), high - low
 
 
-def _root(urdf: str) -> ET.Element:
-    return ET.fromstring(urdf)  # noqa: S314 - of our own making, or of a world of the user's own
-
-
-def _turns(joint: ET.Element) -> bool | None:
-    """Return whether a joint turns; None of those that neither turn nor are fixed."""
-    return {"fixed": False, "continuous": True, "revolute": True}.get(joint.get("type", ""))
-
-
-def _joint(element: ET.Element) -> Joint:
-    parent, child = (_link(element, tag) for tag in ("parent", "child"))
-    origin = _origin(element)
-    axis = None
-    if _turns(element):
-        given = element.find("axis")
-        x, y, z = _numbers(given, "xyz") if given is not None else (1.0, 0.0, 0.0)
-        length = math.hypot(x, y, z)
-        axis = x / length, y / length, z / length
-    translation = Vector3(*_numbers(origin, "xyz"))
-    rotation = _quaternion(*_numbers(origin, "rpy"))
-    return Joint(element.get("name", ""), parent, child, translation, rotation, axis)
-
-
-def _link(joint: ET.Element, tag: str) -> str:
-    element = joint.find(tag)
-    return "" if element is None else element.get("link", "")
-
-
-def _origin(element: ET.Element) -> ET.Element:
-    origin = element.find("origin")
-    return ET.Element("origin") if origin is None else origin
-
-
-def _numbers(element: ET.Element, name: str) -> tuple[float, float, float]:
-    x, y, z = map(float, element.get(name, "0 0 0").split())
-    return x, y, z
+def _unit(vector: Vector) -> Vector:
+    x, y, z = vector
+    length = math.hypot(x, y, z)
+    return x / length, y / length, z / length
 
 
 def _text(*values: float) -> str:
@@ -196,7 +157,7 @@ def _product(a: Rotation, b: Rotation) -> Rotation:
     )
 
 
-def _turned(rotation: Rotation, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+def _turned(rotation: Rotation, vector: Vector) -> Vector:
     """Return a vector turned by a rotation."""
     x, y, z, w = rotation
     turned = _product(_product(rotation, (*vector, 0.0)), (-x, -y, -z, w))

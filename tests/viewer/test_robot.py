@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from mecazen import urdf
 from mecazen.errors import RefusedError
 from mecazen.messages import JointState
-from mecazen_viewer import urdf
-from mecazen_viewer.robot import RobotModel
+from mecazen_viewer.robot import RobotModel, read_stl
 from viewer.toy import SQUARE, URDF
 from viewer_stage import values
 
@@ -111,3 +111,19 @@ def test_links_that_are_no_tree_are_refused(joints):
 def test_a_mesh_without_a_file_is_refused():
     with pytest.raises(RefusedError, match=r"r\.stl"):
         RobotModel(urdf.read(URDF), {})
+
+
+def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
+    vertices, triangles, normals = read_stl(SQUARE)
+    assert len(vertices) == 4
+    assert np.asarray(vertices)[triangles].tolist() == [
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0]],
+        [[0, 0, 0], [1, 1, 0], [0, 1, 0]],
+    ]
+    assert normals.tolist() == [[0, 0, 1]] * 4
+
+
+@pytest.mark.parametrize("data", [b"", b"solid", SQUARE[:-1], bytes(90)])
+def test_what_is_no_binary_stl_is_refused(data):
+    with pytest.raises(RefusedError, match="STL"):
+        read_stl(data)

@@ -17,8 +17,9 @@ from mecazen.graph import CROWD
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.standoff import Standoff
+from mecazen.urdf import read
 
-from mecazen_viewer import covariance, plots, senses, things, urdf
+from mecazen_viewer import covariance, plots, senses, things
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import transform
 from mecazen_viewer.entities import Entity
@@ -87,7 +88,7 @@ class Picture:
 
     def robot_shapes(self, description: RobotDescription) -> list[Entity]:
         """Return the static entities of the robot's body."""
-        self._model = RobotModel(urdf.read(description.urdf), description.meshes)
+        self._model = RobotModel(read(description.urdf), description.meshes)
         return self._model.shapes
 
     def on_ground_truth(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:

@@ -11,16 +11,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import rerun as rr
 from mecazen.errors import RefusedError
 from mecazen.messages import JointState
+from mecazen.urdf import Joint, Origin, Urdf, Visual
 
 from mecazen_viewer import entities as e
 from mecazen_viewer import rotation
 from mecazen_viewer.components import Components, instances
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.rotation import Array
-from mecazen_viewer.urdf import Joint, Origin, Urdf, Visual, read_stl
+
+Singles = npt.NDArray[np.float32]
+
+STL_HEADER_BYTES = 84
+STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 class RobotModel:
@@ -153,3 +159,26 @@ def _shape(visual: Visual, meshes: Mapping[str, bytes]) -> rr.AsComponents:
         return rr.Boxes3D(half_sizes=half, colors=colours, fill_mode="solid")
     radius, length = visual.size
     return rr.Cylinders3D(radii=[radius], lengths=[length], colors=colours, fill_mode="solid")
+
+
+def read_stl(data: bytes) -> tuple[Singles, npt.NDArray[np.uint32], Singles]:
+    """Return vertices (V, 3) [m], triangles (T, 3), and a normal for each vertex (V, 3).
+
+    Coinciding corners are merged, which reduces the mesh to a sixth. The normal of a vertex is
+    the mean of its facets' normals, weighted by area, so that the shading is smooth.
+
+    Raises:
+        RefusedError: It is not a binary STL file.
+    """
+    if len(data) < STL_HEADER_BYTES or (len(data) - STL_HEADER_BYTES) % STL_FACET.itemsize:
+        raise RefusedError("not a binary STL file")
+    corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER_BYTES)["corners"]
+    vertices: Singles
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    triangles = index.reshape(-1, 3)
+    facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals: Singles = np.zeros_like(vertices)
+    np.add.at(normals, triangles, facets[:, np.newaxis])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(length > 0.0, length, 1.0)
+    return vertices, triangles.astype(np.uint32), normals

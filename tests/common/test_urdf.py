@@ -1,13 +1,11 @@
-"""Contents of a URDF and of a mesh."""
+"""Contents of a URDF: what is none is refused with what is wrong."""
 
 from itertools import pairwise
 
-import numpy as np
 import pytest
+from mecazen import urdf
 from mecazen.errors import RefusedError
-from mecazen_viewer import urdf
-from mecazen_viewer.urdf import read_stl
-from viewer.toy import SQUARE, URDF
+from viewer.toy import URDF
 
 TENFOLD = [f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi")]
 BOMB = f'<!DOCTYPE r [<!ENTITY a "{"x" * 1000}">{"".join(TENFOLD)}]><robot name="&i;"/>'
@@ -37,19 +35,3 @@ def test_a_urdf_of_too_many_joints_is_refused():
     joint = "<joint><parent link='a'/><child link='b'/></joint>"
     with pytest.raises(RefusedError, match="1001 joints; at most 1000"):
         urdf.read(f"<robot>{joint * 1001}</robot>")
-
-
-def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
-    vertices, triangles, normals = read_stl(SQUARE)
-    assert len(vertices) == 4
-    assert np.asarray(vertices)[triangles].tolist() == [
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0]],
-        [[0, 0, 0], [1, 1, 0], [0, 1, 0]],
-    ]
-    assert normals.tolist() == [[0, 0, 1]] * 4
-
-
-@pytest.mark.parametrize("data", [b"", b"solid", SQUARE[:-1], bytes(90)])
-def test_what_is_no_binary_stl_is_refused(data):
-    with pytest.raises(RefusedError, match="STL"):
-        read_stl(data)

@@ -1,4 +1,4 @@
-"""The drawn part of a URDF: coloured shapes, the joints between their links, and meshes."""
+"""What viewers need of a URDF: coloured shapes, and the joints between their links."""
 
 from __future__ import annotations
 
@@ -6,11 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
-import numpy as np
-import numpy.typing as npt
 from mecazen.errors import RefusedError
-
-Array = npt.NDArray[np.float32]
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -19,8 +15,6 @@ SIZES = {"box": (("size",), 3), "cylinder": (("radius", "length"), 2), "mesh": (
 GREY = (0.5, 0.5, 0.5, 1.0)
 MAX_JOINTS = 1000
 """Maximum number of joints; a robot with 40 rollers in each wheel has 167."""
-STL_HEADER_BYTES = 84
-STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 class Origin(NamedTuple):
@@ -48,12 +42,14 @@ class Joint(NamedTuple):
     """The joint between a link and its parent."""
 
     name: str
+    kind: str
+    """fixed, continuous, revolute or another of URDF's."""
     parent: str
     child: str
     origin: Origin
     """The child's frame in the parent's, at position 0."""
     axis: Vector | None
-    """Axis in the child's frame; None for a fixed joint."""
+    """Axis in the child's frame, about which it turns; None for a fixed joint."""
 
 
 class Urdf(NamedTuple):
@@ -85,9 +81,10 @@ def read(text: str) -> Urdf:
         joints = [
             Joint(
                 name=joint.get("name", ""),
+                kind=joint.get("type", ""),
                 parent=_child(joint, "parent").get("link", ""),
                 child=_child(joint, "child").get("link", ""),
-                origin=_origin(joint),
+                origin=read_origin(joint),
                 axis=None
                 if (axis := joint.find("axis")) is None
                 else _vector(axis, "xyz", "1 0 0"),
@@ -101,29 +98,6 @@ def read(text: str) -> Urdf:
     return Urdf(visuals, tuple(joints))
 
 
-def read_stl(data: bytes) -> tuple[Array, npt.NDArray[np.uint32], Array]:
-    """Return vertices (V, 3) [m], triangles (T, 3), and a normal for each vertex (V, 3).
-
-    Coinciding corners are merged, which reduces the mesh to a sixth. The normal of a vertex is
-    the mean of its facets' normals, weighted by area, so that the shading is smooth.
-
-    Raises:
-        RefusedError: It is not a binary STL file.
-    """
-    if len(data) < STL_HEADER_BYTES or (len(data) - STL_HEADER_BYTES) % STL_FACET.itemsize:
-        raise RefusedError("not a binary STL file")
-    corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER_BYTES)["corners"]
-    vertices: Array
-    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    triangles = index.reshape(-1, 3)
-    facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals: Array = np.zeros_like(vertices)
-    np.add.at(normals, triangles, facets[:, np.newaxis])
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.where(length > 0.0, length, 1.0)
-    return vertices, triangles.astype(np.uint32), normals
-
-
 def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]]) -> Visual:
     geometry = _child(visual, "geometry")
     if not len(geometry):
@@ -135,10 +109,11 @@ def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]])
     size = _floats(" ".join(shape.get(name, "") for name in names), count)
     material = visual.find("material")
     rgba = colours.get(None if material is None else material.get("name"), GREY)
-    return Visual(shape.tag, size, shape.get("filename", ""), _origin(visual), rgba)
+    return Visual(shape.tag, size, shape.get("filename", ""), read_origin(visual), rgba)
 
 
-def _origin(element: ET.Element) -> Origin:
+def read_origin(element: ET.Element) -> Origin:
+    """Return the frame of an element, which it has by default at its parent's."""
     origin = element.find("origin")
     return Origin() if origin is None else Origin(_vector(origin, "xyz"), _vector(origin, "rpy"))
 
