@@ -9,29 +9,21 @@ import re
 import struct
 from typing import NamedTuple
 
-KINDS = {"NN", "MP", "MS", "SS", "SC"}
-"""A node, a publisher of messages, a subscriber of them, a service's server, its client."""
-
-BASE = r"[A-Za-z_][A-Za-z0-9_]*"
-NODE_NAME = re.compile(BASE)
-FULL_NAME = re.compile(rf"(/{BASE})+")
-DDS_TYPE = re.compile(rf"({BASE})::(msg|srv)::dds_::([A-Z][A-Za-z0-9]*)_")
-TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
-INFINITE = (9223372036, 854775807)
-"""RMW_DURATION_INFINITE: seconds and nanoseconds."""
-
-
-class Qos(NamedTuple):
-    """What a token says of the quality of service, with rmw_zenoh's defaults."""
-
-    reliable: bool
-    latched: bool
-    """Transient local: a late subscriber gets the last samples."""
-    keep_all: bool
-    depth: int
-    deadline: tuple[int, int]
-    lifespan: tuple[int, int]
-    lease: tuple[int, int]
+NUMBER = "(?:0|[1-9][0-9]*)"
+BASE = "[A-Za-z_][A-Za-z0-9_]*"
+DDS = rf"(?P<package>{BASE})::(?P<space>msg|srv)::dds_::(?P<own>[A-Z][A-Za-z0-9]*)_"
+HASH = "(?P<hash>RIHS01_[0-9a-f]{64})"
+DURATION = f"{NUMBER}?,{NUMBER}?"
+QOS = f"[12]?:(?P<durability>[12]?):[12]?,{NUMBER}?:{DURATION}:{DURATION}:1?,{DURATION}"
+KEY = re.compile(f"(?P<domain>{NUMBER})(?P<name>(?:/{BASE})+)/{DDS}/{HASH}")
+TOKEN = re.compile(
+    f"@ros2_lv/(?P<domain>{NUMBER})/(?P<zid>[1-9a-f][0-9a-f]*)/(?P<node_id>{NUMBER})/"
+    f"(?:(?P<id>(?P=node_id))/(?P<kind>NN)|(?P<number>{NUMBER})/(?P<end>MP|MS|SS|SC))/"
+    # enclave, namespace and name of the node
+    f"%/(?P<namespace>%|(?:%{BASE})+)/(?P<node>{BASE})"
+    # a topic or a service, which a node itself does not have
+    f"(?(end)/(?P<name>(?:%{BASE})+)/{DDS}/{HASH}/{QOS})"
+)
 
 
 class Data(NamedTuple):
@@ -46,7 +38,7 @@ class Data(NamedTuple):
 
 
 class Entity(NamedTuple):
-    """What a token declares."""
+    """What a token declares: a node, publisher, subscriber, service or client."""
 
     zid: str
     node_id: int
@@ -55,100 +47,43 @@ class Entity(NamedTuple):
     namespace: str
     node: str
     data: Data | None
-    qos: Qos | None
+    latched: bool
+    """Transient local: a late subscriber gets the last samples."""
 
 
-class Attachment(NamedTuple):
-    """What comes with each sample, request and answer."""
+def _matched(pattern: re.Pattern[str], text: str) -> dict[str, str | None]:
+    found = pattern.fullmatch(text)
+    if found is None:
+        raise ValueError(f"not of the grammar: {text}")
+    return found.groupdict()
 
-    sequence: int
-    time_ns: int
-    gid: bytes
+
+def _data(part: dict[str, str | None]) -> Data:
+    kind = "/".join((part["package"], part["space"], part["own"]))
+    return Data(int(part["domain"]), part["name"].replace("%", "/"), kind, part["hash"])
 
 
 def token(text: str) -> Entity:
     """Read a liveliness token."""
-    parts = text.split("/")
-    admin, domain, zid, node_id, number, kind = parts[:6]
-    if admin != "@ros2_lv" or kind not in KINDS or not all(parts):
-        raise ValueError(f"no token: {text}")
-    if len(parts) != (9 if kind == "NN" else 13):
-        raise ValueError(f"{len(parts)} parts: {text}")
-    if not re.fullmatch("[1-9a-f][0-9a-f]*", zid):
-        raise ValueError(f"a session's id is hexadecimal, without leading zeros: {text}")
-    enclave, namespace, node = (part.replace("%", "/") for part in parts[6:9])
-    for name in (enclave, namespace):
-        if name != "/" and not FULL_NAME.fullmatch(name):
-            raise ValueError(f"{name!r} is no namespace: {text}")
-    if not NODE_NAME.fullmatch(node):
-        raise ValueError(f"{node!r} is no name of a node: {text}")
-    ids = _number(node_id), _number(number)
-    if kind == "NN":
-        if ids[0] != ids[1]:
-            raise ValueError(f"a node has one id: {text}")
-        _number(domain)
-        return Entity(zid, *ids, kind, namespace, node, None, None)
-    topic, dds_type, type_hash, quality = parts[9:]
-    described = _data(domain, topic.replace("%", "/"), dds_type, type_hash)
-    if (kind in {"SS", "SC"}) != ("/srv/" in described.type):
-        raise ValueError(f"{described.type} of a {kind}: {text}")
-    return Entity(zid, *ids, kind, namespace, node, described, qos(quality))
+    part = _matched(TOKEN, text)
+    kind, number = part["kind"] or part["end"], int(part["id"] or part["number"])
+    data = None if kind == "NN" else _data(part)
+    if data is not None and (kind in {"SS", "SC"}) != ("/srv/" in data.type):
+        raise ValueError(f"{data.type} of a {kind}: {text}")
+    node = part["namespace"].replace("%", "/"), part["node"]
+    return Entity(
+        part["zid"], int(part["node_id"]), number, kind, *node, data, part["durability"] == "1"
+    )
 
 
 def key(text: str) -> Data:
     """Read the key that samples, or requests, go on."""
-    domain, *topic, dds_type, type_hash = text.split("/")
-    return _data(domain, "/" + "/".join(topic), dds_type, type_hash)
+    return _data(_matched(KEY, text))
 
 
-def _data(domain: str, name: str, dds_type: str, type_hash: str) -> Data:
-    found = DDS_TYPE.fullmatch(dds_type)
-    if not FULL_NAME.fullmatch(name) or found is None or not TYPE_HASH.fullmatch(type_hash):
-        raise ValueError(f"no topic: {name} {dds_type} {type_hash}")
-    return Data(_number(domain), name, "/".join(found.groups()), type_hash)
-
-
-def qos(text: str) -> Qos:
-    """Read the last part of a token: 6 fields, in which empty means the default."""
-    reliability, durability, history, deadline, lifespan, liveliness = text.split(":")
-    kind, depth = history.split(",")
-    automatic, *lease = liveliness.split(",")
-    for given, allowed in (
-        (reliability, "12"),
-        (durability, "12"),
-        (kind, "12"),
-        (automatic, "1"),
-    ):
-        if given and given not in allowed:
-            raise ValueError(f"{given!r} in {text}")
-    return Qos(
-        reliability != "2",
-        durability == "1",
-        kind == "2",
-        _number(depth) if depth else 42,
-        _duration(deadline.split(",")),
-        _duration(lifespan.split(",")),
-        _duration(lease),
-    )
-
-
-def _duration(parts: list[str]) -> tuple[int, int]:
-    seconds, nanoseconds = parts
-    return (
-        _number(seconds) if seconds else INFINITE[0],
-        _number(nanoseconds) if nanoseconds else INFINITE[1],
-    )
-
-
-def attachment(data: bytes) -> Attachment:
-    """Read an attachment; receivers stop after the three fields."""
+def attachment(data: bytes) -> tuple[int, int, bytes]:
+    """Read sequence, time [ns] and identity; receivers stop after these three fields."""
     sequence, time_ns, length = struct.unpack_from("<qqB", data)
     if sequence < 0 or time_ns < 0 or length != 16 or len(data) < 33:
         raise ValueError(f"no attachment: {data.hex()}")
-    return Attachment(sequence, time_ns, data[17:33])
-
-
-def _number(text: str) -> int:
-    if not re.fullmatch("0|[1-9][0-9]*", text):
-        raise ValueError(f"{text!r} is no number")
-    return int(text)
+    return sequence, time_ns, data[17:33]
