@@ -42,11 +42,7 @@ def _open_at_once(path: str, flags: int) -> int:
 
 
 def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:
-    """Return the content of a regular file.
-
-    Args:
-        path: The file.
-        most: Maximum size [bytes].
+    """Return the content of a regular file of at most `most` bytes.
 
     Raises:
         ConfigError: One line with the path and the reason.

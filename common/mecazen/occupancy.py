@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from sys import byteorder
-from typing import Any, NamedTuple
+from typing import Any
 
 from mecazen.errors import ConfigError
 from mecazen.files import read_bytes
@@ -27,15 +27,6 @@ MAX_SIDE = 1 << 16
 """Maximum width and height [pixels]."""
 MAX_BOXES = 2000
 """Maximum number of boxes, since each costs time in every scan and in every step near it."""
-
-
-class Picture(NamedTuple):
-    """A grey picture: its pixels from 0 (black) to `white`, the top row first."""
-
-    width: int
-    height: int
-    white: int
-    pixels: Sequence[int]
 
 
 def take_map(world: dict[str, Any], locate: Callable[[str], Path]) -> None:
@@ -59,9 +50,6 @@ def read_map(path: Path) -> list[dict[str, Any]]:
 
     Cells above `occupied_thresh` are occupied; unknown cells are free.
 
-    Args:
-        path: The YAML file.
-
     Raises:
         ConfigError: One line with the file and what is wrong with it.
     """
@@ -79,12 +67,10 @@ def read_map(path: Path) -> list[dict[str, Any]]:
         raise ConfigError(f"{path}: resolution: got {resolution:g}; allowed: 0.001 to 10 m")
     if not all(map(math.isfinite, (x, y, yaw, threshold))):
         raise ConfigError(f"{path}: origin and occupied_thresh must be finite")
-    picture = _read_pgm(image)
-    width, rows = picture.width, picture.height
-    levels = range(picture.white + 1)
-    shown = [level if negate in ("1", "true") else picture.white - level for level in levels]
-    is_occupied = [level > threshold * picture.white for level in shown]
-    cells = bytes([is_occupied[level] for level in picture.pixels])
+    width, rows, white, pixels = _read_pgm(image)
+    shown = [level if negate in ("1", "true") else white - level for level in range(white + 1)]
+    is_occupied = [level > threshold * white for level in shown]
+    cells = bytes([is_occupied[level] for level in pixels])
     across = _rectangles(cells[row * width : (row + 1) * width] for row in range(rows))
     rectangles = min(
         across, _turned(_rectangles(cells[column::width] for column in range(width))), key=len
@@ -108,8 +94,8 @@ def _read_settings(path: Path) -> dict[str, str]:
     return {key.strip(): value.strip().strip("'\"") for key, colon, value in lines if colon}
 
 
-def _read_pgm(path: Path) -> Picture:
-    """Return a grey picture, P2 or P5."""
+def _read_pgm(path: Path) -> tuple[int, int, int, Sequence[int]]:
+    """Return a grey picture, P2 or P5: width, height, white and the pixels, the top row first."""
     data = read_bytes(path)
     gap = rb"(?:\s|#[^\n]*\n)+"
     header = re.match(rb"(P[25])" + gap + gap.join([rb"(\d{1,9})"] * 3) + rb"\s", data)
@@ -138,7 +124,7 @@ def _read_pgm(path: Path) -> Picture:
         raise ConfigError(f"{path}: {len(pixels)} pixels of {width} x {height}")
     if (brightest := max(pixels)) > most:
         raise ConfigError(f"{path}: a pixel of {brightest}, where {most} is white")
-    return Picture(width, height, most, pixels)
+    return width, height, most, pixels
 
 
 def _rectangles(lines: Iterable[bytes]) -> list[tuple[int, int, int, int]]:

@@ -42,11 +42,7 @@ def installed_nodes() -> dict[str, EntryPoint]:
 
 
 def find(name: str, programs: Mapping[str, str]) -> Kind:
-    """Return the class of a node.
-
-    Args:
-        name: A node of the scenario, an installed one, or `file.py:Class` of one's own.
-        programs: `Scenario.programs`: may put another class in a node's place.
+    """Return the class of a node: by its name or `file.py:Class`, or of the program in its place.
 
     Raises:
         ConfigError: There is no such class.

@@ -48,13 +48,7 @@ class Things:
 
 
 def hits(scan: LaserScan, ranges: Floats, farthest_m: float = math.inf) -> tuple[Floats, Indices]:
-    """Return what a scan hits (n, 2) [m], in the lidar's frame, and the beam of each point (n).
-
-    Args:
-        scan: Its angles and limits.
-        ranges: Its ranges [m].
-        farthest_m: Points beyond it are left out.
-    """
+    """Return what a scan hits up to a range (n, 2) [m], in the lidar's frame, and each beam (n)."""
     most = min(scan.range_max, farthest_m)
     (beams,) = np.nonzero((ranges >= scan.range_min) & (ranges <= most))
     angles = scan.angle_min + scan.angle_increment * beams

@@ -37,8 +37,6 @@ def unknown_fields(given: Any, message: msgspec.Struct, within: str = "") -> Ite
         message: The message decoded from it.
         within: The enclosing field, followed by a dot; empty at the top.
     """
-    if not isinstance(given, dict):
-        return
     allowed = message.__struct_fields__
     for name, value in given.items():
         if name not in allowed:

@@ -111,6 +111,18 @@ def pair(request):
 
 
 @pytest.fixture
+def bus():
+    """A bus within this process."""
+    return LocalBus()
+
+
+@pytest.fixture
+def put(bus):
+    """Publish a message with a stamp on that bus."""
+    return lambda topic, message, stamp: bus.publisher(topic).put(message, stamp)
+
+
+@pytest.fixture
 def wall(monkeypatch):
     """The schedule's wall clock: it stands at 100 s, or goes on by `step_s` with each look."""
     wall = SimpleNamespace(now=100.0, step_s=0.0)

@@ -178,16 +178,6 @@ def test_whatever_an_unknown_field_holds_the_next_sample_arrives(pair, received)
     assert received[-1] == (forward(0.25), None)
 
 
-def test_a_query_is_answered(pair):
-    pair.near.serve(
-        keys.SIM_STEP, lambda request, reply: reply.answer(m.SimState(tick=request.ticks))
-    )
-    pair.link()
-    with pair.serving():
-        assert pair.far.call(keys.SIM_STEP, m.StepRequest(ticks=5)) == m.SimState(tick=5)
-        assert pair.far.call(keys.SIM_STEP, m.StepRequest(ticks=6)).tick == 6
-
-
 def test_files_are_fetched_by_key_and_by_expression(pair):
     files = {"meshes/wheel.stl": b"\x00wheel", "meshes/roller.stl": b"roller", "robot.urdf": b""}
     pair.near.serve_files("robot_description", files)
@@ -258,14 +248,6 @@ def test_what_a_handler_raises_reaches_who_spins(pair):
 
     with pytest.raises(ZeroDivisionError):
         put()
-
-
-def test_a_long_text_arrives_whole(pair):
-    text = m.String("äöü" * 50_000)
-    pair.near.serve(keys.ROBOT_DESCRIPTION, lambda _, reply: reply.answer(text))
-    pair.link()
-    with pair.serving():
-        assert pair.far.call(keys.ROBOT_DESCRIPTION, keys.ROBOT_DESCRIPTION.request()) == text
 
 
 def test_refused_keys_are_counted_by_name_up_to_a_number(open_bus):

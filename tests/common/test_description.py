@@ -2,14 +2,12 @@
 
 import pytest
 from mecazen import keys
-from mecazen.bus import LocalBus
 from mecazen.description import RobotDescription, ask_description, serve_description
 from mecazen.errors import BusError
 from mecazen.messages import Empty
 
 
-def test_each_robots_description_is_what_was_served_of_it():
-    bus = LocalBus()
+def test_each_robots_description_is_what_was_served_of_it(bus):
     served = {
         robot: RobotDescription(f"<robot {robot}>", {"meshes/wheel.stl": robot.encode()})
         for robot in ("one", "two")

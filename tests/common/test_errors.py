@@ -3,7 +3,6 @@
 import re
 
 import pytest
-from mecazen.bus import LocalBus
 from mecazen.errors import BusError, ConfigError, explained
 from mecazen.keys import CLOCK
 from mecazen.messages import Clock
@@ -13,8 +12,7 @@ def fail(*_):
     raise ValueError("two\n  lines")
 
 
-def test_a_mistake_is_explained_in_one_line_by_the_frames_outside_of_mecazen():
-    bus = LocalBus()
+def test_a_mistake_is_explained_in_one_line_by_the_frames_outside_of_mecazen(bus):
     bus.subscribe(CLOCK, fail)
     with pytest.raises(ValueError, match="two") as caught:
         bus.publisher(CLOCK).put(Clock(), None)  # through a frame of bus/local.py

@@ -2,7 +2,6 @@
 
 import pytest
 from harness import forward, wait
-from mecazen.bus import LocalBus
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.health import health
@@ -31,22 +30,9 @@ class Toy(Observer):
         return {"runs": self.runs}
 
 
-@pytest.fixture
-def bus():
-    return LocalBus()
-
-
 @pytest.fixture(autouse=True)
 def toy(bus, scenario):
     return Toy(bus, scenario)
-
-
-@pytest.fixture
-def put(bus):
-    def put(topic, message, stamp):
-        bus.publisher(topic).put(message, stamp)
-
-    return put
 
 
 @pytest.fixture

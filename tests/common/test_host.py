@@ -169,6 +169,7 @@ def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
     assert rig.driver.host.stamp == Stamp(0, 0, 5)
 
 
+ODOMETRY = m.Odometry()
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
 
 
@@ -206,8 +207,8 @@ def node():
     rig = Rig("follower", scenario, kinds={"follower": Follower})
     steps = rig.node.steps
 
-    def put(tick, revision=0, run=1):
-        rig.put(keys.ODOM, m.Odometry(), rig.at(tick, run)._replace(revision=revision))
+    def put(tick, revision=0, run=1, topic=keys.ODOM, message=ODOMETRY):
+        rig.put(topic, message, rig.at(tick, run)._replace(revision=revision))
         made = [*steps]
         steps.clear()
         return made
@@ -215,10 +216,7 @@ def node():
     def change(tick, revision, run=1, **settings):
         values = tuple(m.Parameter(f"follower.{key}", text) for key, text in settings.items())
         message = m.Parameters(revision=revision, parameters=values)
-        rig.put(keys.PARAMETERS, message, rig.at(tick, run)._replace(revision=revision))
-        made = [*steps]
-        steps.clear()
-        return made
+        return put(tick, revision, run, keys.PARAMETERS, message)
 
     put.rig, put.change = rig, change
     return put

@@ -52,15 +52,6 @@ def test_wheels_that_fight_each_other_do_not_move_the_body():
     assert ROBOT.forward(WheelSpeeds(1.0, 1.0, -1.0, -1.0)) == Twist2D()
 
 
-@given(twists)
-def test_forward_undoes_inverse(twist):
-    assert ROBOT.forward(ROBOT.inverse(twist)) == pytest.approx(twist, abs=1e-9)
-
-
-def test_desaturation_halves_all_when_the_fastest_is_twice_too_fast():
-    assert WheelSpeeds(28.0, 12.0, -8.0, 32.0).desaturate(16.0) == (14.0, 6.0, -4.0, 16.0)
-
-
 def test_speeds_within_the_limit_stay_as_they_are():
     wheels = WheelSpeeds(28.0, 12.0, -8.0, -32.0)
     assert wheels.desaturate(32.0) == wheels

@@ -20,19 +20,12 @@ NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
     ("override", "expected"),
     [
         ("seeed=1", "seeed: unknown key; did you mean seed? "),
-        ("sim.tick_s=5", f"sim.tick_s: got 5; allowed: {NUMBER_OF_TICKS}"),
-        ("sim.mode=fast", "sim.mode: got 'fast'; allowed: 'lockstep' or 'real_time'"),
         ("seed=", "seed: got ''; allowed: "),
         ("seed=[1,", "seed: got '[1,'; allowed: "),
         ("seed=1\nsim.speed=2", r"seed: got '1\nsim.speed=2'; allowed: "),
         (f"seed={'9' * 5000}", "seed: got '999999"),
-        (f"seed={'[' * 5000}", "seed: got '[[[[["),
-        ("sim=3", "sim: got 3; allowed: a table"),
         ("sim.mode.x=3", "sim.mode.x: sim.mode: got a table; allowed: 'lockstep' or 'real_time'"),
-        ("services=physics", "services: got 'physics'; allowed: a list, each a string"),
-        ('services=["a",3]', "services: services.1: got 3; allowed: a string"),
         ('services=["a","a"]', "services: services: each at most once"),
-        ("programs.follower=3", "programs.follower: got 3; allowed: a string"),
         ("sensor.occlusions_s=[[2.0,1.0]]", "sensor.occlusions_s: sensor: occlusions_s: [2.0, 1.0"),
         ("sim.tick_s=0.0100000001234", "sim.tick_s: sim.tick_s = 0.0100000001234 must be whole"),
     ],
@@ -85,15 +78,6 @@ def test_a_scenario_changes_some_of_a_robot_file(write_scenario):
     assert msgspec.structs.replace(robot, payload=None) == load_scenario(write_scenario()).robot
 
 
-def test_when_a_file_is_missing_expect_its_path(write_scenario):
-    expected = "scenarios/none.toml: can't be read: No such file or directory"
-    assert problem(write_scenario(robot="robot = 'none.toml'\n")) == expected
-    path = write_scenario().with_name("none.toml")
-    assert problem(path) == expected
-    path.write_bytes(b"\xff\xfe")
-    assert problem(path) == "scenarios/none.toml: must be text in UTF-8"
-
-
 def test_a_folder_or_a_pipe_in_the_place_of_a_scenario_is_called_so(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "back").mkdir()
@@ -107,15 +91,11 @@ def test_a_folder_or_a_pipe_in_the_place_of_a_scenario_is_called_so(tmp_path, mo
     ("override", "read", "expected"),
     [
         ("sim.mode=lockstep", lambda s: s.sim.mode, "lockstep"),
-        ('sim.mode="lockstep"', lambda s: s.sim.mode, "lockstep"),
-        ("sim.speed=2", lambda s: s.sim.speed, 2.0),
         (" sim.speed = 2.5 ", lambda s: s.sim.speed, 2.5),
         ("bus.multicast_scouting=true", lambda s: s.bus.multicast_scouting, True),
         ('bus.connect=["tcp/127.0.0.1:1"]', lambda s: s.bus.connect, ("tcp/127.0.0.1:1",)),
-        ("bus.namespace=robot_2", lambda s: s.bus.namespace, "robot_2"),
         ("sensor.occlusions_s=[[1, 2]]", lambda s: s.sensor.occlusions_s, ((1.0, 2.0),)),
         ("start={x_m=2.0}", lambda s: s.start.pose, Pose2D(2.0, 0.0, 0.0)),
-        ("services=[]", lambda s: s.services, ()),
         ("robot.wheels.track_m=0.4", lambda s: s.robot.half_track, 0.2),
         ("robot=nexus", lambda s: s.robot.name, "nexus"),
     ],
@@ -124,10 +104,6 @@ def test_an_override_is_taken_as_toml_and_a_bare_word_as_a_string(
     write_scenario, override, read, expected
 ):
     assert read(load_scenario(write_scenario(), (override,))) == expected
-
-
-def test_the_last_of_two_overrides_of_a_key_counts(write_scenario):
-    assert load_scenario(write_scenario("seed = 1"), ("seed=2", "seed=3")).seed == 3
 
 
 def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
@@ -161,14 +137,6 @@ def test_the_effective_configuration_loads_again_to_the_same(write_scenario, tmp
     again = tmp_path / "again.toml"
     again.write_text(tomli_w.dumps(effective(loaded)))
     assert load_scenario(again) == loaded
-
-
-def test_the_effective_configuration_holds_every_default(scenario):
-    tables = effective(scenario)
-    expected = {"mode": "real_time", "tick_s": 0.01, "speed": 1.0, "duration_s": 60.0}
-    assert tables["sim"] == {**expected, "answer_timeout_s": 10.0}
-    assert "namespace" not in tables["bus"]
-    assert tables["robot"]["rollers"]["count"] == 9
 
 
 def read_program(scenario):

@@ -3,17 +3,12 @@
 import pytest
 from harness import ask_bytes
 from mecazen import keys
-from mecazen.bus import LocalBus, StoppedError
+from mecazen.bus import StoppedError
 from mecazen.errors import BusError
 from mecazen.messages import Clock, SimState, StepRequest
 from mecazen.wire import Stamp
 
 STAMP = Stamp(0, 1, 0)
-
-
-@pytest.fixture
-def bus():
-    return LocalBus()
 
 
 def test_a_put_reaches_all_subscribers_in_their_order_as_the_object_itself(bus):

@@ -143,28 +143,6 @@ def test_a_sample_of_another_process_is_asked_for_unless_the_latest_will_do(
     assert one.late == late
 
 
-def test_a_sample_that_comes_while_the_loop_waits_makes_the_step():
-    log: list = []
-    one = slot(A, "every")
-    for lacks in loop_of(Toy(log, "n", one)).step(0, at(0)):
-        assert lacks is one
-        one.receive(String(data="a0"), at(0), 0)
-    assert log == ["n0 a0"]
-    assert one.late == 0
-
-
-@pytest.mark.parametrize(("keeps_all", "steps"), [(True, ["n0 a0", "n1 a1"]), (False, ["n1 a1"])])
-def test_samples_ahead_wait_for_their_ticks_where_all_are_kept(keeps_all, steps):
-    log: list = []
-    one = slot(A, "every", keeps_all=keeps_all)
-    loop = loop_of(Toy(log, "n", one))
-    for tick in range(2):
-        one.receive(String(data=f"a{tick}"), at(tick), tick)
-    # a later sample has come, so the loop does not wait for the replaced one
-    assert [lacking(loop, tick) for tick in range(2)] == [[], []]
-    assert log == steps
-
-
 def test_no_number_of_samples_ahead_fills_the_memory():
     one = slot(A, "due")
     for tick in range(AHEAD_AT_MOST + 5):
@@ -179,15 +157,6 @@ def test_that_there_is_no_message_ends_the_wait_and_gives_none():
     one.receive(None, at(0), 0)
     assert lacking(loop_of(Toy(log, "n", one)), 0) == []
     assert log == ["n0"]
-
-
-def test_a_message_without_a_stamp_is_taken_once_and_ends_no_wait():
-    log: list = []
-    one = slot(A, "due")
-    loop = loop_of(Toy(log, "n", one))
-    one.give(String(data="a"), 0)
-    assert [lacking(loop, tick) for tick in range(2)] == [["a"], ["a"]]
-    assert log == ["n0 a", "n1"]
 
 
 def test_a_newer_command_repeats_the_last_step_and_publishes_as_of_its_tick():

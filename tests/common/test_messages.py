@@ -14,96 +14,45 @@ from mecazen.wire import decode, encode
 
 # The fields of ROS 2's .msg files, in their order, with mecazen's type for each.
 ROS_FIELDS = {
-    "builtin_interfaces/msg/Time": ["sec", "nanosec"],
-    "std_msgs/msg/Header": ["stamp:Time", "frame_id"],
-    "std_msgs/msg/String": ["data"],
-    "std_msgs/msg/Empty": [],
-    "rosgraph_msgs/msg/Clock": ["clock:Time"],
-    "geometry_msgs/msg/Vector3": ["x", "y", "z"],
-    "geometry_msgs/msg/Point": ["x", "y", "z"],
-    "geometry_msgs/msg/Quaternion": ["x", "y", "z", "w"],
-    "geometry_msgs/msg/Twist": ["linear:Vector3", "angular:Vector3"],
-    "geometry_msgs/msg/Pose": ["position:Point", "orientation:Quaternion"],
-    "geometry_msgs/msg/PoseWithCovariance": ["pose:Pose", "covariance"],
-    "geometry_msgs/msg/TwistWithCovariance": ["twist:Twist", "covariance"],
-    "nav_msgs/msg/Odometry": [
-        "header:Header",
-        "child_frame_id",
-        "pose:PoseWithCovariance",
-        "twist:TwistWithCovariance",
-    ],
-    "sensor_msgs/msg/JointState": ["header:Header", "name", "position", "velocity", "effort"],
-    "sensor_msgs/msg/LaserScan": [
-        "header:Header",
-        "angle_min",
-        "angle_max",
-        "angle_increment",
-        "time_increment",
-        "scan_time",
-        "range_min",
-        "range_max",
-        "ranges",
-        "intensities",
-    ],
-    "sensor_msgs/msg/Image": [
-        "header:Header",
-        "height",
-        "width",
-        "encoding",
-        "is_bigendian",
-        "step",
-        "data",
-    ],
-    "sensor_msgs/msg/RegionOfInterest": [
-        "x_offset",
-        "y_offset",
-        "height",
-        "width",
-        "do_rectify",
-    ],
-    "sensor_msgs/msg/CameraInfo": [
-        "header:Header",
-        "height",
-        "width",
-        "distortion_model",
-        "d",
-        "k",
-        "r",
-        "p",
-        "binning_x",
-        "binning_y",
-        "roi:RegionOfInterest",
-    ],
-    "sensor_msgs/msg/Imu": [
-        "header:Header",
-        "orientation:Quaternion",
-        "orientation_covariance",
-        "angular_velocity:Vector3",
-        "angular_velocity_covariance",
-        "linear_acceleration:Vector3",
-        "linear_acceleration_covariance",
-    ],
-    "sensor_msgs/msg/BatteryState": [
-        "header:Header",
-        "voltage",
-        "temperature",
-        "current",
-        "charge",
-        "capacity",
-        "design_capacity",
-        "percentage",
-        "power_supply_status",
-        "power_supply_health",
-        "power_supply_technology",
-        "present",
-        "cell_voltage",
-        "cell_temperature",
-        "location",
-        "serial_number",
-    ],
-    "diagnostic_msgs/msg/KeyValue": ["key", "value"],
-    "diagnostic_msgs/msg/DiagnosticStatus": ["level", "name", "message", "hardware_id", "values"],
-    "diagnostic_msgs/msg/DiagnosticArray": ["header:Header", "status"],
+    "builtin_interfaces/msg/Time": "sec nanosec",
+    "std_msgs/msg/Header": "stamp:Time frame_id",
+    "std_msgs/msg/String": "data",
+    "std_msgs/msg/Empty": "",
+    "rosgraph_msgs/msg/Clock": "clock:Time",
+    "geometry_msgs/msg/Vector3": "x y z",
+    "geometry_msgs/msg/Point": "x y z",
+    "geometry_msgs/msg/Quaternion": "x y z w",
+    "geometry_msgs/msg/Twist": "linear:Vector3 angular:Vector3",
+    "geometry_msgs/msg/Pose": "position:Point orientation:Quaternion",
+    "geometry_msgs/msg/PoseWithCovariance": "pose:Pose covariance",
+    "geometry_msgs/msg/TwistWithCovariance": "twist:Twist covariance",
+    "nav_msgs/msg/Odometry": (
+        "header:Header child_frame_id pose:PoseWithCovariance twist:TwistWithCovariance"
+    ),
+    "sensor_msgs/msg/JointState": "header:Header name position velocity effort",
+    "sensor_msgs/msg/LaserScan": (
+        "header:Header angle_min angle_max angle_increment time_increment scan_time "
+        "range_min range_max ranges intensities"
+    ),
+    "sensor_msgs/msg/Image": "header:Header height width encoding is_bigendian step data",
+    "sensor_msgs/msg/RegionOfInterest": "x_offset y_offset height width do_rectify",
+    "sensor_msgs/msg/CameraInfo": (
+        "header:Header height width distortion_model d k r p binning_x binning_y "
+        "roi:RegionOfInterest"
+    ),
+    "sensor_msgs/msg/Imu": (
+        "header:Header orientation:Quaternion orientation_covariance "
+        "angular_velocity:Vector3 angular_velocity_covariance linear_acceleration:Vector3 "
+        "linear_acceleration_covariance"
+    ),
+    "sensor_msgs/msg/BatteryState": (
+        "header:Header voltage temperature current charge capacity design_capacity "
+        "percentage power_supply_status power_supply_health power_supply_technology "
+        "present cell_voltage cell_temperature location serial_number"
+    ),
+    "diagnostic_msgs/msg/KeyValue": "key value",
+    "diagnostic_msgs/msg/DiagnosticStatus": "level name message hardware_id values",
+    "diagnostic_msgs/msg/DiagnosticArray": "header:Header status",
 }
 
 KINDS = [
@@ -155,7 +104,7 @@ def bits(value):
 @pytest.mark.parametrize("ros_type", ROS_FIELDS)
 def test_the_fields_are_those_of_ros_in_their_order(ros_type):
     kind = ROS_KINDS[ros_type]
-    expected = [field.partition(":") for field in ROS_FIELDS[ros_type]]
+    expected = [field.partition(":") for field in ROS_FIELDS[ros_type].split()]
     assert list(kind.__struct_fields__) == [name for name, _, _ in expected]
     hints = get_type_hints(kind)
     for name, _, nested in expected:
@@ -174,26 +123,6 @@ def test_every_message_says_its_ros_type_or_that_it_has_none():
 @pytest.mark.parametrize("payload", [b"{}", b"\x80"])
 def test_when_everything_is_missing_expect_the_defaults(kind, payload):
     assert decode(payload, kind) == kind()
-
-
-def test_the_defaults_are_ros_zeros_and_the_identity_rotation():
-    odometry = messages.Odometry()
-    assert odometry.pose.pose.orientation == messages.Quaternion(0.0, 0.0, 0.0, 1.0)
-    assert odometry.pose.covariance == (0.0,) * 36
-    assert odometry.header.stamp.ns == 0
-    assert odometry.header.frame_id == ""
-    assert messages.Twist().linear == messages.Vector3(0.0, 0.0, 0.0)
-    assert messages.JointState().position == ()
-
-
-def test_unknown_fields_are_ignored():
-    payload = b'{"linear":{"x":0.2,"w":null},"more":[1,{"a":"b"}],"angular":{}}'
-    assert decode(payload, messages.Twist) == messages.Twist(linear=messages.Vector3(x=0.2))
-
-
-def test_a_message_is_immutable():
-    with pytest.raises(AttributeError):
-        messages.Twist().linear = messages.Vector3()
 
 
 @pytest.mark.parametrize("form", ["json", "msgpack"])
@@ -246,17 +175,6 @@ def test_the_yaw_of_a_tilted_quaternion_of_any_length_is_that_of_its_z_y_x_angle
     # at a pitch of 1.5 the yaw is read from numbers of cos(1.5) = 0.07: 15 times the rounding
     found = messages.Pose(orientation=orientation).to_planar().yaw
     assert abs(wrap(found - yaw)) < 1e-13
-
-
-def test_a_quaternion_of_zeros_is_no_rotation():
-    pose = messages.Pose(orientation=messages.Quaternion(0.0, 0.0, 0.0, 0.0))
-    assert pose.to_planar().yaw == 0.0
-
-
-def test_a_planar_twist_round_trips():
-    twist = Twist2D(0.1, -0.2, 0.3)
-    assert messages.Twist.planar(twist).to_planar() == twist
-    assert messages.Twist.planar(twist).angular == messages.Vector3(0.0, 0.0, 0.3)
 
 
 def test_planar_odometry_expect_frames_pose_twist_and_covariances():

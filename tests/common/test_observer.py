@@ -2,7 +2,6 @@
 
 import pytest
 from harness import forward
-from mecazen.bus import LocalBus
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES
 from mecazen.messages import Clock, JointState
 from mecazen.runtime.observer import Observer
@@ -31,22 +30,9 @@ class Toy(Observer):
         return {"events": len(self.events)}
 
 
-@pytest.fixture
-def bus():
-    return LocalBus()
-
-
 @pytest.fixture(autouse=True)
 def toy(bus, scenario):
     return Toy(bus, scenario)
-
-
-@pytest.fixture
-def put(bus):
-    def put(topic, message, stamp):
-        bus.publisher(topic).put(message, stamp)
-
-    return put
 
 
 def at(tick, run=1, seed=9):

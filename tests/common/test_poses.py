@@ -25,11 +25,6 @@ def test_a_known_pose_is_returned_as_it_is():
     assert [made.at(n * 10 * MS) for n in range(4)] == poses
 
 
-def test_between_two_poses_expect_the_share_of_the_time():
-    pose = history(Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, -2.0, 0.4)).at(2_500_000)
-    assert pose == pytest.approx((0.25, -0.5, 0.1))
-
-
 def test_the_yaw_turns_the_shorter_way():
     pose = history(Pose2D(yaw=math.pi - 0.1), Pose2D(yaw=-math.pi + 0.3)).at(5 * MS)
     assert pose.yaw == pytest.approx(-math.pi + 0.1)

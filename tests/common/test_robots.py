@@ -86,11 +86,8 @@ def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
     ("text", "expected"),
     [
         ("robots = 'one'", "robots: got 'one'; allowed: a list, each a table"),
-        ("robots = ['one']", "robots.0: got 'one'; allowed: a table"),
         ("[[robots]]\nstart = {x_m = 1.0}", "robots.0.name: missing; must be a string that mat"),
         ("[[robots]]\nname = ''", "robots.0.name: got ''; allowed: a string that matches"),
-        ("[[robots]]\nname = 'a/b'", "robots.0.name: got 'a/b'; allowed: a string that matches"),
-        ("[[robots]]\nname = 'a*'", "robots.0.name: got 'a*'; allowed: a string that matches"),
         ("[[robots]]\nname = 'sim'", "robots.sim: name = 'sim' begins a key of mecazen's own"),
         (
             "[[robots]]\nname = 'mecazen'",
@@ -99,7 +96,6 @@ def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
         (TWO.replace("two", "one"), "robots: each name at most once"),
         (TWO.replace("1.5", "0.3"), "robots: one and two overlap at their starts"),
         ("[[robots]]\nname = 'a'\nphysics = {}", "robots.a.physics: unknown key"),
-        ("[[robots]]\nname = 'a'\ntarget.height = 1.0", "robots.a.target.height: unknown key"),
         ("[[robots]]\nname = 'a'\nsensor.rate_hz = 0", "robots.a.sensor.rate_hz: got 0; allowed"),
         ("[[robots]]\nname = 'a'\nrobot = 'none.toml'", "none.toml: can't be read: No such file"),
     ],

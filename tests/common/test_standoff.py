@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import VIEWS
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, wrap
 from planar import poses, standoffs, twists
 
 
@@ -47,12 +47,6 @@ def test_errors_are_actual_less_wanted_across_the_wrap():
     robot = Pose2D(2.0 * math.cos(bearing), 2.0 * math.sin(bearing), math.radians(-20.0))
     errors = back.errors(Pose2D(), robot)
     assert errors == pytest.approx((1.0, math.radians(10.0), math.radians(-20.0)))
-
-
-def test_goal_of_a_turning_person_moves_sideways():
-    # 1 m behind at 0.1 rad/s to the left, the goal swings to the right: -y.
-    velocity = FollowerConfig().standoff.goal_velocity(Pose2D(), Twist2D(0.2, 0.0, 0.1))
-    assert velocity == pytest.approx((0.2, -0.1, 0.1))
 
 
 @given(poses, twists, standoffs)

@@ -92,73 +92,35 @@ def test_each_way_in_which_messagepack_begins_a_map_is_known(size):
     assert decode(payload, m.Twist) == FORWARD
 
 
-def test_whole_numbers_are_numbers():
-    assert decode(b'{"linear":{"x":1}}', m.Twist).linear.x == 1.0
-    assert decode(packed({"linear": {"x": -3}}), m.Twist).linear.x == -3.0
-
-
 REFUSED = {
     "empty": (b"", m.Twist),
-    "only blanks": (b" \n", m.Twist),
-    "truncated JSON": (b'{"linear":{"x":0.2}', m.Twist),
     "truncated MessagePack": (packed({"linear": {"x": 0.2}})[:-1], m.Twist),
-    "more behind it": (b"{}{}", m.Twist),
-    "more behind it, MessagePack": (b"\x80\x80", m.Twist),
-    "a number as a string": (b'{"linear":{"x":"1"}}', m.Twist),
-    "a bool for a number": (b'{"linear":{"x":true}}', m.Twist),
-    "a bool for a number, MessagePack": (packed({"linear": {"x": True}}), m.Twist),
-    "a bool for a whole number": (b'{"sec":true}', m.Time),
-    "a fraction for a whole number": (b'{"sec":1.5}', m.Time),
     "null": (b"null", m.Twist),
-    "null for a number": (b'{"linear":{"x":null}}', m.Twist),
-    "null for a message": (b'{"linear":null}', m.Twist),
-    "nil": (b"\xc0", m.Twist),
-    "nil for a number": (packed({"linear": {"x": None}}), m.Twist),
     "NaN in JSON": (b'{"linear":{"x":NaN}}', m.Twist),
-    "Infinity in JSON": (b'{"linear":{"x":Infinity}}', m.Twist),
-    "-Infinity in JSON": (b'{"linear":{"x":-Infinity}}', m.Twist),
     "too large for a float": (b'{"linear":{"x":1e400}}', m.Twist),
     "too many digits for a float": (b'{"linear":{"x":' + b"9" * 5000 + b"}}", m.Twist),
     "NaN in MessagePack": (packed({"linear": {"x": math.nan}}), m.Twist),
     "infinity in MessagePack": (packed({"linear": {"x": math.inf}}), m.Twist),
-    "-infinity in MessagePack": (packed({"linear": {"x": -math.inf}}), m.Twist),
     "infinity as a 32 bit float": (b"\x81\xa6linear\x81\xa1x\xca\x7f\x80\x00\x00", m.Twist),
     "NaN in a list": (packed({"position": [0.0, math.nan]}), m.JointState),
     "a whole number over 32 bits": (b'{"clock":{"sec":4294967296}}', m.Clock),
-    "a huge whole number": (b'{"tick":' + b"9" * 30 + b"}", m.SimState),
     "a whole number of too many digits": (b'{"tick":' + b"9" * 5000 + b"}", m.SimState),
-    "64 bits, MessagePack": (b"\x81\xa4tick\xcf" + b"\xff" * 8, m.SimState),
     "a second of nanoseconds": (b'{"nanosec":1000000000}', m.Time),
-    "no ticks": (b'{"ticks":0}', m.StepRequest),
-    "a level that there is not": (b'{"level":4}', m.DiagnosticStatus),
     "35 covariances": (packed({"covariance": [0.0] * 35}), m.PoseWithCovariance),
-    "37 covariances": (packed({"covariance": [0.0] * 37}), m.PoseWithCovariance),
     "a list": (b"[]", m.Twist),
-    "a list, MessagePack": (b"\x90", m.Twist),
-    "a string": (b'"cmd_vel"', m.Twist),
-    "a string, MessagePack": (packed("cmd_vel"), m.Twist),
-    "a number": (b"0.2", m.Twist),
-    "a list for a message": (b'{"linear":[0.2,0,0]}', m.Twist),
     "no UTF-8": (b'{"frame_id":"\xff"}', m.Header),
     "no UTF-8, MessagePack": (b"\x81\xa8frame_id\xa1\xff", m.Header),
     "half of a surrogate": (b'{"frame_id":"\\ud800"}', m.Header),
-    "keys that are numbers": (b"\x81\x01\x01", m.Twist),
-    "a list of 2³² announced": (b"\x81\xa4name\xdd\xff\xff\xff\xff", m.JointState),
     "numbers of 2³⁰ announced": (b"\x81\xa8position\xdd\x3f\xff\xff\xff\x01", m.JointState),
     "a string of 2³² announced": (b"\x81\xa8frame_id\xdb\xff\xff\xff\xff", m.Header),
-    "a map of 2³² announced": (b"\xdf\xff\xff\xff\xff", m.Twist),
-    "an extension": (b"\x81\xa6linear\xd6\xff\xff\xff\xff\xff", m.Twist),
     "lists in lists": (b'{"x":' + b"[" * 400_000 + b"]" * 400_000 + b"}", m.Twist),
     "tables in tables": (b'{"x":' * 100_000 + b"1" + b"}" * 100_000, m.Twist),
     "lists in lists, MessagePack": (b"\x81\xa1x" + b"\x91" * 500_000 + b"\xc0", m.Twist),
     "tables in tables, MessagePack": (b"\x81\xa1x" * 200_000 + b"\xc0", m.Twist),
-    "lists where a message is due": (b'{"linear":' + b"[" * 400_000, m.Twist),
     "CDR, one number short": (b"\x00\x01\x00\x00" + bytes(40), m.Twist),
-    "CDR, one number more": (b"\x00\x01\x00\x00" + bytes(56), m.Twist),
     "big-endian CDR that does not say so": (bytes(52), m.Twist),
     "CDR of what ROS can't say": (b"\x00\x01\x00\x00" + bytes(4), m.ResetRequest),
     "a byte order mark": (b"\xef\xbb\xbf{}", m.Twist),
-    "text": (b"hello", m.Twist),
 }
 
 
@@ -166,15 +128,6 @@ REFUSED = {
 def test_what_is_not_what_the_key_carries_is_refused_in_one_line(case):
     payload, kind = REFUSED[case]
     assert error_of(RefusedError, lambda: decode(payload, kind))
-
-
-@pytest.mark.parametrize("encoding", [JSON_ENCODING, MSGPACK_ENCODING])
-@pytest.mark.parametrize(
-    "payload", [b"", b"null", b"\xc0", b"[]", b"\x90", b"1", b"\xa1x", b"\xff"]
-)
-def test_what_is_no_table_is_refused_whatever_the_encoding_says(encoding, payload):
-    with pytest.raises(RefusedError):
-        decode(payload, m.Twist, encoding)
 
 
 def test_a_payload_of_just_a_mebibyte_is_taken_and_a_byte_more_is_refused():

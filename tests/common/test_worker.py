@@ -135,12 +135,6 @@ def test_in_lockstep_every_tick_waits_for_its_samples(inputs, script, steps):
     assert Toy(inputs, lockstep=True, d=2).feed(script) == steps
 
 
-def test_senders_of_different_rates_meet_in_the_ticks_of_both():
-    for script in ("a0 a1 a2 a3 a4 b0 b2 b4", "b0 b2 b4 a0 a1 a2 a3 a4"):
-        toy = Toy(BOTH, lockstep=True, b=2)
-        assert toy.feed(script) == ["0: a0 b0", "2: a2 b2", "4: a4 b4"]
-
-
 @pytest.mark.parametrize(
     ("script", "late"),
     [
@@ -153,16 +147,6 @@ def test_late_samples_are_counted_by_the_steps_that_were_made_without_them(scrip
     toy = Toy((every(A), due(D), due(E)), lockstep=False, d=2, e=4)
     toy.feed(script)
     assert {key: toy.slots[key].late for key in "de"} == late
-
-
-@pytest.mark.parametrize(
-    ("period", "ticks", "missed"),
-    [(1, (0, 1, 2, 3), 0), (1, (0, 1, 3, 4, 7), 3), (2, (0, 2, 4), 0), (2, (4, 6, 12), 2)],
-)
-def test_steps_that_were_not_made_are_counted_by_the_period_of_the_turn(period, ticks, missed):
-    toy = Toy(EVERY, lockstep=False, a=period)
-    toy.feed(" ".join(f"a{tick}" for tick in ticks))
-    assert toy.runner.missed == missed
 
 
 PERIOD = st.integers(1, 4)

@@ -181,16 +181,6 @@ def test_samples_are_written_in_the_configured_format(
     assert payload.startswith(first)
 
 
-def test_a_client_is_heard_through_the_router_and_hears(open_bus, pair_of):
-    near, far = open_bus("client"), open_bus("client")
-    twists = []
-    near.subscribe(keys.CMD_VEL, lambda twist, _: twists.append(twist))
-    pair_of(near, far).link()
-    far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
-    wait(near, lambda: bool(twists))
-    assert twists == [Twist(linear=Vector3(x=0.2))]
-
-
 def test_namespaces_do_not_hear_each_other(open_bus):
     names = [f"test{secrets.token_hex(6)}" for _ in range(2)]
     ears = [open_bus(namespace=name) for name in names]
@@ -234,13 +224,6 @@ def test_a_session_that_can_not_close_is_reported_and_hides_no_other_error(open_
     assert "the session did not close: close operation timed out!" in caplog.text
 
 
-def test_who_comes_late_sees_who_is_alive_and_oneself(open_bus):
-    open_bus().declare_alive("physics")
-    late = open_bus()
-    late.declare_alive("late")
-    wait(late, lambda: {"physics", "late"} <= late.presence.names)
-
-
 def test_stop_ends_a_waiting_spin_once_from_another_thread(open_bus):
     bus = open_bus()
     with ThreadPoolExecutor() as pool:
@@ -277,15 +260,6 @@ def test_a_signal_that_does_not_interrupt_a_wait_still_ends_it(open_bus):
         thread.join()
         guard.join()
     assert not hung
-
-
-def test_an_oversize_payload_is_refused_before_it_is_read(zenoh_pair, caplog):
-    zenoh_pair.near.subscribe(keys.CMD_VEL, lambda *_: pytest.fail("delivered"))
-    zenoh_pair.link()
-    zenoh_pair.far.put_bytes("cmd_vel", bytes(MAX_SAMPLE_BYTES + 1))
-    zenoh_pair.settle()
-    assert zenoh_pair.near.refused == {"cmd_vel": 1}
-    assert f"payload of more than {MAX_SAMPLE_BYTES} bytes" in caplog.text
 
 
 def test_when_a_subscription_is_no_key_expression_expect_one_line(open_bus):

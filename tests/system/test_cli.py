@@ -1,8 +1,6 @@
 """The command line as a user meets it: what it prints, and one line where something is wrong."""
 
-import hashlib
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -43,31 +41,6 @@ def here(monkeypatch, capsys):
         return subprocess.CompletedProcess(arguments, ended.value.code, *capsys.readouterr())
 
     return run
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("sim", "state"),
-        ("status",),
-        ("status", "--json"),
-        ("echo", "odom"),
-        ("pub", "cmd_vel", "{}"),
-    ],
-)
-def test_without_a_router_tools_say_so_in_one_line(here, arguments):
-    endpoint = endpoint_of(private_router())
-    assert_one_line(here(*arguments, "--connect", endpoint), 1, endpoint, "mecazen up")
-
-
-def test_simulate_writes_the_trajectory_whose_hash_it_prints(tmp_path):
-    file = tmp_path / "run.csv"
-    done = mecazen("simulate", "side", "--duration", 2, "--seed", 7, "--json", "--trajectory", file)
-    result = msgspec.json.decode(done.stdout)
-    assert result["trajectory_sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
-    assert (result["ticks"], result["seed"], result["duration_s"]) == (200, 7, 2.0)
-    assert result["rtf"] > 0
-    assert file.read_text().splitlines()[0].startswith("t_s,robot_x_m,robot_y_m,robot_yaw_rad")
 
 
 @pytest.mark.parametrize("scenario", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
@@ -176,24 +149,6 @@ def test_when_a_process_dies_up_ends_all_and_names_it():
     assert not any(is_running(pid) for pid in pids.values())
 
 
-def test_when_a_service_fails_up_shows_its_own_error():
-    up = Up("back", "controller.wheel_joints=['a','b','c','d']")
-    code, _, err = up.end(None)
-    assert code == 1
-    assert "controller.wheel_joints" in err.splitlines()[-1]
-
-
-def test_when_the_port_is_taken_up_says_so_in_one_line():
-    up = Up("back")
-    up.read_until("t = ")
-    flags = options(up.router)
-    port_taken = mecazen("up", "teleop", *options(up.router[:1]))
-    name_taken = mecazen("run", "target", "back", *flags)
-    up.end(signal.SIGTERM)
-    assert_one_line(port_taken, 1, "port is taken")
-    assert_one_line(name_taken, 1, "another target is already running")
-
-
 def test_two_runs_share_a_router_if_each_has_a_namespace():
     stands = 'target.path={ kind = "standing" }'  # so that each robot keeps its place
     first = Up("back", stands)
@@ -211,19 +166,6 @@ def test_two_runs_share_a_router_if_each_has_a_namespace():
     odom = mecazen("echo", "odom", "--count", 1, *first.tools).stdout
     assert abs(msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"]) < 0.5  # behind them
     assert first.end()[0] == 0
-
-
-def test_when_up_itself_is_killed_its_processes_end_too():
-    up = Up("back")
-    up.read_until("t = ")
-    pids = up.pids()
-    up.end(signal.SIGKILL)
-    # they end by themselves, a moment after their standard input closes
-    for pid in pids.values():
-        if is_running(pid):
-            process = os.pidfd_open(pid)
-            assert select.select([process], [], [], COMMAND_GUARD_S)[0]
-            os.close(process)
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "configs" / "zenoh").glob("*.json5")))

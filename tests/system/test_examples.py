@@ -5,8 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from harness import ROBOTS, ROOT, SCENARIOS, assert_one_line, error_of, mecazen
-from mecazen.errors import ConfigError
+from harness import ROBOTS, ROOT, SCENARIOS, assert_one_line, mecazen
 from mecazen.loading import load_scenario
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
@@ -134,26 +133,6 @@ def test_a_node_that_hangs_is_named_and_not_those_that_wait_for_it(tmp_path):
         simulate_distributed(SCENARIOS / "back.toml", settings, "back")
 
 
-def test_another_class_takes_the_sensors_place(tmp_path):
-    write_node(tmp_path, "'range', inputs=(every(GROUND_TRUTH),)", "{}")
-    text = RANGE.read_text().replace("range_sensor.py:RangeSensor", "mine.py:Mine")
-    text = text.partition("[range]")[0].replace("../configs", str(ROOT / "configs"))
-    (tmp_path / "blind.toml").write_text(text)
-    assert simulate(load_scenario(tmp_path / "blind.toml", SHORT), "blind")[0].ticks == 200
-
-
-@pytest.mark.parametrize(
-    ("setting", "said"),
-    [
-        ("range.rte_hz=3", "unknown key; did you mean rate_hz?"),
-        ("range.rate_hz=33.0", "range.rate_hz = 33 must divide the tick rate of 100 Hz"),
-        ("range.std_m=-1.0", "range.std_m"),
-    ],
-)
-def test_the_sensors_section_is_checked_as_strictly_as_ours(setting, said):
-    assert said in error_of(ConfigError, lambda: InProcess(load_scenario(RANGE, (*SHORT, setting))))
-
-
 def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path):
     row = "'walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,)"
     answer = "{TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}"
@@ -167,18 +146,3 @@ def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path
     for groups in ("[]", '[["walk", "target"]]', '[["physics", "walk"]]'):
         settings = (*SHORT, f"processes={groups}")
         assert simulate_distributed(path, settings, "walk")[0].trajectory_sha256 == alone, groups
-
-
-@pytest.mark.parametrize(
-    ("returned", "said"),
-    [
-        ("None", "step must return messages by their topics, not None"),
-        ("{CMD_VEL: Odometry()}", "with a wrong message"),
-        ("{CMD_VEL: Twist.planar(Twist2D(x=float('nan')))}", "linear velocity nan is out of range"),
-    ],
-)
-def test_a_node_that_returns_nonsense_is_told_in_one_line(tmp_path, returned, said):
-    write_node(tmp_path, "'follower', inputs=(every(ODOM),), outputs=(CMD_VEL,)", returned)
-    done = mecazen("simulate", "back", "--set", f"programs.follower={tmp_path}/mine.py:Mine")
-    assert_one_line(done, 1, said)
-    assert done.stderr.startswith("error: follower")

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 import msgspec
 import pytest
 from faults import RESUME_S, SERVICES, WALK, Up, Watch, seconds, strike, strikes
-from harness import ROOT, SCENARIOS, Newest, mecazen, tools
+from harness import ROOT, SCENARIOS, mecazen, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.messages import Empty, JointState
+from mecazen.messages import Empty
 from mecazen.wire import Stamp
 from mecazen_recorder.reader import Recording
 from mecazen_target.node import TargetNode
@@ -259,34 +259,6 @@ def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path):
         assert done.returncode == 1
         assert done.stderr.strip().splitlines()[-1].startswith("error: ")
         assert "can't be written on: File too large" in done.stderr
-
-
-def forge(running: Running, shift_s: float, count: int = 20) -> None:
-    """Send the joint states of ticks with another time; one alone might be overtaken."""
-    publisher = running.stack.bus.publisher(keys.JOINT_STATES)
-    begin = running.now()
-    sent: set[Stamp] = set()
-
-    def send(joints: JointState, stamp: Stamp) -> None:
-        if abs(seconds(begin, stamp)) < abs(shift_s) / 2 and len(sent) < count:
-            sent.add(stamp)
-            forged = max(0, begin.time_ns + round(shift_s * 1e9)) + len(sent) * 10_000_000
-            publisher.put(joints, stamp._replace(time_ns=forged))
-
-    running.stack.bus.subscribe(keys.JOINT_STATES, send)
-    running.wait(lambda: len(sent) == count)
-
-
-@pytest.mark.parametrize("shift_s", [-1000.0, 1000.0], ids=["earlier", "later"])
-def test_a_forged_tick_changes_nothing_and_is_reported(running, shift_s):
-    running.watch.begin_anew()
-    report = Newest(running.stack.bus, keys.diagnostics("controller"))
-    forge(running, shift_s)
-    begin = running.now()
-    running.wait(lambda: seconds(begin, running.now()) > 1.1)
-    assert running.watch.follows
-    values = {value.key: value.value for value in report.message.status[0].values}
-    assert values["refused/joint_states"] == "20"
 
 
 CERTIFICATES = ROOT / "common" / "mecazen" / "bus" / "session.py"

@@ -1,5 +1,6 @@
 """One scenario and seed, one trajectory: in one process or several, idle or under load."""
 
+import hashlib
 import json
 import multiprocessing
 import os
@@ -174,4 +175,5 @@ def test_a_fresh_interpreter_gives_the_same_trajectory(tmp_path):
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["trajectory_sha256"] == one_process("back", *HARD)
+    assert result["trajectory_sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
     assert result["ticks"] == len(file.read_text().splitlines()) - 1 == 500

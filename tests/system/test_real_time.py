@@ -9,9 +9,8 @@ import msgspec
 import pytest
 from harness import SCENARIOS, Newest
 from mecazen import keys
-from mecazen.errors import BusError
 from mecazen.loading import load_scenario
-from mecazen.messages import Empty, ResetRequest, StepRequest
+from mecazen.messages import Empty, ResetRequest
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
@@ -93,21 +92,6 @@ def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_
     zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
     running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
-
-
-def test_simulated_time_is_held_stepped_and_let_go(stack):
-    running = stack(SCENARIOS / "back.toml")
-    clock = Newest(running.bus, keys.CLOCK)
-    running.start()
-    held = running.bus.call(keys.SIM_PAUSE, Empty())
-    assert held.paused
-    stepped = running.bus.call(keys.SIM_STEP, StepRequest(ticks=7))
-    assert stepped.tick == held.tick + 7
-    assert running.bus.call(keys.SIM_STATE, Empty()).tick == stepped.tick
-    running.bus.call(keys.SIM_RESUME, Empty())
-    running.wait(lambda: clock.stamp is not None and clock.stamp.time_ns > stepped.clock.ns)
-    with pytest.raises(BusError, match="not paused"):
-        running.bus.call(keys.SIM_STEP, StepRequest())
 
 
 def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack):

@@ -53,16 +53,6 @@ def test_a_robot_far_from_others_moves_as_it_would_alone():
     assert [row[:wide] for row in together.rows()] == alone.rows()
 
 
-def test_another_seed_is_another_for_each_robot():
-    settings = ("sim.duration_s=1.0", "target.path.start_after_s=0.2")
-    results = [
-        simulate(load_scenario(CONVOY, (*settings, f"seed={seed}")), "convoy")[0].robots
-        for seed in (1, 2)
-    ]
-    for name in ("one", "two"):
-        assert results[0][name] != results[1][name]
-
-
 def test_the_command_line_scores_each_robot():
     done = mecazen("simulate", CONVOY, "--duration", "3", "--json")
     scores = json.loads(done.stdout)["robots"]

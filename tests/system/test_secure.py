@@ -383,15 +383,6 @@ def test_an_operators_tools_work_and_others_are_not_answered(stack, folder):
     assert_one_line(done, 1, f"nothing answers at {running.endpoint}")
 
 
-def test_the_command_creates_keys_once(tmp_path):
-    folder = tmp_path / "keys"
-    done = mecazen("keys", "create", folder, "--host", "robot.local", "--host", "10.0.0.1")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (folder / "operator.key").is_file()
-    again = mecazen("keys", "create", folder)
-    assert_one_line(again, 1, f"error: {folder}: is there already")
-
-
 def test_a_process_without_its_certificate_says_so_in_one_line(folder):
     with pytest.raises(BusError) as caught:
         session_config(BusConfig(keys=folder), "peer", "pilot")

@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 from harness import ROOT, SCENARIOS, Command, Newest, mecazen, options
 from mecazen import keys
-from mecazen.errors import ConfigError
 from mecazen.messages import ResetRequest, SpeedRequest
 from mecazen_tools.processes import private_router
 from mecazen_viewer.entities import of_robot
 from mecazen_viewer.plots import LINES
-from mecazen_viewer.recorded import draw, open_file
+from mecazen_viewer.recorded import draw
 from PIL import Image
 from viewer_stage import paths_of
 
@@ -234,14 +233,6 @@ def test_up_prints_first_where_to_watch():
     assert (code, err) == (0, "")
 
 
-def test_up_without_a_viewer_starts_none():
-    running = up("--no-viewer")
-    running.read_until("t = ")
-    text = running.end()[1]
-    assert "Watch" not in text
-    assert "│ viewer" not in text
-
-
 def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -306,16 +297,3 @@ def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path):
     view.read_until("http")
     (line,) = view.end()[2].splitlines()
     assert "not of `mecazen record`; shown without the scene" in line
-
-
-def test_a_recording_that_is_not_there_is_one_line():
-    view = mecazen("view", "nowhere.rrd")
-    assert (view.returncode, view.stdout) == (2, "")
-    assert view.stderr == "error: nowhere.rrd: no such file\n"
-
-
-def test_a_recording_in_name_only_is_one_line(tmp_path):
-    file = tmp_path / "empty.mcap"
-    file.touch()
-    with pytest.raises(ConfigError, match=r"empty\.mcap: not an MCAP file$"):
-        open_file(file, native=False)

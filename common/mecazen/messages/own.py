@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import msgspec
 
@@ -22,13 +22,19 @@ from mecazen.messages.ros import (
 )
 
 
-class Skeleton(Message):
+class _OwnMessage(Message):
+    """Base of all messages of `mecazen_msgs`; each has the name of its class there."""
+
+    def __init_subclass__(cls) -> None:
+        cls.ROS_TYPE = f"mecazen_msgs/msg/{cls.__name__}"
+
+
+class Skeleton(_OwnMessage):
     """The body of a person: joints in header.frame_id, in the order of `mecazen.skeleton.JOINTS`.
 
     The truth leaves `std` and `confidence` empty; a tracker leaves empty what it does not measure.
     """
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Skeleton"
     header: Header = Header()
     id: str = ""
     height: Float = 0.0
@@ -44,21 +50,19 @@ class Skeleton(Message):
     """Share of the gait cycle since the last foot strike, left and right."""
 
 
-class Skeletons(Message):
+class Skeletons(_OwnMessage):
     """One frame of a body tracker: everybody seen, in any order; none if nobody was.
 
     header.stamp is when the frame was taken; the message comes later by the tracker's latency.
     """
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Skeletons"
     header: Header = Header()
     skeletons: tuple[Skeleton, ...] = ()
 
 
-class Person(Message):
+class Person(_OwnMessage):
     """Where somebody truly is, in the frame of a `People`."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Person"
     id: str = ""
     pose: Pose = Pose()
     twist: Twist = Twist()
@@ -69,41 +73,37 @@ class Person(Message):
     """In the order of `mecazen.skeleton.JOINTS`; empty where no sensor looks at them."""
 
 
-class NamedPose(Message):
+class NamedPose(_OwnMessage):
     """Where the robot of a name truly is."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/NamedPose"
     name: str = ""
     pose: Pose = Pose()
 
 
-class People(Message):
+class People(_OwnMessage):
     """Everybody in the world: the persons that robots follow, all others, and the robots."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/People"
     header: Header = Header()
     persons: tuple[Person, ...] = ()
     """First those whom robots follow, by the robots' names ("target" of a single one)."""
     robots: tuple[NamedPose, ...] = ()
 
 
-class Observation(Message):
+class Observation(_OwnMessage):
     """One frame of the robot's person sensor: everybody seen, in any order; none if nobody was.
 
     header.stamp is when the frame was taken; the message comes later by the sensor's latency.
     """
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Observation"
     header: Header = Header()
     poses: tuple[PoseWithCovariance, ...] = ()
     ids: tuple[str, ...] = ()
     """The sensor's name for each of them; empty if it tells nobody apart."""
 
 
-class FollowerState(Message):
+class FollowerState(_OwnMessage):
     """What the follower believes and wants; poses and velocities in header.frame_id."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/FollowerState"
     header: Header = Header()
     tracking: str = ""
     """waiting, following, coasting or lost."""
@@ -127,10 +127,9 @@ class FollowerState(Message):
     """Why it is not open."""
 
 
-class GuardState(Message):
+class GuardState(_OwnMessage):
     """What the guard does with the commanded velocity, and why."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/GuardState"
     header: Header = Header()
     state: str = ""
     """clear, slow, stop, or blind where the lidar can't be relied on."""
@@ -144,10 +143,9 @@ class GuardState(Message):
     """Of that point from base_link's x axis [rad]."""
 
 
-class SimState(Message):
+class SimState(_OwnMessage):
     """What simulated time does; the answer of every `sim/…` query."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/SimState"
     clock: Time = Time()
     tick: Count = 0
     run: UInt32 = 0
@@ -161,58 +159,51 @@ class SimState(Message):
     missed_deadlines: Count = 0
 
 
-class StepRequest(Message):
+class StepRequest(_OwnMessage):
     """How many ticks to simulate while paused."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/StepRequest"
     ticks: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1
 
 
-class ResetRequest(Message):
+class ResetRequest(_OwnMessage):
     """Back to the start; with a new seed when one is given."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ResetRequest"
     seed: UInt32 | None = None
 
 
-class SpeedRequest(Message):
+class SpeedRequest(_OwnMessage):
     """Simulated seconds per wall second."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/SpeedRequest"
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
 
 
-class Parameter(Message):
+class Parameter(_OwnMessage):
     """A setting of the configuration."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Parameter"
     name: str = ""
     """As in `--set`: `follower.standoff_m`; of one of several robots `robots.two.follower…`."""
     value: str = ""
     """In TOML; of a bare word the quotes may be missing. Empty: the setting is left out."""
 
 
-class Parameters(Message):
+class Parameters(_OwnMessage):
     """What has been changed of the configuration since the start, the last change last."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/Parameters"
     header: Header = Header()
     revision: UInt32 = 0
     """How often it has been changed; stamps have it from the tick on from which this counts."""
     parameters: tuple[Parameter, ...] = ()
 
 
-class ParameterNames(Message):
+class ParameterNames(_OwnMessage):
     """Which parameters; without any, all that can be changed."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ParameterNames"
     names: tuple[str, ...] = ()
 
 
-class ParameterDescriptor(Message):
+class ParameterDescriptor(_OwnMessage):
     """A parameter that can be changed while it runs, and what is allowed."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ParameterDescriptor"
     name: str = ""
     value: str = ""
     """In TOML; empty where the setting is left out."""
@@ -225,15 +216,13 @@ class ParameterDescriptor(Message):
     """In words."""
 
 
-class ParameterDescriptors(Message):
+class ParameterDescriptors(_OwnMessage):
     """The answer to `ParameterNames`."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/ParameterDescriptors"
     parameters: tuple[ParameterDescriptor, ...] = ()
 
 
-class OdometryRequest(Message):
+class OdometryRequest(_OwnMessage):
     """Where the odometry should believe the robot to be, in the odometry frame."""
 
-    ROS_TYPE: ClassVar[str] = "mecazen_msgs/msg/OdometryRequest"
     pose: Pose = Pose()
