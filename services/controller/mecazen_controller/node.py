@@ -28,8 +28,6 @@ from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
-from mecazen_controller.dead_reckoning import DeadReckoning
-
 
 class OdometryNode(Node):
     """Odometry from the measured wheel speeds, or the ground truth of the simulator."""
@@ -56,9 +54,7 @@ class OdometryNode(Node):
     def reset(self, seed: int) -> None:
         """Stand at the start."""
         del seed
-        scale = self.config.odometry_scale
-        self.dead_reckoning = DeadReckoning(Twist2D(scale.x, scale.y, scale.yaw))
-        self.dead_reckoning.set(self.scenario.start.pose)
+        self.pose, self.twist = self.scenario.start.pose, Twist2D()
         self.time = m.Time()
         self.measured_ns: int | None = None
         """Time of the newest wheel measurement [ns]; the pose belongs to this time."""
@@ -79,7 +75,7 @@ class OdometryNode(Node):
             self.wheels_known = True
             last_ns = tick.time_ns if self.measured_ns is None else self.measured_ns
             moved_s = (tick.time_ns - last_ns) / NS_PER_S
-            self.dead_reckoning.update(self.kinematics.forward(measured), moved_s)
+            self._move(self.kinematics.forward(measured), moved_s)
             self.measured_ns = tick.time_ns
             odometry = self._odometry(self.pose_covariance, self.twist_covariance)
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
@@ -89,13 +85,18 @@ class OdometryNode(Node):
         assert isinstance(request, m.OdometryRequest)
         if self.config.odometry != "wheel":
             raise RefusedError("controller.odometry is ground_truth: there is nothing to set")
-        self.dead_reckoning.set(request.pose.to_planar())
+        self.pose = request.pose.to_planar()
         return self._odometry()
+
+    def _move(self, twist: Twist2D, duration_s: float) -> None:
+        """Move with a constant twist, which the calibration scales axis by axis."""
+        scale = self.config.odometry_scale
+        self.twist = Twist2D(twist.x * scale.x, twist.y * scale.y, twist.yaw * scale.yaw)
+        self.pose = self.pose.integrate(self.twist, duration_s)
 
     def _odometry(self, *covariances: tuple[float, ...]) -> m.Odometry:
         frames = self.config.odom_frame_id, self.config.base_frame_id
-        moved = self.dead_reckoning
-        return m.planar_odometry(self.time, *frames, moved.pose, moved.twist, *covariances)
+        return m.planar_odometry(self.time, *frames, self.pose, self.twist, *covariances)
 
     def _truth(self, truth: m.Odometry) -> m.Odometry:
         return m.Odometry(
