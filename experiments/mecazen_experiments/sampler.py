@@ -44,4 +44,4 @@ class SamplerFollower(FollowerNode):
         """Begin a run."""
         super().reset(seed)
         if self.following.planner is not None:
-            self.following.planner.search = Window()
+            self.following.planner.search = Window().plan

@@ -69,7 +69,7 @@ def test_an_outlier_in_the_first_frame_is_found_out_in_the_next():
     for number in range(1, 10):
         estimate = seen.frame(number, person_at(number))
     assert error(estimate, 9) < 0.2
-    assert seen.tracker.tracker.state == "following"
+    assert seen.tracker.state == "following"
 
 
 @pytest.mark.parametrize("ids", [(), ("1", "2")], ids=["unnamed", "named"])
@@ -93,7 +93,7 @@ def test_who_stands_in_for_2_s_is_not_followed(ids, aside):
         estimate = seen.frame(number, pose, ids=ids)
         # a straight walk is predicted for 2 s by its speed, which is known to a few cm/s
         assert error(estimate, number) < 0.3
-    assert seen.tracker.tracker.state == "following"
+    assert seen.tracker.state == "following"
 
 
 def test_a_person_who_was_really_somewhere_else_is_found_in_the_end():
@@ -119,7 +119,7 @@ def test_a_person_who_stopped_while_out_of_sight_is_followed_again_within_half_a
     for number in range(end + round(0.5 / FRAME_S)):  # 0.3 s of doubt, and as much again to spare
         shown = [person_at(min(number, begin + 5))] if not begin <= number < end else []
         estimate = seen.frame(number, *shown)
-    assert seen.tracker.tracker.state == "following"
+    assert seen.tracker.state == "following"
     assert error(estimate, begin + 5) < 0.2
 
 
@@ -216,5 +216,5 @@ def test_at_5_hz_nothing_is_missed_between_two_frames():
         time = tick * 0.01
         frame = Frame(time, [Measurement(Pose2D(), NOISE)]) if tick % 20 == 0 else None
         tracker.step(time, frame, Pose2D())
-        states.add(str(tracker.tracker.state))
+        states.add(str(tracker.state))
     assert states == {"following"}

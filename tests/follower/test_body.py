@@ -9,7 +9,7 @@ from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import Point, Skeleton
 from mecazen.skeleton import JOINTS
 from mecazen_follower.measurement import NO_HEADING
-from mecazen_follower.perception.body import pose_of, poses_of
+from mecazen_follower.perception.body import pose_of
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 179.0, -135.0])
@@ -36,7 +36,7 @@ def test_of_a_body_from_aside_the_place_is_known_and_the_heading_is_not():
 
 
 def test_a_body_whose_trunk_is_out_of_view_is_nowhere():
-    assert poses_of([skeleton(Pose2D(), ["pelvis", "spine", "neck"])]) == []
+    assert pose_of(skeleton(Pose2D(), ["pelvis", "spine", "neck"])) is None
 
 
 def test_a_tracker_that_claims_to_have_no_error_is_taken_at_its_resolution():

@@ -4,44 +4,24 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D
 from mecazen_follower.measurement import NO_HEADING, Measurement
-from mecazen_follower.tracking import Frame, PersonTracker, Tracker, TrackingState
+from mecazen_follower.tracking import Frame, PersonTracker
 
 NOISE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
 
 
-def states(tracker, frames):
-    return [str(tracker.update(time, seen)) for time, seen in frames]
-
-
-def test_nobody_seen_yet_is_waiting_however_long():
-    assert states(Tracker(0.1, 2.0), [(0.0, False), (100.0, False)]) == ["waiting", "waiting"]
-
-
-def test_the_limits_themselves_are_still_within():
-    tracker = Tracker(0.25, 2.0)
-    assert states(tracker, [(0.0, True), (0.25, False), (2.0, False)]) == [
-        "following",
-        "following",
-        "coasting",
-    ]
-
-
-@given(st.lists(st.tuples(st.floats(0.01, 3.0), st.booleans()), max_size=50))
-def test_seen_is_always_following_and_waiting_never_comes_back(steps):
-    tracker, time, before = Tracker(0.1, 2.0), 0.0, TrackingState.WAITING
-    for dt, seen in steps:
-        time += dt
-        state = tracker.update(time, seen)
-        assert not seen or state is TrackingState.FOLLOWING
-        assert state is not TrackingState.WAITING or before is TrackingState.WAITING
-        # Only a measurement ends a loss.
-        assert before is not TrackingState.LOST or seen or state is TrackingState.LOST
-        before = state
+def test_the_state_follows_from_the_time_since_the_person_was_seen():
+    config = FollowerConfig(coast_after_s=0.25, lost_after_s=2.0)
+    people, at = PersonTracker(config, SensorConfig()), Pose2D(1.0)
+    seen = {1.0: True, 1.25: False, 1.26: False, 3.0: False, 3.01: False, 9.0: False, 9.5: True}
+    states = []
+    for time, shown in {0.0: False, 0.9: False, **seen}.items():
+        people.step(time, Frame(time, [Measurement(at, NOISE)]) if shown else None, at)
+        states.append(str(people.state))
+    known = ["following", "following", "coasting", "coasting", "lost", "lost", "following"]
+    assert states == ["waiting", "waiting", *known]  # a limit itself is still within
 
 
 def test_the_covariance_considers_the_bias_that_frames_of_a_camera_share():

@@ -41,14 +41,6 @@ FLIP_PROBABILITY = 0.03
 """Chance of a tracker to take front for back."""
 
 
-class Choice(NamedTuple):
-    """The measurement of the person."""
-
-    measurement: Measurement
-    restart: bool
-    """Whether the track so far is wrong, or too old to tell anything."""
-
-
 class Track:
     """Somebody else: constant velocity, with the same variance along both axes."""
 
@@ -127,8 +119,11 @@ class Association:
         unseen: float,
         lost: bool,
         begins: bool = True,
-    ) -> Choice | None:
-        """Return the person's measurement; None if none of the frame is theirs.
+    ) -> tuple[Measurement, bool] | None:
+        """Return the person's measurement, and whether it restarts their track.
+
+        It restarts a track that is wrong, or too old to tell anything. None if none of the frame is
+        the person's.
 
         Args:
             time: Time of the frame's capture [s].
@@ -213,31 +208,31 @@ class Association:
             return math.inf
         return distance + math.log(determinant) - hint(self._identity, seen)
 
-    def _accept(self, time: float, person: Estimate, seen: Measurement) -> Choice:
+    def _accept(self, time: float, person: Estimate, seen: Measurement) -> tuple[Measurement, bool]:
         """Return a measurement in the gate, turned by half if it shows the person backwards."""
         self._hits += 1
         self._last = seen.pose
         self._identity = seen.identity or self._identity
         if not has_heading(seen):
-            return Choice(seen, restart=False)  # it neither contradicts nor confirms the heading
+            return seen, False  # it neither contradicts nor confirms the heading
         variance = person.covariance[2][2] + seen.covariance[2][2]
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
             self._flipped = Contradiction()
-            return Choice(seen, restart=False)
+            return seen, False
         self._flipped = self._flipped.again(time)
         if self._flipped.lasts(time):
             return self._restart(seen)
         turned = seen.pose._replace(yaw=wrap(seen.pose.yaw + math.pi))
-        return Choice(seen._replace(pose=turned), restart=False)
+        return seen._replace(pose=turned), False
 
-    def _restart(self, seen: Measurement) -> Choice:
+    def _restart(self, seen: Measurement) -> tuple[Measurement, bool]:
         """Return a measurement that restarts the person's track."""
         self._forget_person()
         self._others = [other for other in self._others if other.cost(seen) == math.inf]
         self._identity = seen.identity
         self._last = seen.pose
         self._hits = 1
-        return Choice(seen, restart=True)
+        return seen, True
 
 
 def hint(identity: str, seen: Measurement) -> float:

@@ -90,7 +90,7 @@ class Following:
                 self.planner.forget()
         person = self.people.step(time, frame, self._standoff.person(robot))
         self._robot = robot
-        tracking, unseen = self.people.tracker.state, self.people.tracker.unseen
+        tracking, unseen = self.people.state, self.people.unseen
         if person is None:
             return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
         lost = tracking is TrackingState.LOST

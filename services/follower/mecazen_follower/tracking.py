@@ -46,39 +46,6 @@ class TrackingState(StrEnum):
     """Not seen for too long; the robot stops."""
 
 
-class Tracker:
-    """Derives the tracking state from the time since the person was last seen.
-
-    `coast_after` [s] is at least the time between two frames of the sensor, so that ticks
-    between frames do not count as unseen; `lost_after` [s] is longer.
-
-    Attributes:
-        state: The state at the last update.
-        unseen: Time since the person was last seen [s]; 0 before that.
-    """
-
-    def __init__(self, coast_after: float, lost_after: float) -> None:
-        self.state = TrackingState.WAITING
-        self.unseen = 0.0
-        self._coast_after = coast_after
-        self._lost_after = lost_after
-        self._last_seen: float | None = None
-
-    def update(self, time: float, seen: bool) -> TrackingState:
-        """Return the state at simulated `time` [s]; `seen`: an observation came just now."""
-        if seen:
-            self._last_seen = time
-        if self._last_seen is not None:
-            self.unseen = time - self._last_seen
-            if self.unseen > self._lost_after:
-                self.state = TrackingState.LOST
-            elif self.unseen > self._coast_after:
-                self.state = TrackingState.COASTING
-            else:
-                self.state = TrackingState.FOLLOWING
-        return self.state
-
-
 class Frame(NamedTuple):
     """A frame of the sensor: its time of capture [s], and all persons in it."""
 
@@ -103,12 +70,16 @@ class PersonTracker:
 
     def __init__(self, config: FollowerConfig, sensor: SensorConfig, hold: float = 0.0) -> None:
         self.estimator = make_estimator(config.estimator, config.estimator_params)
+        self.state = TrackingState.WAITING
+        self.unseen = 0.0
+        """Time since the person was last seen [s]; 0 before that."""
+        self._last_seen: float | None = None
+        # ticks between two frames of the sensor do not count as unseen
         missed = MISSED_FRAMES / sensor.rate_hz
-        coast_after = max(config.coast_after_s, missed)
-        lost_after = max(config.lost_after_s, 2.0 * missed)
-        self.tracker = Tracker(coast_after, lost_after)
+        self._coast_after = max(config.coast_after_s, missed)
+        self._lost_after = max(config.lost_after_s, 2.0 * missed)
         self._bias = BIAS_STD.get(sensor.kind)
-        self._association = Association(2.0 * lost_after)
+        self._association = Association(2.0 * self._lost_after)
         self._noise = ReportedNoise()
         self._latency = sensor.latency_s
         self._time: float | None = None
@@ -131,19 +102,30 @@ class PersonTracker:
         """Return the person at `time` [s]; None before they were seen.
 
         Args:
-            time: Now [s]; the state of `tracker` is that of now as well.
+            time: Now [s]; `state` and `unseen` are those of now as well.
             frame: The newest frame, if one came.
             expected: Where the person would be if the robot were at its place.
         """
         if frame is not None:
             self._waiting.append(frame)
-        seen = False
         for due in self._due(time):
-            seen |= self._see(time, due, expected)
-        self.tracker.update(time, seen)
+            if self._see(time, due, expected):
+                self._last_seen = time
+        self._update_state(time)
         at = self._predict(time - self._latency)
         person = self.estimator.ahead(max(time - at, 0.0))
         return person if person is None or self._bias is None else _biased(person, *self._bias)
+
+    def _update_state(self, time: float) -> None:
+        if self._last_seen is None:
+            return
+        self.unseen = time - self._last_seen
+        if self.unseen > self._lost_after:
+            self.state = TrackingState.LOST
+        elif self.unseen > self._coast_after:
+            self.state = TrackingState.COASTING
+        else:
+            self.state = TrackingState.FOLLOWING
 
     def _due(self, time: float) -> list[Frame]:
         """Take out the frames that are held back no longer, in the order of their captures."""
@@ -157,7 +139,7 @@ class PersonTracker:
     def _see(self, time: float, frame: Frame, expected: Pose2D) -> bool:
         """Correct the estimate; return whether the frame shows the person."""
         captured, measurements, begins = frame
-        lost = self.tracker.state is TrackingState.LOST
+        lost = self.state is TrackingState.LOST
         known = [
             one._replace(covariance=as_tuple(self.estimator.noise(one.covariance)))
             for one in measurements
@@ -183,16 +165,16 @@ class PersonTracker:
             person,
             expected,
             known,
-            unseen=self.tracker.unseen,
+            unseen=self.unseen,
             lost=lost,
             begins=begins,
         )
         if choice is None:
             return False
-        if choice.restart:
+        (pose, covariance, _), restart = choice
+        if restart:
             self.estimator.reset()
             self._time = captured
-        pose, covariance, _ = choice.measurement
         self.estimator.update(pose, covariance)
         if begins:
             self._noise.learn(captured, pose, covariance)

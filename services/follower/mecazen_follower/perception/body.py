@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D
@@ -72,9 +71,3 @@ def _heading(body: Skeleton) -> tuple[float, float]:
     if total == 0.0:
         return 0.0, NO_HEADING
     return math.atan2(left, ahead), 1.0 / total
-
-
-def poses_of(bodies: Sequence[Skeleton]) -> list[tuple[Pose2D, PlanarCovariance, str]]:
-    """Return pose, covariance and identity of each person whose trunk is in view."""
-    found = ((pose_of(body), body.id) for body in bodies)
-    return [(*pose, identity) for pose, identity in found if pose is not None]

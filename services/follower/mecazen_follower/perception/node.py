@@ -10,7 +10,7 @@ from mecazen.graph import TABLE
 from mecazen.keys import LEGS, OBSERVATION, SCAN, SKELETONS
 from mecazen.node import Inputs, Node, Outputs, Tick
 
-from mecazen_follower.perception.body import poses_of
+from mecazen_follower.perception.body import pose_of
 from mecazen_follower.perception.legs import persons, things_of
 
 
@@ -26,7 +26,8 @@ class Body(Node):
         """Return all persons whose trunk is in view."""
         del tick
         frame = inputs[SKELETONS]
-        found = poses_of(frame.skeletons)
+        seen = ((pose_of(body), body.id) for body in frame.skeletons)
+        found = [(*pose, identity) for pose, identity in seen if pose is not None]
         return {
             OBSERVATION: m.Observation(
                 header=frame.header,

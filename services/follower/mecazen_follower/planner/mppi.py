@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from mecazen.drive_batch import Array
@@ -44,11 +44,8 @@ class Problem(NamedTuple):
     """Whether the last mode is the last plan, to be kept to."""
 
 
-class Search(Protocol):
-    """A search for ways."""
-
-    def plan(self, problem: Problem) -> tuple[Rollout, Array]:
-        """Return ways (n) and their costs."""
+Search = Callable[[Problem], tuple[Rollout, Array]]
+"""A search for ways: returns ways (n) and their costs."""
 
 
 class Mppi:

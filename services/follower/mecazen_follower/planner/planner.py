@@ -6,12 +6,12 @@ import math
 from functools import lru_cache, partial
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import PolarControl
 from mecazen.drive import Drive
 from mecazen.drive_batch import Array, MotionLimits
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.geometry_batch import Floats
 from mecazen.messages import LaserScan
 
 from mecazen_follower.estimators import Estimate
@@ -26,7 +26,6 @@ from mecazen_follower.planner.verdict import OPEN, free, verdict
 
 POINT_M = 0.05
 """Half the width of what a point hides."""
-Floats = npt.NDArray[np.float64]
 
 
 class Planner:
@@ -49,7 +48,7 @@ class Planner:
     ) -> None:
         self._body, self._sight = body, sight
         self.configure(config, drive)
-        self.search: Search = Mppi(self._config.samples, seed)
+        self.search: Search = Mppi(self._config.samples, seed).plan
         self.forget()
 
     def configure(self, config: FollowerConfig, drive: Drive) -> None:
@@ -88,15 +87,7 @@ class Planner:
     def command(
         self, time: float, dt: float, person: Estimate, robot: Pose2D, nominal: Twist2D
     ) -> Twist2D:
-        """Return the twist in base_link for now; where nothing is near, `nominal` as it is.
-
-        Args:
-            time: Now [s].
-            dt: Time since the last call [s].
-            person: The estimate, in odom.
-            robot: Its pose in odom.
-            nominal: The command of the polar law.
-        """
+        """Return the twist in base_link for now; where nothing is near, `nominal` as it is."""
         self._person = person.pose
         self._trail.add(person.pose, self._standoff.distance)
         if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
@@ -145,7 +136,7 @@ class Planner:
 
         loyal = self._commands is not None
         cost = partial(self._costs.of, scene=scene)
-        best, costs = self.search.plan(Problem(modes, rolled, cost, loyal))
+        best, costs = self.search(Problem(modes, rolled, cost, loyal))
         chosen = int(np.argmin(costs))
         way = Rollout(*(values[..., [chosen]] for values in best))
         self._commands = way.commands[..., 0]
