@@ -1,7 +1,7 @@
 """Plane curves by arc length: the shapes of paths walked at constant speed.
 
-Each maps an arc length to the pose there, with the heading along the curve, and to the
-curvature, positive to the left.
+Each has a `length` [m], inf if it is endless, and maps an arc length to the pose there, with the
+heading along the curve, and to the curvature, positive to the left.
 """
 
 from __future__ import annotations
@@ -10,23 +10,11 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
-from typing import Protocol
 
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
 
 from mecazen_people.spline import Spline, natural_slopes, simpson
-
-
-class Curve(Protocol):
-    """A curve by arc length."""
-
-    @property
-    def length(self) -> float:
-        """Length of the curve [m]; inf if it is endless."""
-
-    def at(self, s: float) -> tuple[Pose2D, float]:
-        """Return pose and curvature [1/m] at the arc length `s` [m], 0 <= s <= `length`."""
 
 
 class Arcs:
@@ -92,10 +80,6 @@ class SmoothCurve:
     Parameterised by the square root of the chord lengths, which keeps the curve near points at
     very different distances (E. T. Y. Lee, Choosing nodes in parametric curve interpolation,
     Computer-Aided Design 21, 1989).
-
-    Raises:
-        ConfigError: Consecutive points coincide, or the points turn back so sharply that the
-            heading would nearly jump.
     """
 
     _PIECES = 50  # between two points
@@ -137,6 +121,9 @@ class SmoothCurve:
         u, _, _ = self._parameter.at(s)
         (x, dx, ddx), (y, dy, ddy) = self._x.at(u), self._y.at(u)
         return Pose2D(x, y, math.atan2(dy, dx)), (dx * ddy - dy * ddx) / math.hypot(dx, dy) ** 3
+
+
+Curve = Arcs | Lemniscate | SmoothCurve
 
 
 def _by_arc_length(

@@ -51,12 +51,7 @@ def start_pose(path: config.Walk | config.Driven) -> Pose2D:
 
 
 def make_path(path: config.Walk) -> Path:
-    """Return the configured path, in the world.
-
-    Raises:
-        ConfigError: No smooth curve passes through the waypoints, or the recorded track can't be
-            read; one line.
-    """
+    """Return the configured path, in the world."""
     start = start_pose(path)
     match path:
         case config.Standing():

@@ -130,12 +130,7 @@ def _walking(speed: float) -> float:
 
 
 def read_track(file: Path) -> list[Sample]:
-    """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others.
-
-    Raises:
-        ConfigError: The file can't be read or is malformed; one line that names file, line and
-            what is allowed.
-    """
+    """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others."""
     lines = StringIO(read_text(file, MAX_BYTES), newline="")
     try:
         samples = list(_rows(csv.DictReader(lines)))

@@ -40,11 +40,7 @@ class MotionFile(NamedTuple):
 
 
 def read(file: Path) -> MotionFile:
-    """Read a motion file by the ending of its name.
-
-    Raises:
-        ConfigError: It can't be read, or is not what its name says; one line.
-    """
+    """Read a motion file by the ending of its name."""
     readers = dict(zip(KINDS, (_read_bvh, _read_c3d, _read_mot, _read_trc), strict=True))
     if (reader := readers.get(file.suffix.lower())) is None:
         raise ConfigError(f"{file}: must end in one of {', '.join(KINDS)}")

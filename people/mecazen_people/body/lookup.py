@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from mecazen_people.body.cycle import SAMPLES, Swings, solve
 from mecazen_people.body.segments import Segments
 from mecazen_people.body.style import Style
 
 SLOWEST, FASTEST, _STEP = 0.2, 2.0, 0.2  # [m/s]
-
-
-class Foot(NamedTuple):
-    """Values of a cycle for a foot: see `cycle.Leg`."""
-
-    pitch: float
-    lift: float
-    progress: float
 
 
 class Lookup:
@@ -69,11 +60,11 @@ class Lookup:
         low, high, b = self._low.legs[side][0], self._high.legs[side][0], self._share
         return (1.0 - b) * _at(low.pitch, part) + b * _at(high.pitch, part)
 
-    def swing(self, side: int, part: float) -> Foot:
-        """Return a foot in the air at a part of its swing."""
+    def swing(self, side: int, part: float) -> tuple[float, float, float]:
+        """Return pitch, lift and progress of a foot at a part of its swing: see `cycle.Leg`."""
         low, high, b = self._low.legs[side][1], self._high.legs[side][1], self._share
         a = 1.0 - b
-        return Foot(
+        return (
             a * _at(low.pitch, part) + b * _at(high.pitch, part),
             a * _at(low.lift, part) + b * _at(high.lift, part),
             a * _at(low.progress, part) + b * _at(high.progress, part),

@@ -37,9 +37,6 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     stride. Heel strike is where the heel is furthest ahead of the hip, toe-off shortly before the
     ball of the foot is furthest behind (after J. A. Zeni et al., Gait & Posture 27, 2008). The
     speed is that of the standing foot from the hips, with the `segments` of the person here.
-
-    Raises:
-        ConfigError: One line: what can't be read or is missing.
     """
     track = read(file)
     try:

@@ -179,16 +179,16 @@ class Walker:
             leg.pitch, leg.lift = self._shown() * gait.stance_pitch(side, phase / share), 0.0
             return
         part = (phase - leg.lifted) / (1.0 - leg.lifted)
-        foot = gait.swing(side, part)
+        pitch, lift, progress = gait.swing(side, part)
         x, y, yaw = leg.left
         goal = self._pose.compose(self._nominal(side, share / 2 + 1.0 - phase))
         leg.base = Pose2D(
-            x + foot.progress * (goal.x - x),
-            y + foot.progress * (goal.y - y),
-            yaw + foot.progress * wrap(goal.yaw - yaw),
+            x + progress * (goal.x - x),
+            y + progress * (goal.y - y),
+            yaw + progress * wrap(goal.yaw - yaw),
         )
         shown, bump = self._shown(), 16.0 * _STEP_M * (part * (1.0 - part)) ** 2
-        leg.pitch, leg.lift = shown * foot.pitch, bump + shown * (foot.lift - bump)
+        leg.pitch, leg.lift = shown * pitch, bump + shown * (lift - bump)
 
     def _posture(self) -> Posture:
         segments, activity = self.segments, self._activity

@@ -13,11 +13,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.config.world import Box, Cylinder
-from mecazen.portable import exp, product
-
-Floats = npt.NDArray[np.float64]
+from mecazen.portable import Floats, exp, product
 
 RELAXATION_S = 0.5
 """Helbing & Molnár's τ, as the next five."""
@@ -37,12 +34,6 @@ STRONGEST_M_S2 = 8.0
 """Maximum acceleration of a person."""
 LEAST_M = 0.05
 """Potentials are not taken nearer: their gradient grows without bounds."""
-
-
-def drive(velocities: Floats, preferred: Floats) -> Floats:
-    """Return accelerations (n, 2) towards the preferred velocities (n, 2) [m/s]."""
-    towards: Floats = (preferred - velocities) / RELAXATION_S
-    return towards
 
 
 def repulsion(

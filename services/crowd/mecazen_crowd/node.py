@@ -123,11 +123,7 @@ class CrowdNode(Node):
 
 
 def _path(number: int, walker: Walker) -> Path | None:
-    """Return the path of a walker; None where it depends on others.
-
-    Raises:
-        ConfigError: There is none as it is configured.
-    """
+    """Return the path of a walker; None where it depends on others."""
     try:
         return None if isinstance(walker.path, Goal) else make_path(walker.path)
     except ConfigError as error:

@@ -10,12 +10,12 @@ import numpy as np
 from mecazen.config.crowd import Goal, Reactive
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.geometry_batch import Floats
 from mecazen_people.motion import Motion
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
 from numpy.random import PCG64, Generator
 
 from mecazen_crowd import forces
-from mecazen_crowd.forces import Floats
 
 ARRIVED_M = 0.3
 """A goal is reached within this distance."""
@@ -143,7 +143,7 @@ class Pedestrians:
         touching += 2.0 * self._radius
         touching[:, len(self._errands) :] = [self._radius + one.radius for one in others]
         np.fill_diagonal(touching, math.inf)
-        force = forces.drive(self._velocities, preferred)
+        force: Floats = (preferred - self._velocities) / forces.RELAXATION_S
         force += forces.repulsion(
             self._places,
             heading,

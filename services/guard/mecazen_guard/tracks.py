@@ -82,7 +82,8 @@ class Tracks:
     """The tracks of everything that may be a person."""
 
     def __init__(self) -> None:
-        self._all: list[Track] = []
+        self.known: list[Track] = []
+        """All tracks, those that are not seen at the moment too."""
 
     def update(self, time: float, seen: Iterable[tuple[tuple[float, float], bool]]) -> list[Track]:
         """Return the track of each place, continued from the nearest one within `GATE_M`.
@@ -95,18 +96,14 @@ class Tracks:
         """
         new, continued = [], set()
         for place, is_leg in seen:
-            near = [(math.dist(one.at(time), place), n) for n, one in enumerate(self._all)]
+            near = [(math.dist(one.at(time), place), n) for n, one in enumerate(self.known)]
             distance, n = min(near, default=(math.inf, 0))
             last = Track((), -math.inf)
             if distance < GATE_M:
-                last = self._all[n]
+                last = self.known[n]
                 continued.add(n)
             places = (*last.places[1 - SCANS :], (time, *place))
             new.append(Track.of(places, time if is_leg else last.looked))
-        unseen = [one for n, one in enumerate(self._all) if n not in continued]
-        self._all = new + [one for one in unseen if time - one.time <= FORGET_S]
+        unseen = [one for n, one in enumerate(self.known) if n not in continued]
+        self.known = new + [one for one in unseen if time - one.time <= FORGET_S]
         return new
-
-    def known(self) -> list[Track]:
-        """Return all tracks, those that are not seen at the moment too."""
-        return self._all

@@ -37,9 +37,6 @@ def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
 
     DART damps a joint before it solves the contacts, with c/(1 + c·dt/I) instead of c for a
     roller that the ground keeps turning.
-
-    Raises:
-        UnsupportedError: if that is more than 10 % off.
     """
     highest = 0.1 * Roller.of(robot).inertia[1] / physics.dt_s
     friction = robot.rollers.bearing_friction_nms
@@ -103,11 +100,7 @@ def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
 
 
 def reachable(robot: Robot, world: WorldConfig) -> list[Box | Cylinder]:
-    """Return what stands in the world, without what the robot passes below.
-
-    Raises:
-        UnsupportedError: if something is so low that the robot could drive onto it.
-    """
+    """Return what stands in the world, without what the robot passes below."""
     found = [one for one in world.solids if getattr(one, "bottom_m", 0.0) < robot.height]
     for solid in found:
         height = solid.size_m[-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import dartpy as dart
 from mecazen.config import PhysicsConfig, WorldConfig
@@ -39,19 +39,7 @@ ALIGNED_RAD = math.radians(2.0)
 
 
 class RobotBody(ABC):
-    """A robot in a scene, as one of the two models of its rollers.
-
-    Args:
-        scene: The scene that the robot is in at first.
-        tree: Its links that are bodies.
-        robot: Its dimensions.
-        start: The pose of base_link.
-        physics: How it is simulated.
-        world: Its surroundings.
-
-    Raises:
-        UnsupportedError: if dartpy does not simulate the rollers' shape.
-    """
+    """A robot in a scene, as one of the two models of its rollers."""
 
     def __init__(
         self,
@@ -70,9 +58,9 @@ class RobotBody(ABC):
         self.wheels = joints[: len(WHEELS)]
         """The joints that motors drive."""
         children = [joint.getChildBodyNode() for joint in joints]
-        self._hubs, self._rollers = children[: len(WHEELS)], children[len(WHEELS) :]
+        self._hubs, self.rollers = children[: len(WHEELS)], children[len(WHEELS) :]
         base = self.skeleton.getBodyNode(0)
-        self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self._rollers}
+        self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self.rollers}
         self.drive: Drive = "torque"
         """Quantity that the motors hold now."""
         scene.add(self.skeleton, self._layers)
@@ -80,12 +68,7 @@ class RobotBody(ABC):
 
     @abstractmethod
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
-        """Return how many of `steps` steps can be simulated before the next call.
-
-        Args:
-            speeds: The lowest and the highest that each wheel should have in them [rad/s].
-            steps: At least 1.
-        """
+        """Return how many of `steps` steps can be simulated before the next call."""
 
     @abstractmethod
     def settle(self, steps: int) -> None:
@@ -100,13 +83,7 @@ class RobotBody(ABC):
         """Put the robot into `motion`; the scene's own axes stay as they are."""
 
     def align(self, yaw: float, yaw_rate: float, *, alone: bool) -> None:
-        """Turn the scene's axes along the rollers' if the robot is alone, else to the world's.
-
-        Args:
-            yaw: Heading of the robot in the world [rad].
-            yaw_rate: Rate of the heading [rad/s]; the axes are turned ahead.
-            alone: Whether only the ground can touch the robot.
-        """
+        """Turn the scene's axes along the rollers' if the robot is alone, else to the world's."""
         off, heading = self.scene.alignment(yaw), 0.0
         if alone and off is not None:
             if abs(off) <= ALIGNED_RAD:
@@ -158,15 +135,15 @@ class RobotBody(ABC):
 
     def set_friction(self, coefficients: Sequence[float]) -> None:
         """Set the coefficient between the rollers of each wheel and the ground."""
-        count = len(self._rollers) // len(WHEELS)
+        count = len(self.rollers) // len(WHEELS)
         for wheel, friction in enumerate(coefficients):
-            for roller in self._rollers[wheel * count : (wheel + 1) * count]:
+            for roller in self.rollers[wheel * count : (wheel + 1) * count]:
                 roller.getShapeNode(0).getDynamicsAspect().setFrictionCoeff(friction)
 
     def leave(self) -> Motion:
         """Leave the scene; return the motion."""
         motion = self.read()
-        self.scene.remove(self.skeleton)
+        self.scene.dart.removeSkeleton(self.skeleton)
         return motion
 
     def enter(self, scene: Scene, motion: Motion) -> None:
@@ -204,11 +181,6 @@ class AllRollersBody(RobotBody):
         world: WorldConfig,
     ) -> None:
         super().__init__(scene, (links(robot), []), robot, start, physics, world)
-
-    @property
-    def rollers(self) -> list[Any]:
-        """DART's bodies of all rollers, wheel by wheel."""
-        return self._rollers
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """Return `steps`: any number can be simulated at once."""

@@ -72,9 +72,13 @@ def links(robot: Robot) -> tuple[Link, ...]:
         for wheel, side in zip(WHEELS, sides, strict=True)
         for index in range(shape.count)
     ]
-    fixed = [_camera(robot), _lidar(robot)]
-    if robot.payload is not None:
-        fixed.append(_payload(robot.payload))
+    across, along = _cylinder(robot.lidar.mass_kg, *robot.lidar.size_m)
+    fixed = [
+        _attachment("camera", robot.camera, _box(robot.camera.mass_kg, *robot.camera.size_m)),
+        _attachment("lidar", robot.lidar, (across, across, along)),
+    ]
+    if (load := robot.payload) is not None:
+        fixed.append(_attachment("payload", load, _box(load.mass_kg, *load.size_m)))
     return (*wheels, *rollers, *fixed)
 
 
@@ -179,19 +183,6 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
         mass=roller.mass,
         moments=(across, across, along),
     )
-
-
-def _camera(robot: Robot) -> Link:
-    return _attachment("camera", robot.camera, _box(robot.camera.mass_kg, *robot.camera.size_m))
-
-
-def _lidar(robot: Robot) -> Link:
-    across, along = _cylinder(robot.lidar.mass_kg, *robot.lidar.size_m)
-    return _attachment("lidar", robot.lidar, (across, across, along))
-
-
-def _payload(payload: Payload) -> Link:
-    return _attachment("payload", payload, _box(payload.mass_kg, *payload.size_m))
 
 
 def _attachment(name: str, part: Attachment | Payload, moments: tuple[float, float, float]) -> Link:

@@ -40,12 +40,7 @@ _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
 class NearRollersBody(RobotBody):
-    """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller.
-
-    Raises:
-        UnsupportedError: if the rollers are too many for the fastest wheel in a step, or for
-            the reasons of `RobotBody`.
-    """
+    """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller."""
 
     def __init__(
         self,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from mecazen.config import Scenario
+from mecazen.geometry_batch import Floats
 from mecazen.graph import TABLE
 from mecazen.keys import (
     BATTERY_STATE,
@@ -45,7 +46,7 @@ from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
 
 from mecazen_physics.instruments import Battery, Imu
-from mecazen_physics.people import Floats, MovingPerson, ReportedPerson
+from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_obstacles, check_person, steps_per_tick

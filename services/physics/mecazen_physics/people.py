@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.geometry_batch import Floats
 from mecazen.limits import FASTEST_PERSON
 from mecazen.skeleton import INDEX, LIMBS
 
 from mecazen_physics.footprint import Footprint
-
-Floats = npt.NDArray[np.float64]
 
 LEGS = [limb for limb in LIMBS if limb.name.endswith(("thigh", "shank", "foot"))]
 """The limbs that robots can reach."""

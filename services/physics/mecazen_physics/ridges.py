@@ -14,15 +14,13 @@ from typing import Any
 
 import dartpy as dart
 import numpy as np
-import numpy.typing as npt
 from mecazen.config.world import Ridge
+from mecazen.geometry_batch import Floats
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import bodies
 from mecazen_physics.rollers import Roller
 from mecazen_physics.scene import Scene
-
-Floats = npt.NDArray[np.float64]
 
 NEAR_M = 0.002
 """A roller this close to a ridge has a plane: no roller comes closer within a step."""
@@ -67,13 +65,7 @@ class Profile:
         return distances, ways
 
     def plane(self, point: Floats, distance: float, way: Floats) -> Any:
-        """Return the pose of the plane, z upwards, at the nearest point to `point` (3,).
-
-        Args:
-            point: In the world [m].
-            distance: Distance of the point, by `nearest`.
-            way: To the point, by `nearest` (2,).
-        """
+        """Return the pose of the plane, z upwards, at the nearest point to `point` (3,)."""
         along, up = way.tolist()
         (x, y), (left_x, left_y) = self._ahead.tolist(), self._across.tolist()
         normal = along * x, along * y, up
@@ -88,15 +80,7 @@ def _along(points: Floats, axis: Floats) -> Floats:
 
 
 class RidgeContacts:
-    """The planes that carry a robot's rollers over ridges.
-
-    Args:
-        robot: The robot.
-        ridges: Ramps and sills.
-        wheels: DART's bodies of its wheels.
-        rollers: DART's bodies of all rollers, wheel by wheel.
-        friction: Coefficient of the ridges.
-    """
+    """The planes that carry a robot's rollers over ridges."""
 
     def __init__(
         self,
@@ -160,7 +144,7 @@ class RidgeContacts:
         """Have a plane for each of these pairs of ridge and roller, the same one as before."""
         for plane, pair in [*self._carried.items()]:
             if pair not in wanted:
-                scene.forbid(self.planes[plane], self._rollers[pair[1]])
+                scene.keep_apart([self.planes[plane]], [self._rollers[pair[1]]])
                 del self._carried[plane]
         new = [pair for pair in wanted if pair not in self._carried.values()]
         free = [plane for plane in range(PLANES) if plane not in self._carried]

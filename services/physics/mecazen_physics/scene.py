@@ -60,11 +60,6 @@ class Scene:
     alone. So the box is exact if the axes are those of the rollers: with rollers at 45°, DART's
     axes are turned with a robot that is alone. Elsewhere DART solves for the cone while any
     contact is about to slip, which takes up to five times as long.
-
-    Args:
-        robot: The robot, or one of several with the same friction of the rollers.
-        physics: How they are simulated.
-        world: Their surroundings.
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig, world: WorldConfig) -> None:
@@ -110,21 +105,13 @@ class Scene:
         for layer, nodes in layers.items():
             for other, others in self._layers.items():
                 if frozenset((layer, other)) not in _TOUCHING:
-                    self._keep_apart(nodes, others)
+                    self.keep_apart(nodes, others)
             self._layers.setdefault(layer, []).extend(nodes)
-
-    def remove(self, skeleton: Any) -> None:
-        """Remove a skeleton."""
-        self.dart.removeSkeleton(skeleton)
 
     def allow(self, body: Any, other: Any) -> None:
         """Let a plane and a roller collide."""
         collisions = self._solver.getCollisionOption().collisionFilter
         collisions.removeBodyNodePairFromBlackList(body, other)
-
-    def forbid(self, body: Any, other: Any) -> None:
-        """Let a plane and a roller no longer collide."""
-        self._keep_apart([body], [other])
 
     def show(self, people: Mapping[int, MovingPerson], *, obstacles: bool) -> None:
         """Choose the people, by their numbers, and whether obstacles are present.
@@ -136,11 +123,11 @@ class Scene:
             if obstacles:
                 self.add(self._obstacles, {"obstacle": self._obstacles.getBodyNodes()})
             else:
-                self.remove(self._obstacles)
+                self.dart.removeSkeleton(self._obstacles)
         if people.keys() == self._present:
             return
         for number in self._present - people.keys():
-            self.remove(self.people[number])
+            self.dart.removeSkeleton(self.people[number])
         for number in sorted(people.keys() - self._present):
             if number not in self.people:
                 self.people[number] = self._build_person(number, people[number])
@@ -192,9 +179,6 @@ class Scene:
 
         The DART detector knows no contact of such a shape, FCL puts a sphere in its place;
         both without an error.
-
-        Raises:
-            UnsupportedError: if the contacts are others.
         """
         detector = self.dart.getCollisionDetector()
         group = detector.createCollisionGroup()
@@ -237,7 +221,8 @@ class Scene:
         skeleton.setName(f"person_{number}")
         return skeleton
 
-    def _keep_apart(self, nodes: Sequence[Any], others: Sequence[Any]) -> None:
+    def keep_apart(self, nodes: Sequence[Any], others: Sequence[Any]) -> None:
+        """Let none of these bodies collide with any of the others."""
         collisions = self._solver.getCollisionOption().collisionFilter
         for node, other in product(nodes, others):
             collisions.addBodyNodePairToBlackList(node, other)

@@ -33,10 +33,6 @@ class Simulation:
         robots: Each robot, and where its base_link starts in the world frame.
         physics: How they are simulated.
         world: Their surroundings.
-
-    Raises:
-        UnsupportedError: for the reasons of `SimulatedRobot`, or if the friction of the robots'
-            rollers differs.
     """
 
     def __init__(
@@ -65,11 +61,7 @@ class Simulation:
         """For how many steps no two robots that are far apart can come close."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
-        """Simulate `steps` steps of `dt_s`, with a command for each robot.
-
-        Raises:
-            DivergedError: if a state is no longer one of a robot on the ground.
-        """
+        """Simulate `steps` steps of `dt_s`, with a command for each robot."""
         left = steps
         while left > 0:
             if self._coupled or self._clear_steps <= 0:
@@ -121,11 +113,7 @@ class Simulation:
 
 
 def _advance_group(orders: Sequence[tuple[SimulatedRobot, WheelCommand]], steps: int) -> None:
-    """Simulate `steps` steps of one robot, or of several in the scene that they share.
-
-    Raises:
-        DivergedError: if a state is no longer one of a robot on the ground.
-    """
+    """Simulate `steps` steps of one robot, or of several in the scene that they share."""
     robots = [robot for robot, _ in orders]
     scene, left = robots[0].body.scene, steps
     while left > 0:

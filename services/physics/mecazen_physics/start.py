@@ -13,11 +13,7 @@ from mecazen_physics.footprint import Footprint
 
 
 def steps_per_tick(tick_s: float, dt_s: float) -> int:
-    """Return how many steps a control period has.
-
-    Raises:
-        ConfigError: It is not a whole number; the message names steps that are allowed.
-    """
+    """Return how many steps a control period has."""
     steps = round(tick_s / dt_s)
     if steps < 1 or not math.isclose(steps * dt_s, tick_s, rel_tol=1e-9):
         most = math.ceil(tick_s / dt_s)
@@ -30,11 +26,7 @@ def steps_per_tick(tick_s: float, dt_s: float) -> int:
 
 
 def check_obstacles(scenario: Scenario, name: str) -> None:
-    """Refuse a robot that starts inside an obstacle.
-
-    Raises:
-        ConfigError: It does; the message names the place.
-    """
+    """Refuse a robot that starts inside an obstacle."""
     for solid in scenario.world.solids:
         above = isinstance(solid, Box) and solid.bottom_m >= scenario.robot.height
         if not above:
@@ -44,11 +36,7 @@ def check_obstacles(scenario: Scenario, name: str) -> None:
 
 
 def check_person(scenario: Scenario, name: str, x: float, y: float) -> None:
-    """Refuse a robot that starts inside its person, who is at x, y [m]: it could only crawl away.
-
-    Raises:
-        ConfigError: It does.
-    """
+    """Refuse a robot that starts inside its person at x, y [m]: it could only crawl away."""
     where = f"person, who is at [{x:g}, {y:g}]; move it, or target.path"
     _check(scenario, name, Footprint(x, y, rim=scenario.world.person.radius_m), where)
 

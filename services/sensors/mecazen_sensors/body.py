@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from mecazen.geometry_batch import Floats
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
-
-from mecazen_sensors.scene import Floats
 
 FOREIGN = len(LIMBS)
 """Stands for all that is no limb of one's own."""

@@ -8,19 +8,12 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.config.sensors import DepthConfig, TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.portable import product
+from mecazen.portable import Floats, product
 from mecazen.robot import Camera as Mount
-
-from mecazen_sensors.scene import Floats
 
 
 class Camera:
-    """A pinhole camera on a robot: its pose, and what it can see.
-
-    Args:
-        mount: Where it sits and looks.
-        config: Its field of view from edge to edge, and its range of depths along its axis.
-    """
+    """A pinhole camera on a robot: its pose, and what it can see."""
 
     def __init__(self, mount: Mount, config: TrackerConfig | DepthConfig) -> None:
         self._place = mount.position_m

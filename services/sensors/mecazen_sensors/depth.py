@@ -7,13 +7,13 @@ import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.config.sensors import DepthConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import rotate
+from mecazen.geometry_batch import Floats, rotate
 from mecazen.portable import product
 from mecazen.robot import Camera as Mount
 from numpy.random import PCG64, Generator
 
 from mecazen_sensors.camera import Camera
-from mecazen_sensors.scene import CARRIER, Floats, Scene
+from mecazen_sensors.scene import CARRIER, Scene
 
 FRAME = "camera_depth_optical_frame"
 """z ahead, x to the right, y down (REP-103)."""
@@ -27,11 +27,6 @@ class DepthCamera:
     nearer, sees both: it is somewhere between the two ("flying"), or lost.
 
     As many numbers are drawn for each picture, whatever it shows.
-
-    Args:
-        config: The camera's parameters.
-        mount: Pose of the camera on the robot, which is `CARRIER` in the scene.
-        seed: Seed of the noise.
     """
 
     def __init__(self, config: DepthConfig, mount: Mount, seed: int) -> None:

@@ -8,12 +8,12 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import rotate
+from mecazen.geometry_batch import Floats, rotate
 from mecazen.robot import Attachment
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
-from mecazen_sensors.scene import CARRIER, Floats, Scene
+from mecazen_sensors.scene import CARRIER, Scene
 
 STEPS_PER_M = 1024.0
 """Ranges are whole numbers of these: a millimetre, as such sensors resolve, but exact in ROS's
@@ -33,11 +33,6 @@ class Lidar:
     Noise is Gaussian, and a share of beams has no valid measurement (Thrun, Burgard & Fox,
     Probabilistic Robotics, 2005, section 6.3, without its unexpected objects, which are shapes
     here). As many numbers are drawn for each scan, whatever it sees.
-
-    Args:
-        config: The lidar's parameters.
-        mount: Pose of the lidar on the robot, which is `CARRIER` in the scene.
-        seed: Seed of the noise.
     """
 
     def __init__(self, config: LidarConfig, mount: Attachment, seed: int) -> None:

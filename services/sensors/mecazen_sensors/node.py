@@ -7,6 +7,7 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
+from mecazen.geometry_batch import Floats
 from mecazen.graph import TABLE
 from mecazen.keys import (
     CAMERA_INFO,
@@ -23,7 +24,7 @@ from mecazen.ticks import whole_ticks
 
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.lidar import Lidar
-from mecazen_sensors.scene import CARRIER, Floats, Scene
+from mecazen_sensors.scene import CARRIER, Scene
 from mecazen_sensors.tracker import Tracker
 
 
@@ -67,11 +68,7 @@ class _Sensor(Node):
         return robot, people
 
     def _check_captures(self, key: str, ticks: int, latency: int = 0) -> None:
-        """Refuse a sensor that would look while the body does not move.
-
-        Raises:
-            ConfigError: Its captures do not fall on the ticks of the skeleton.
-        """
+        """Refuse a sensor that would look while the body does not move."""
         rate_hz = self.scenario.sensors.skeleton_rate_hz
         period = self.scenario.ticks_per("sensors.skeleton_rate_hz")
         if ticks % period or latency % period:

@@ -24,12 +24,11 @@ import numpy.typing as npt
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import rotate
+from mecazen.geometry_batch import Floats, rotate
 from mecazen.portable import product
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
 NOWHERE_M = -1e6
@@ -50,13 +49,7 @@ _RADII = np.array([limb.radius for limb in LIMBS])
 
 
 class Scene:
-    """Ground, obstacles, robots and people; the latter are nowhere until they are placed.
-
-    Args:
-        world: The obstacles.
-        robots: The robot file of each robot.
-        people: How many there are.
-    """
+    """Ground, obstacles, robots and people; the latter are nowhere until they are placed."""
 
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
         shapes = [_geom("plane", (0.0, 0.0, 1.0))]

@@ -14,13 +14,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import rotate
+from mecazen.geometry_batch import Floats, rotate
 from mecazen.portable import product
 from mecazen.robot import Camera as Mount
 from mecazen.skeleton import INDEX, JOINTS
@@ -40,7 +39,7 @@ from mecazen_sensors.body import (
     scales,
 )
 from mecazen_sensors.camera import Camera
-from mecazen_sensors.scene import CARRIER, Floats, Scene
+from mecazen_sensors.scene import CARRIER, Scene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
 """Factors of white noise and drift, by joint; 1 for others. They grow away from the trunk."""
@@ -73,34 +72,11 @@ class _Track:
         self.unseen = 0
 
 
-class _Rays(NamedTuple):
-    """The rays to one person's joints."""
-
-    vectors: Floats
-    """From the camera in base_link (20, 3) [m]."""
-    depths: Floats
-    inside: list[bool]
-    """Whether they are in view, hidden or not."""
-    reached: list[bool]
-    """Whether nothing is before them."""
-    limbs: list[int]
-    """Numbers of the limbs that are hit, as in `LIMBS` if they are of this person."""
-
-
 class Tracker:
     """A body tracker on a robot.
 
     As many numbers are drawn for each frame and person, whatever is seen, and of each person by
     themselves: one more changes nothing of the others'.
-
-    Args:
-        config: The tracker's parameters.
-        mount: Pose of its camera on the robot, which is `CARRIER` in the scene.
-        seed: Seed of the errors.
-        tick_s: The control period.
-
-    Raises:
-        ConfigError: The rate does not divide the tick rate, or the latency is not whole ticks.
     """
 
     def __init__(self, config: TrackerConfig, mount: Mount, seed: int, tick_s: float) -> None:
@@ -140,12 +116,6 @@ class Tracker:
         """Return the frame that arrives at `tick`; None at ticks without one.
 
         A frame whose capture was missed, or was before the start, shows no person.
-
-        Args:
-            tick: The tick.
-            scene: The scene; all people are in place if a frame is taken now.
-            robot: True pose in the world.
-            people: The joints of each person in the world (20, 3) [m], as in the scene.
         """
         if self.captures(tick):
             self._frames.append((tick, self._capture(tick, scene, robot, people)))
@@ -181,18 +151,36 @@ class Tracker:
             rows = slice(number * COUNT, (number + 1) * COUNT)
             first = scene.limbs(number).start
             limbs = [n - first if 0 <= n - first < FOREIGN else FOREIGN for n in numbers[rows]]
-            view = _Rays(vectors[rows], depths[rows], seen[rows], reached[rows], limbs)
-            skeleton = self._report(track, view, header)
+            view = vectors[rows], depths[rows], seen[rows], reached[rows], limbs
+            skeleton = self._report(track, header, *view)
             if skeleton is not None:
                 skeletons.append(skeleton)
         return m.Skeletons(header=header, skeletons=tuple(skeletons))
 
-    def _report(self, track: _Track, rays: _Rays, header: m.Header) -> m.Skeleton | None:
-        """Return the reported joints of a person; None if the pelvis is not seen."""
+    def _report(
+        self,
+        track: _Track,
+        header: m.Header,
+        vectors: Floats,
+        depths: Floats,
+        inside: Sequence[bool],
+        reached: Sequence[bool],
+        limbs: Sequence[int],
+    ) -> m.Skeleton | None:
+        """Return the reported joints of a person; None if the pelvis is not seen.
+
+        Args:
+            track: The person's.
+            header: Of the frame.
+            vectors: From the camera to the joints, in base_link (20, 3) [m].
+            depths: Depths of the joints (20) [m].
+            inside: Whether the joints are in view, hidden or not.
+            reached: Whether nothing is before them.
+            limbs: Limbs that the rays to them hit, as in `LIMBS` if they are of this person.
+        """
         config = self._config
         normals: Floats = track.random.standard_normal((2, COUNT, 3))
         chances = track.random.random(2).tolist()
-        vectors, depths, inside, reached, limbs = rays
         track.drift = self._keep * track.drift + self._fresh * normals[0]
         if not inside[0] or (limbs[0] == FOREIGN and not reached[0]):
             track.unseen += 1

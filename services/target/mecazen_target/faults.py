@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from mecazen.config import SensorConfig
 from mecazen.geometry import Pose2D, wrap
+from mecazen.geometry_batch import Floats
 from numpy.random import PCG64, Generator
 
-Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 FAULTS_STREAM = 1
 """Beside the seed: the faults are drawn apart, so that they leave the noise as it is."""
@@ -22,18 +22,6 @@ FAULTS_STREAM = 1
 def in_ticks(intervals_s: Sequence[tuple[float, float]], tick_s: float) -> list[tuple[int, int]]:
     """Return intervals [s] in ticks."""
     return [(round(begin / tick_s), round(end / tick_s)) for begin, end in intervals_s]
-
-
-class _Drawn(NamedTuple):
-    """Random numbers of the faults, with a row for each frame."""
-
-    offsets: Floats
-    """Offsets of outliers (n, 2) [m]; 0 for other frames."""
-    flipped: npt.NDArray[np.bool_]
-    other_noise: Floats
-    """Noise of the second person (n, 3)."""
-    other_first: npt.NDArray[np.bool_]
-    """Whether a frame names the second person before the first."""
 
 
 class Faults:
@@ -47,8 +35,12 @@ class Faults:
         self._distorts = faults.outlier_probability > 0.0 or faults.flip_probability > 0.0
 
     @cached_property
-    def _drawn(self) -> _Drawn:
-        """The random numbers; they take megabytes, so only sensors with such faults have them."""
+    def _drawn(self) -> tuple[Floats, Flags, Floats, Flags]:
+        """The random numbers; they take megabytes, so only sensors with such faults have them.
+
+        For each frame they are the offset of an outlier (n, 2) [m], whether the heading is flipped
+        (n), the noise of the second person (n, 3), and whether that person is named first (n).
+        """
         faults, frames = self._config, self._frames
         random = Generator(PCG64([self._seed, FAULTS_STREAM]))
         outlying = random.random(frames) < faults.outlier_probability
@@ -56,7 +48,7 @@ class Faults:
         way = faults.outlier_m * np.stack((np.cos(direction), np.sin(direction)), axis=-1)
         flipped = random.random(frames) < faults.flip_probability
         position, yaw = self._sensor.position_std_m, math.radians(self._sensor.yaw_std_deg)
-        return _Drawn(
+        return (
             np.where(outlying[:, None], way, 0.0),
             flipped,
             random.standard_normal((frames, 3)) * (position, position, yaw),
@@ -90,15 +82,16 @@ class Faults:
         """Return the first person's pose with the outliers and flips of a frame."""
         if not self._distorts:
             return pose
-        x, y = self._drawn.offsets[row].tolist()
-        yaw = wrap(pose.yaw + math.pi) if self._drawn.flipped[row] else pose.yaw
+        offsets, flipped, _, _ = self._drawn
+        x, y = offsets[row].tolist()
+        yaw = wrap(pose.yaw + math.pi) if flipped[row] else pose.yaw
         return Pose2D(pose.x + x, pose.y + y, yaw)
 
     def noisy(self, row: int, other: Pose2D) -> Pose2D:
         """Return the second person's pose with the noise of a frame."""
-        x, y, yaw = self._drawn.other_noise[row].tolist()
+        x, y, yaw = self._drawn[2][row].tolist()
         return Pose2D(other.x + x, other.y + y, wrap(other.yaw + yaw))
 
     def names_other_first(self, row: int) -> bool:
         """Return whether a frame names the second person before the first."""
-        return bool(self._drawn.other_first[row])
+        return bool(self._drawn[3][row])

@@ -32,11 +32,7 @@ class Frame(NamedTuple):
 
 
 def latency_ticks(config: SensorConfig, tick_s: float) -> int:
-    """Return after how many ticks a frame arrives.
-
-    Raises:
-        ConfigError: A latency is not a whole number of ticks.
-    """
+    """Return after how many ticks a frame arrives."""
     return whole_ticks("sensor.latency_s", config.latency_s, tick_s) + whole_ticks(
         "sensor.faults.unsaid_latency_s", config.faults.unsaid_latency_s, tick_s
     )
@@ -47,10 +43,6 @@ class Sensor:
 
     The noise comes from an array generated in advance from `seed`, with a row for each frame,
     seen or not. So occlusions, dropouts and faults do not change the noise of other frames.
-
-    Raises:
-        ConfigError: The `rate_hz` does not divide the tick rate, or a latency is not a whole
-            number of ticks.
     """
 
     def __init__(self, config: SensorConfig, seed: int, tick_s: float) -> None:

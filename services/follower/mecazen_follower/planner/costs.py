@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.drive_batch import Array
+from mecazen.geometry_batch import Floats
 
 from mecazen_follower.planner.field import Field, Shadows
 from mecazen_follower.planner.rollout import Rollout
-
-Floats = npt.NDArray[np.float64]
 
 FACTOR = 3.0
 """Weight of a priority over that of the next one."""
@@ -61,15 +60,7 @@ class Situation(NamedTuple):
 
 
 class Costs:
-    """Costs of ways by these weights.
-
-    Args:
-        priorities: Priorities, the highest first; the lowest is given up first.
-        standoff: The distance to keep [m].
-        clearance: Distance to keep from everything [m].
-        body: Sizes of robot and person.
-        sight: Field of view of the sensor that sees the person.
-    """
+    """Costs of ways by these weights."""
 
     def __init__(
         self,

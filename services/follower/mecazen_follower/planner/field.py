@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from mecazen.drive_batch import Array
+from mecazen.geometry_batch import Floats
 
 CELL_M = 0.06
 CELLS = 110
@@ -13,8 +14,6 @@ BINS = 90
 """Directions about the person, of 2.5° to 5° each."""
 MOST_BINS = 12
 """An obstacle covers no more of them."""
-
-Floats = npt.NDArray[np.float64]
 
 
 class Field:

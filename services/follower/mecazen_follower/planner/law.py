@@ -6,14 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.config.follower import PolarControl
 from mecazen.drive_batch import Array
-from mecazen.portable import arctan2
+from mecazen.portable import Floats, arctan2
 
 from mecazen_follower.planner.rollout import Command
-
-Floats = npt.NDArray[np.float64]
 
 
 class Goals(NamedTuple):

@@ -7,9 +7,8 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.geometry import Pose2D, wrap
-from mecazen.portable import arctan2
+from mecazen.portable import Floats, arctan2
 from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
@@ -21,8 +20,6 @@ ASIDE = math.radians(45.0)
 """Between the place to keep and the next ones that are tried."""
 ALIKE = math.radians(5.0)
 """Places that differ by less are one."""
-
-Floats = npt.NDArray[np.float64]
 
 
 class Prediction(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+from mecazen.geometry_batch import Floats
 
 ALPHA, BETA = 0.5, 0.15
 """Gains of place and velocity: legs swing about the person by as much as PAIR_STD_M."""
@@ -19,8 +19,6 @@ SCANS = 5
 """Minimum number of detections; fewer may be an edge that comes into view."""
 SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
 """Slower tracks stand; faster tracks are no persons."""
-
-Floats = npt.NDArray[np.float64]
 
 
 class Mover(NamedTuple):

@@ -6,8 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from mecazen.geometry_batch import to_rectangle
+from mecazen.geometry_batch import Floats, to_rectangle
 from mecazen.standoff import Standoff
 
 from mecazen_follower.planner.costs import Costs, Extents, Situation
@@ -19,8 +18,6 @@ GIVEN_UP_M, GIVEN_UP_RAD = 0.3, math.radians(30.0)
 """Errors at the end of a plan of a distance and of an angle that is given up."""
 STILL_M = 0.15
 """A robot that gets no farther in a whole plan is waiting."""
-
-Floats = npt.NDArray[np.float64]
 
 
 class Plan(NamedTuple):
