@@ -36,9 +36,9 @@ def legs(x, y):
     return [(x, y - 0.1, LEG), (x, y + 0.1, LEG)]
 
 
-def scan(lidar, circles):
-    """Return what a lidar without noise sees of circles (x, y, radius)."""
-    angles = lidar.yaw - math.pi + math.tau / BEAMS * np.arange(BEAMS)
+def scan(lidar, circles, walls=(), beams=BEAMS, std=0.0):
+    """Return what a lidar sees of circles (x, y, radius) and of walls, lines x = wall."""
+    angles = lidar.yaw - math.pi + math.tau / beams * np.arange(beams)
     directions = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
     x, y, radius = np.array(circles, float).reshape(-1, 3).T
     centres = np.stack((x - lidar.x, y - lidar.y), axis=-1)
@@ -46,13 +46,20 @@ def scan(lidar, circles):
     off = np.sum(centres**2, axis=-1) - along**2
     hit = (off < radius**2) & (along > 0.0)
     ranges = np.where(hit, along - np.sqrt(np.maximum(radius**2 - off, 0.0)), 13.0)
+    ranges = ranges.min(axis=1, initial=13.0)
+    for wall in walls:
+        ahead = directions[:, 0] * (wall - lidar.x)
+        distances = abs(wall - lidar.x) / np.maximum(np.abs(directions[:, 0]), 1e-9)
+        ranges = np.minimum(ranges, np.where(ahead > 0.0, distances, 13.0))
+    noise = std * np.random.default_rng(1).standard_normal(beams)
+    ranges = np.where(ranges < 12.0, ranges + noise, 13.0)
     return LaserScan(
         angle_min=-math.pi,
-        angle_max=math.pi - math.tau / BEAMS,
-        angle_increment=math.tau / BEAMS,
+        angle_max=math.pi - math.tau / beams,
+        angle_increment=math.tau / beams,
         range_min=0.05,
         range_max=12.0,
-        ranges=tuple(ranges.min(axis=1, initial=13.0).tolist()),
+        ranges=tuple(ranges.tolist()),
     )
 
 

@@ -2,38 +2,17 @@
 
 import math
 
-import numpy as np
 import pytest
+from follower.rooms import scan
 from mecazen.geometry import Pose2D
-from mecazen.messages import Header, LaserScan
+from mecazen.messages import LaserScan
 from mecazen_follower.measurement import NO_HEADING
 from mecazen_follower.perception.legs import PAIR_STD_M, SINGLE_STD_M, persons, things_of
+from msgspec.structs import replace
 
 
-def scan_of(circles, walls=(), beams: int = 720, std: float = 0.0) -> LaserScan:
-    """Return a scan of circles (x, y, radius) and of walls, lines x = wall, without MuJoCo."""
-    step = math.tau / beams
-    random = np.random.default_rng(1)
-    ranges = []
-    for i in range(beams):
-        angle = -math.pi + i * step
-        c, s = math.cos(angle), math.sin(angle)
-        hits = [wall / c for wall in walls if c * wall > 1e-9]
-        for x, y, radius in circles:
-            along, aside = c * x + s * y, c * y - s * x
-            if abs(aside) < radius and along > 0.0:
-                hits.append(along - math.sqrt(radius**2 - aside**2))
-        nearest = min(hits, default=13.0)
-        ranges.append(nearest + std * random.standard_normal() if nearest < 12.0 else 13.0)
-    return LaserScan(
-        header=Header(frame_id="lidar_link"),
-        angle_min=-math.pi,
-        angle_max=math.pi - step,
-        angle_increment=step,
-        range_min=0.05,
-        range_max=12.0,
-        ranges=tuple(ranges),
-    )
+def scan_of(circles, walls=(), std=0.0):
+    return scan(Pose2D(), circles, walls, beams=720, std=std)
 
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 90.0, 180.0, -120.0])
@@ -58,13 +37,7 @@ def test_one_leg_behind_the_other_is_a_person_with_more_doubt():
     [
         scan_of([], walls=[2.0]),
         scan_of([(3.0, 0.0, 0.5)]),
-        LaserScan(
-            angle_min=-math.pi,
-            angle_increment=math.tau / 720,
-            range_min=0.05,
-            range_max=12.0,
-            ranges=(2.0,) * 720,
-        ),
+        replace(scan_of([]), ranges=(2.0,) * 720),
         scan_of([]),
         LaserScan(ranges=(), range_max=12.0),
     ],

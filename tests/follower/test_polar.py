@@ -10,11 +10,10 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from mecazen.config import ControllerConfig, FollowerConfig, Scenario
 from mecazen.config.controller import AxisLimits, LinearLimits
-from mecazen.config.follower import PidControl, PolarControl
+from mecazen.config.follower import PolarControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.standoff import Standoff
-from mecazen_follower.pid import PoseController
 from mecazen_follower.polar import ALL_AROUND, PolarController, approach, kept_view
 from msgspec.structs import replace
 from planar import angles, poses, standoffs, twists
@@ -87,13 +86,6 @@ def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance,
     assert robot == pytest.approx(BACK.goal(PERSON), abs=1e-3)
 
 
-def test_pids_drive_through_the_person_where_it_goes_around():
-    start = Pose2D(1.5, 0.0, 0.0)
-    pid = PoseController(PidControl())
-    assert min(a.distance(b) for a, b in follow(pid, start, 5.0)) < 0.05
-    assert min(a.distance(b) for a, b in follow(make(), start, 5.0)) > 0.95
-
-
 huge = st.floats(-1e6, 1e6)
 anywhere = st.builds(Pose2D, huge, huge, angles)
 any_twist = st.builds(Twist2D, huge, huge, huge)
@@ -153,15 +145,6 @@ def test_a_robot_on_the_person_drives_away_from_them(standoff, person):
     twist = make(standoff, 100.0).command(goal, Twist2D(), robot, DT)
     speed = min(3.0 * standoff.distance, math.sqrt(2.0 * 2.0 * standoff.distance))
     assert math.hypot(twist.x, twist.y) == pytest.approx(speed)
-
-
-def test_a_robot_exactly_on_the_person_drives_towards_its_place():
-    twist = make().command(BACK.goal(PERSON), Twist2D(), PERSON, DT)
-    assert twist == pytest.approx((-2.0, 0.0, 0.0), abs=1e-12)
-
-
-def test_stop_is_at_rest():
-    assert make().stop() == Twist2D()
 
 
 NEXUS = load_robot()

@@ -12,7 +12,6 @@ from mecazen_follower.estimators.turn_rate import (
     SIZE,
     YAW,
     V,
-    W,
     jacobian,
     matrix,
     move,
@@ -37,10 +36,6 @@ def test_move_is_the_exponential_map_of_a_pose(state, dt):
     assert moved[:2] == pytest.approx(pose[:2], abs=1e-12)
     assert wrap(moved[YAW] - pose.yaw) == pytest.approx(0.0, abs=1e-12)
     assert moved[V:].tolist() == [v, w]
-
-
-def test_the_heading_is_not_wrapped():
-    assert move(np.array([0.0, 0.0, 3.0, 0.0, 1.0]), 10.0)[YAW] == 13.0
 
 
 @given(states, times)
@@ -118,14 +113,6 @@ def test_sway_goes_by_the_distance_walked():
     assert np.diag(forth)[:2] == pytest.approx([0.03**2, 0.03**2])
     assert (forth == back).all()
     assert not still.any()
-
-
-def test_move_leaves_its_argument_alone():
-    state = np.array([0.0, 0.0, 0.5, 1.0, 1.0])
-    before = state.copy()
-    move(state, 1.0)
-    assert (state == before).all()
-    assert state[W] == 1.0
 
 
 def test_an_observation_comes_with_the_turn_that_is_nearest():

@@ -44,14 +44,14 @@ def test_a_place_beyond_the_gate_begins_another_track():
     walk(tracks, 6)
     (other,) = tracks.update(0.6, [((0.48 + 1.1 * GATE_M, 2.0), True)])
     assert len(other.places) == 1
-    assert len(tracks.known()) == 2
+    assert len(tracks.known) == 2
 
 
 def test_who_is_not_seen_is_expected_to_walk_on_and_then_forgotten():
     tracks = Tracks()
     walk(tracks, 6)
     assert tracks.update(0.5 + FORGET_S, []) == []
-    (unseen,) = tracks.known()
+    (unseen,) = tracks.known
     assert unseen.at(1.0) == pytest.approx((0.8, 2.0))
     tracks.update(0.6 + FORGET_S, [])
-    assert tracks.known() == []
+    assert tracks.known == []

@@ -263,8 +263,3 @@ def test_bad_file_is_refused_in_one_line(tmp_path, name, text, told):
         read_recording(tmp_path / name, SEGMENTS)
     assert "\n" not in str(error.value)
     assert name in str(error.value)
-
-
-def test_missing_file_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match=r"none.trc: can't be read: No such file"):
-        read_recording(tmp_path / "none.trc", SEGMENTS)

@@ -56,11 +56,3 @@ def test_driven_person_walks_an_exact_arc():
     assert person.motion.pose == pytest.approx(expected, abs=1e-12)
     assert person.motion.distance == pytest.approx(1.0)
     assert person.motion.twist == Twist2D(0.2, 0.0, 0.1)
-
-
-def test_new_command_starts_the_timeout_again():
-    person = Driven(Pose2D(), timeout=0.3, tick_s=0.1)
-    for _ in range(10):
-        person.command(Twist2D(1.0, 0.0, 0.0))
-        person.step()
-    assert person.motion.pose.x == pytest.approx(1.0)

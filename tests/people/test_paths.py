@@ -111,12 +111,6 @@ def test_waypoints_are_passed_in_order_and_the_last_is_held():
     assert path.at(path.duration + 9.0).twist == Twist2D()
 
 
-def test_two_waypoints_make_a_straight():
-    path = make_path(Waypoints(points_m=((1.0, 1.0), (4.0, 5.0)), speed_m_s=1.0))
-    assert path.duration == pytest.approx(5.0)
-    assert path.at(2.5).pose == pytest.approx((2.5, 3.0, math.atan2(4.0, 3.0)))
-
-
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
 @pytest.mark.parametrize("name", PATHS)
 def test_twist_is_the_derivative_of_the_pose(name, gait):

@@ -120,8 +120,3 @@ def test_bad_table_is_refused_in_one_line(tmp_path: Path, old, new, told):
 def test_body_outside_of_its_ranges_is_refused(table):
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert(table, Body)
-
-
-def test_missing_table_is_refused(tmp_path: Path):
-    with pytest.raises(ConfigError, match=r"none.toml: can't be read: No such file"):
-        read_norm(tmp_path / "none.toml")

@@ -10,7 +10,6 @@ from mecazen.config.world import Box
 from mecazen.geometry import Twist2D, rotate
 from mecazen.robot import Payload, Robot
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.body import MAX_TILT_RAD
 from mecazen_physics.errors import UnsupportedError
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
@@ -72,13 +71,6 @@ def test_each_wheel_carries_its_share_of_the_load(robot, rollers):
     expected = [front / 2, front / 2, rear + aside, rear - aside]
     # 1 %: strained wheels push each other along their rollers, at the height of the ground
     assert wheel_loads(rig) == pytest.approx(expected, rel=0.01)
-
-
-def test_a_load_beyond_the_wheels_that_hold_it_tilts_the_robot(nexus):
-    rig = Rig(loaded(nexus, 40.0, -0.1, 0.19, 0.30))
-    rig.advance(HELD, 2000)
-    roll = 2.0 * math.asin(rig.state().orientation[0])
-    assert abs(roll) > MAX_TILT_RAD
 
 
 def test_motors_at_their_limit_accelerate_a_loaded_robot_by_as_much_less(nexus):

@@ -4,11 +4,6 @@ from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder
 
 
-def test_defaults_need_nothing():
-    assert msgspec.convert({}, PhysicsConfig) == PhysicsConfig()
-    assert msgspec.convert({}, WorldConfig) == WorldConfig()
-
-
 def test_obstacles_are_told_apart_by_their_kind():
     raw = [
         {"kind": "box", "size_m": [1.0, 2.0, 0.5], "position_m": [3.0, 0.0], "yaw_deg": 30.0},

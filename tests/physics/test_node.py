@@ -139,14 +139,6 @@ def test_wheel_speeds_and_efforts_are_taken_by_name_in_any_order():
     assert driven.pose().x > 0.0
 
 
-def test_commands_beyond_the_motor_are_taken_as_its_limit():
-    driven = Driven()
-    driven.drive(100, [1e308] * 4)
-    assert max(driven.wheels) <= 40.0 + 1e-6
-    driven.drive(1, effort=[-1e308] * 4)
-    assert driven.joints().effort[:4] == (-3.0,) * 4
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -178,30 +170,6 @@ def test_the_watchdog_brakes_as_the_controller_does_and_the_next_command_moves_t
     assert speeds == pytest.approx([4.0] * 10 + braking + [0.0] * 12, abs=0.1)
     driven.drive(30, [4.0] * 4)
     assert driven.wheels == pytest.approx([4.0] * 4, abs=0.1)
-
-
-def test_the_watchdog_slows_down_from_the_speed_that_an_effort_had_made():
-    driven = Driven(WATCHFUL)
-    driven.drive(1, effort=[0.3] * 4)
-    speeds = []
-    for _ in range(130):
-        driven.tick()
-        speeds.append(driven.wheels[0])
-    assert max(speeds) > 1.0
-    assert speeds.index(max(speeds)) <= 12
-    assert speeds[-1] == pytest.approx(0.0, abs=0.02)
-
-
-def test_the_person_stops_the_robot_and_pushes_it():
-    driven = Driven(PhysicsConfig())
-    for _ in range(150):  # 0.75 m without the person
-        driven.tick(command=joints([10.0] * 4), person=person(Pose2D(x=0.8)))
-    assert driven.pose().x < 0.45  # 0.2 m of the person, 0.2 m of the robot
-    driven.begin()
-    for tick in range(100):
-        walking = person(Pose2D(0.6 - 0.01 * tick), Twist2D(x=-1.0))
-        driven.tick(command=joints(effort=[0.0] * 4), person=walking)
-    assert driven.pose().x < -0.5
 
 
 def people(*walkers: m.Person) -> m.People:

@@ -10,7 +10,6 @@ import sys
 import pytest
 from mecazen.config.world import Box, Cylinder, Person
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.robot import WHEEL_JOINTS
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from msgspec.structs import replace
 from physics_rig import Rig, trajectory, wheel_speeds
@@ -36,18 +35,6 @@ def test_a_robot_without_command_stays_where_it_stands(robot):
     # It starts in contact, so nothing falls: 1 µm is the depth of resting contacts.
     assert max(map(abs, heights)) < 1e-6
     assert math.hypot(*rig.state().position[:2]) < 1e-6
-
-
-def test_joints_are_four_wheels_then_the_rollers_of_each(robot):
-    rig = Rig(robot, ground_friction=0.0)
-    count = robot.rollers.count
-    assert rig.joint_names[:4] == WHEEL_JOINTS
-    assert len(rig.joint_names) == 4 + 4 * count
-    assert rig.joint_names[4] == "front_left_roller_00_joint"
-    assert rig.joint_names[-1] == f"rear_right_roller_{count - 1:02d}_joint"
-    rig.advance([1.0, 2.0, 3.0, 4.0], 10)
-    assert rig.state().joint_velocity[:4] == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=1e-6)
-    assert len(rig.state().joint_effort) == len(rig.joint_names)
 
 
 @pytest.mark.parametrize("rollers", ["near", "all"])

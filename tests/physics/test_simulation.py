@@ -126,21 +126,6 @@ def test_a_robot_pushes_one_whose_motors_are_weaker(nexus):
     assert CLOSEST <= pushed.position[0] - pusher.position[0] <= TOUCHING
 
 
-def test_a_robot_that_is_hit_rolls_on_without_its_motors(nexus):
-    world = world_with(nexus, Pose2D(), Pose2D(0.6))
-    _, hit = drive(world, 300, FORWARD, ROLL)[-1]
-    assert hit.linear[0] > 0.25
-
-
-def test_robots_driven_against_each_other_hold_each_other_up(nexus):
-    world = world_with(nexus, Pose2D(), Pose2D(1.2, 0.0, math.pi))
-    one, other = drive(world, 250, FORWARD, FORWARD)[-1]
-    # without the other each would have come 0.67 m far
-    assert one.position[0] < 0.55
-    assert other.position[0] > 0.65
-    assert WHEELS_TOUCH <= math.dist(one.position[:2], other.position[:2]) <= TOUCHING
-
-
 @pytest.mark.parametrize(
     "values",
     [[6.0] * 4, [-6.0, 6.0, 6.0, -6.0], [-6.0, 6.0, -6.0, 6.0], [9.0, 2.0, 2.0, 9.0]],

@@ -66,11 +66,6 @@ def test_the_robot_carries_its_camera():
     assert rotate(ahead, -robot.yaw)[0] == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_robot_files_without_an_angle_have_a_level_camera():
-    camera = Mount(size_m=(0.1, 0.1, 0.1), position_m=(0.0, 0.0, 0.2), mass_kg=0.1)
-    assert (camera.pitch_deg, camera.yaw_deg) == (0.0, 0.0)
-
-
 def test_the_camera_of_a_robot_file_sees_shoulders_from_1_m_and_feet_from_1_5_m_on():
     x, _, z = NEXUS.camera.position_m
     pitch = math.radians(NEXUS.camera.pitch_deg)

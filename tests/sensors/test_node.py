@@ -87,12 +87,6 @@ def test_a_frame_whose_capture_was_missed_shows_nobody_and_the_next_one_is_right
     assert frames[20].header.stamp.ns == 100_000_000
 
 
-def test_the_lidar_sees_the_legs_of_the_person_where_they_are():
-    scan = Sensor(LidarNode).tick(0)[keys.SCAN]
-    # the lidar is 0.13 m behind the robot's middle, the person 1.5 m ahead of it
-    assert min(r for r in scan.ranges[340:380] if r > 0.0) == pytest.approx(1.6, abs=0.15)
-
-
 @pytest.mark.parametrize(
     ("kind", "setting", "named"),
     [

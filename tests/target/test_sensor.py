@@ -107,10 +107,6 @@ def test_dropouts_come_as_often_as_configured():
     assert dropped == pytest.approx(0.3, abs=4 * math.sqrt(0.3 * 0.7 / 10_000))  # 4 deviations
 
 
-def test_certain_dropout_leaves_nothing():
-    assert all(f.pose is None for f in frames(sensor(dropout_probability=1.0), 1000))
-
-
 @pytest.mark.parametrize(
     "hidden",
     [
