@@ -51,6 +51,13 @@ class Stack:
         """Deliver samples until a condition holds, whichever process ends meanwhile."""
         wait(self.bus, condition)
 
+    def memory(self, kind: str = "pss") -> dict[str, int]:
+        """Return the memory of each process; what several share is divided among them [bytes]."""
+        import psutil  # only tests of whole systems have it
+
+        pids = self.supervisor.pids.items()
+        return {name: getattr(psutil.Process(pid).memory_full_info(), kind) for name, pid in pids}
+
     def close(self) -> None:
         """End everything."""
         self.bus.close()

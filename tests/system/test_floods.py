@@ -6,7 +6,6 @@
 import time
 from statistics import quantiles
 
-import psutil
 import pytest
 from harness import SCENARIOS
 from intruders import flooding
@@ -72,14 +71,14 @@ def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
     with flooding(*FLOODS[flood], running.scenario.bus) as sent:
         running.wait(lambda: sent.value or flood == "quiet")
         spin(SETTLED_S)
-        before, puts = memory(running), sent.value
+        before, puts = running.memory(), sent.value
         missed = running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines
         answers.latencies_ms.clear()
         spin(window_s)
         state = running.bus.call(keys.SIM_STATE, Empty())
         rate = (sent.value - puts) / window_s
         running.wait(lambda: len(answers.latencies_ms) > 1)
-        growth = {name: now - before[name] for name, now in memory(running).items()}
+        growth = {name: now - before[name] for name, now in running.memory().items()}
     percentiles = quantiles(answers.latencies_ms, n=100)
     print(
         f"{rate:.0f} puts/s; median {percentiles[49]:.1f} ms, p99 {percentiles[98]:.1f} ms; "
@@ -87,8 +86,3 @@ def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
         f"growth {max(growth.values()) / 1e6:.1f} MB"
     )
     assert max(growth.values()) < GROWTH_BYTES, growth
-
-
-def memory(running) -> dict[str, int]:
-    pids = running.supervisor.pids.items()
-    return {name: psutil.Process(pid).memory_full_info().pss for name, pid in pids}

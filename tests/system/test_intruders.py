@@ -6,7 +6,6 @@
 from contextlib import closing
 from pathlib import Path
 
-import psutil
 import pytest
 import zenoh
 from harness import SCENARIOS
@@ -50,13 +49,13 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
             ):
                 intruder.send(BATCH)
             if early is None and intruder.sent >= payloads / 4:
-                early = memory(running)
+                early = running.memory()
             running.supervisor.poll(0.0)  # a process that ends is an error
             running.bus.spin_once(0.01)
         intruder.take_answers()
     assert intruder.accepted == 0
     assert trajectory.rows() == simulate(load_scenario(BACK, settings), "back")[1].rows()
-    late = memory(running)
+    late = running.memory()
     growth = {name: late[name] - early[name] for name in early}
     print(f"{intruder.sent} payloads, {sum(early.values())} then {sum(late.values())} bytes")
     assert max(growth.values()) < GROWTH_BYTES, growth
@@ -88,9 +87,3 @@ def peaks(running) -> dict[str, int]:
     pids = running.supervisor.pids.items()
     status = {name: Path(f"/proc/{pid}/status").read_text() for name, pid in pids}
     return {name: 1024 * int(text.split("VmHWM:")[1].split()[0]) for name, text in status.items()}
-
-
-def memory(running) -> dict[str, int]:
-    """Memory of each process [bytes]; what several share is divided among them."""
-    pids = running.supervisor.pids.items()
-    return {name: psutil.Process(pid).memory_full_info().pss for name, pid in pids}

@@ -37,19 +37,21 @@ def test_an_observer_that_takes_5_ms_a_sample_delays_no_tick(stack, mode):
     assert trajectory.sha256() == expected
 
 
-def test_a_recorder_that_freezes_for_a_moment_holds_the_run_up_and_loses_nothing(stack, tmp_path):
-    file = tmp_path / "run.mcap"
-    running = stack(
-        BACK,
-        *RUN,
-        'services=["physics","controller","target","follower","recorder"]',
-        f'recorder.file="{file}"',
-    )
+def with_frozen_recorder(stack, file, *settings):
+    """Start a run, and freeze its recorder; return the run, its trajectory and the recorder."""
+    services = 'services=["physics","controller","target","follower","recorder"]'
+    running = stack(BACK, *RUN, services, f'recorder.file="{file}"', *settings)
     trajectory = trajectory_of(running)
     running.start()
     running.wait(lambda: trajectory.done > 100)
     recorder = running.supervisor.pids["recorder"]
     os.kill(recorder, signal.SIGSTOP)
+    return running, trajectory, recorder
+
+
+def test_a_recorder_that_freezes_for_a_moment_holds_the_run_up_and_loses_nothing(stack, tmp_path):
+    file = tmp_path / "run.mcap"
+    running, trajectory, recorder = with_frozen_recorder(stack, file)
     end = time.monotonic() + FREEZE_S
     running.wait(lambda: time.monotonic() > end)
     assert not trajectory.complete
@@ -63,16 +65,7 @@ def test_a_recorder_that_freezes_for_a_moment_holds_the_run_up_and_loses_nothing
 
 
 def test_a_recorder_that_stays_frozen_is_given_up_and_the_run_goes_on(stack, tmp_path):
-    running = stack(
-        BACK,
-        *RUN,
-        'services=["physics","controller","target","follower","recorder"]',
-        f'recorder.file="{tmp_path / "run.mcap"}"',
-        "sim.answer_timeout_s=4.0",
-    )
-    trajectory = trajectory_of(running)
-    running.start()
-    running.wait(lambda: trajectory.done > 100)
-    os.kill(running.supervisor.pids["recorder"], signal.SIGSTOP)
+    file, patience = tmp_path / "run.mcap", "sim.answer_timeout_s=4.0"
+    running, trajectory, recorder = with_frozen_recorder(stack, file, patience)
     running.wait(lambda: trajectory.complete)
-    os.kill(running.supervisor.pids["recorder"], signal.SIGCONT)
+    os.kill(recorder, signal.SIGCONT)

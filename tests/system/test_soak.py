@@ -5,7 +5,6 @@
 
 import time
 
-import psutil
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen_tools.processes import on_one_core
@@ -62,7 +61,7 @@ def test_hours_in_lockstep_lose_no_tick_and_no_memory(stack, scale):
         if ticks.newest < due:
             continue
         due += sim.ticks * SHARE
-        now = memory(running)
+        now = running.memory("uss")
         settled = settled or now
         most = {name: max(now[name], most.get(name, 0)) for name in now}
         print(f"{ticks.newest * sim.tick_s / 60:6.0f} min", now)
@@ -93,9 +92,3 @@ def test_real_time_keeps_to_the_wall_clock(stack, scale):
     last = min(lag for time_s, lag in ticks if time_s > end_s - window_s)
     print(f"in {end_s:g} s the schedule drifts by {1e3 * (last - first):+.3f} ms")
     assert abs(last - first) * 1e3 < DRIFT_MS
-
-
-def memory(running) -> dict[str, int]:
-    """Memory of each process that it shares with no other [bytes]."""
-    pids = running.supervisor.pids.items()
-    return {name: psutil.Process(pid).memory_full_info().uss for name, pid in pids}

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.keys import of_robot
+from mecazen.loop import Slot
 from mecazen.messages import DiagnosticArray, DiagnosticStatus, Header, KeyValue
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S, Stamp
 
 
-class Heard(Protocol):
-    """An input: the number of samples received and the tick of the newest one."""
+class Heard:
+    """An input of an observer: the number of samples received and the tick of the newest one."""
 
-    count: int
-    heard: int
+    def __init__(self) -> None:
+        self.count, self.heard = 0, -1
 
 
 class Health:
     """Publishes values that a service reports, and the state of its inputs, by its own keys."""
 
     def __init__(
-        self, name: str, robot: str, bus: Bus, scenario: Scenario, inputs: Mapping[str, Heard]
+        self,
+        name: str,
+        robot: str,
+        bus: Bus,
+        scenario: Scenario,
+        inputs: Mapping[str, Heard | Slot],
     ) -> None:
         self._name = name
         self._bus = bus

@@ -11,15 +11,8 @@ from mecazen.bus.base import Handler
 from mecazen.config import Scenario
 from mecazen.keys import Topic, of_robot
 from mecazen.messages import MessageT
-from mecazen.runtime.health import Health
+from mecazen.runtime.health import Health, Heard
 from mecazen.wire import NS_PER_S, Stamp
-
-
-class _Heard:
-    """The number of samples received on a key, and the tick of the newest one."""
-
-    def __init__(self) -> None:
-        self.count, self.heard = 0, -1
 
 
 class Observer(ABC):
@@ -37,7 +30,7 @@ class Observer(ABC):
         self.announce: Callable[[str], None] = lambda _: None
         """Function called with the address of a page that the service serves."""
         self._ended: deque[int] = deque(maxlen=16)
-        self._heard: dict[str, _Heard] = {}
+        self._heard: dict[str, Heard] = {}
         self._health = Health(name, "", bus, scenario, self._heard)
 
     @abstractmethod
@@ -64,7 +57,7 @@ class Observer(ABC):
         An open topic, on which any client may publish, begins no run.
         """
         on_bus = of_robot(topic, robot)
-        heard = self._heard.setdefault(on_bus.key, _Heard())
+        heard = self._heard.setdefault(on_bus.key, Heard())
 
         def take(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is not None and not self._is_current(stamp, begins=not topic.open):
