@@ -8,9 +8,10 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from harness import SCENARIOS
+from hostile import Put
 from mecazen import keys
 from mecazen.bus.base import decode_sample
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -48,15 +49,6 @@ Good = Mapping[str, Sequence[Message]]
 """Messages that each key carries."""
 
 
-class Payload(NamedTuple):
-    """The puts and queries of an intruder."""
-
-    key: str
-    payload: bytes
-    encoding: str
-    attachment: bytes | None
-
-
 def sample_messages(folder: Path) -> Good:
     """Record a run; return messages of each key, a default one where nothing is published."""
     file = folder / "good.mcap"
@@ -74,7 +66,7 @@ def sample_messages(folder: Path) -> Good:
     return found | {key: [call.request()] for key, call in CALLS.items()}
 
 
-def malformed(good: Good) -> Iterator[Payload]:
+def malformed(good: Good) -> Iterator[Put]:
     """Damage good messages for ever; those that happen to stay valid are skipped."""
     chance = random.Random(SEED)
     payloads = {
@@ -87,7 +79,7 @@ def malformed(good: Good) -> Iterator[Payload]:
         sizes = (16, 20, chance.randrange(40)) if chance.randrange(10) == 0 else ()
         attachment = chance.randbytes(chance.choice(sizes)) if sizes else None
         damaged = _damaged(chance, chance.choice(payloads[key]))
-        made = Payload(key, damaged, chance.choice(LABELS), attachment)
+        made = Put(key, damaged, chance.choice(LABELS), attachment)
         if _is_refused(made, type(good[key][0])):
             yield made
 
@@ -104,7 +96,7 @@ def _damaged(chance: random.Random, good: bytes) -> bytes:
     return good[:begin] + odd + good[end:]
 
 
-def _is_refused(made: Payload, kind: type[Message]) -> bool:
+def _is_refused(made: Put, kind: type[Message]) -> bool:
     topic = keys.topic_of(made.key)
     with suppress(RefusedError):
         if topic is not None:

@@ -1,4 +1,4 @@
-"""A robot is driven and asked from the ROS side: by zenoh-ros2-sdk, and by a node by hand."""
+"""A robot is driven, heard and asked from the ROS side, by zenoh-ros2-sdk."""
 
 import math
 
@@ -6,7 +6,6 @@ import pytest
 from harness import SCENARIOS, Newest
 from mecazen import keys
 from mecazen.messages import Empty
-from ros import grammar
 
 TWIST = "geometry_msgs/msg/Twist"
 STAMPED = "geometry_msgs/msg/TwistStamped"
@@ -19,11 +18,6 @@ def running(up):
 
 
 @pytest.fixture(scope="module")
-def node(running, raw_node):
-    return raw_node(running.endpoint)
-
-
-@pytest.fixture(scope="module")
 def prefix(running):
     return f"/{running.scenario.bus.namespace}"
 
@@ -32,11 +26,6 @@ def prefix(running):
 def side(request, running, ros_side):
     """zenoh-ros2-sdk, which rmw_zenoh's own configuration makes a peer; or a client."""
     return ros_side(running.endpoint, request.param)
-
-
-@pytest.fixture(scope="module")
-def server(running, ros_side):
-    return ros_side(running.endpoint, "client")
 
 
 @pytest.fixture
@@ -101,19 +90,6 @@ def test_the_sdk_sees_topics_and_services_with_their_types(side, prefix):
     assert said["topics"][f"{prefix}/odom"] == ["nav_msgs/msg/Odometry"]
     assert said["topics"][f"{prefix}/cmd_vel"] == [TWIST, STAMPED]
     assert said["services"][f"{prefix}/sim/reset"] == [TRIGGER]
-
-
-def test_a_late_subscriber_as_rmw_zenoh_has_it_gets_what_is_latched(
-    running, node, raw_node, server, prefix
-):
-    for name in (f"{prefix}/robot_description", "/tf_static"):
-        key = node.key_of("MP", name)
-        for mode in ("client", "peer"):
-            late = raw_node(running.endpoint, mode)
-            heard = late.hear(key, latched=True)
-            late.wait(lambda heard=heard: heard)
-            grammar.attachment(heard[0].attachment)
-            assert server("read", grammar.key(key).type, [heard[0].payload.hex()])
 
 
 def test_simulation_interfaces_answer_the_sdk(running, side, prefix):

@@ -7,7 +7,7 @@ import sys
 import pytest
 from harness import COMMAND_GUARD_S
 
-INTERRUPTED = """
+IN_AN_IMPORT = """
 import os, signal, sys
 from mecazen_tools.__main__ import main
 
@@ -19,22 +19,6 @@ class Interrupt:
 sys.meta_path.insert(0, Interrupt())
 main()
 """
-
-
-@pytest.mark.parametrize(
-    ("importing", "code"),
-    # the first ends the process by the signal, which a shell tells as 130, too
-    [("mecazen_tools.cli", -signal.SIGINT), ("typer._adapters", 130)],
-    ids=["the commands", "what makes their options"],
-)
-def test_ctrl_c_while_a_command_starts_says_nothing(importing, code):
-    done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, importing],
-        capture_output=True, text=True, check=False, timeout=COMMAND_GUARD_S,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (code, "")
-
-
 IN_A_CLASS = """
 import sys, types
 from mecazen_tools.__main__ import main
@@ -51,9 +35,19 @@ main()
 """
 
 
-def test_ctrl_c_while_a_class_is_made_says_nothing():
+@pytest.mark.parametrize(
+    ("program", "code"),
+    [
+        # the first ends the process by the signal, which a shell reports as 130, too
+        ((IN_AN_IMPORT, "mecazen_tools.cli"), -signal.SIGINT),
+        ((IN_AN_IMPORT, "typer._adapters"), 130),
+        ((IN_A_CLASS,), 130),
+    ],
+    ids=["importing the commands", "importing what makes their options", "making a class"],
+)
+def test_ctrl_c_while_a_command_starts_says_nothing(program, code):
     done = subprocess.run(
-        [sys.executable, "-c", IN_A_CLASS],
+        [sys.executable, "-c", *program],
         capture_output=True, text=True, check=False, timeout=COMMAND_GUARD_S,
     )  # fmt: skip
-    assert (done.returncode, done.stderr) == (130, "")
+    assert (done.returncode, done.stderr) == (code, "")

@@ -7,15 +7,12 @@ import numpy as np
 from harness import load_robot
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_viewer.components import Components
 from mecazen_viewer.entities import Entity
 from mecazen_viewer.health import Health
 from mecazen_viewer.picture import Picture
-from viewer_stage import values
-
-COVARIANCE = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+from viewer_stage import COVARIANCE, values
 
 
 def picture() -> Picture:

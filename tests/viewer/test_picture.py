@@ -8,8 +8,8 @@ from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.skeleton import LIMBS
 from mecazen_viewer import entities as e
-from viewer.pictures import COVARIANCE, following, odometry, picture, place, scalars
-from viewer_stage import values
+from viewer.pictures import following, odometry, picture, place, scalars
+from viewer_stage import COVARIANCE, values
 
 MS = 10**6
 POINTS = e.OBSERVATION, "Points3D:positions"
