@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
 from mecazen.messages import Header, JointState, Quaternion, Time, Vector3
+from mecazen.rotation import Array, about, from_rpy, multiply, rotate
 from mecazen.urdf import Joint, Vector, read, read_origin
 
 from mecazen_ros.interfaces import message
@@ -22,38 +22,23 @@ MOVING_HZ = 25.0
 """How often the frames of moving joints are published: what an eye needs. All 40 of a robot take
 0.25 ms, so at every tick they would take 2.5 % of a core."""
 
-Rotation = tuple[float, float, float, float]
-"""A unit quaternion: x, y, z, w."""
-
 
 def fixed_frames(urdf: str, prefix: str) -> Any:
     """Return where links are that are fixed to others; `prefix` begins each frame's name."""
     fixed = [joint for joint in read(urdf).joints if joint.kind == "fixed"]
-    return TFMessage(
-        transforms=tuple(
-            _frame(joint, _quaternion(*joint.origin.rpy), Time(), prefix) for joint in fixed
-        )
-    )
-
-
-def _frame(joint: Joint, rotation: Rotation, time: Time, prefix: str) -> Any:
-    """Return where a joint has its child, turned by a rotation."""
-    return TransformStamped(
-        header=Header(stamp=time, frame_id=prefix + joint.parent),
-        child_frame_id=prefix + joint.child,
-        transform=Transform(Vector3(*joint.origin.xyz), Quaternion(*rotation)),
-    )
+    return _frames(fixed, from_rpy(_vectors(joint.origin.rpy for joint in fixed)), Time(), prefix)
 
 
 class MovingFrames:
     """The frames of the joints that turn, from their positions, `MOVING_HZ` times a second."""
 
     def __init__(self, urdf: str, prefix: str) -> None:
-        self._joints = {
-            one.name: (one, _quaternion(*one.origin.rpy), _unit(one.axis or (1.0, 0.0, 0.0)))
-            for one in read(urdf).joints
-            if one.kind in ("continuous", "revolute")
-        }
+        turning = [one for one in read(urdf).joints if one.kind in ("continuous", "revolute")]
+        axes = _vectors(joint.axis or (1.0, 0.0, 0.0) for joint in turning)
+        self._joints = turning
+        self._numbers = {joint.name: number for number, joint in enumerate(turning)}
+        self._rotations = from_rpy(_vectors(joint.origin.rpy for joint in turning))
+        self._axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
         self._prefix = prefix
         self._last_ns = -1
 
@@ -64,20 +49,33 @@ class MovingFrames:
         if 0 <= time.ns - self._last_ns < 1e9 / MOVING_HZ and self._last_ns >= 0:
             return None
         self._last_ns = time.ns
-        moved = zip(state.name, state.position, strict=False)
-        return TFMessage(
-            transforms=tuple(
-                self._turned(name, position, time)
-                for name, position in moved
-                if name in self._joints
-            )
-        )
+        positions = {
+            self._numbers[name]: position
+            for name, position in zip(state.name, state.position, strict=False)
+            if name in self._numbers
+        }
+        moved = list(positions)
+        turns = about(self._axes[moved], list(positions.values()))
+        rotations = multiply(self._rotations[moved], turns)
+        return _frames([self._joints[n] for n in moved], rotations, time, self._prefix)
 
-    def _turned(self, name: str, position: float, time: Time) -> Any:
-        joint, rotation, axis = self._joints[name]
-        s, c = math.sin(position / 2), math.cos(position / 2)
-        x, y, z = (part * s for part in axis)
-        return _frame(joint, _product(rotation, (x, y, z, c)), time, self._prefix)
+
+def _frames(joints: Sequence[Joint], rotations: Array, time: Time, prefix: str) -> Any:
+    """Return where joints have their children, turned by rotations (N, 4)."""
+    return TFMessage(
+        transforms=tuple(
+            TransformStamped(
+                header=Header(stamp=time, frame_id=prefix + joint.parent),
+                child_frame_id=prefix + joint.child,
+                transform=Transform(Vector3(*joint.origin.xyz), Quaternion(*rotation)),
+            )
+            for joint, rotation in zip(joints, rotations.tolist(), strict=True)
+        )
+    )
+
+
+def _vectors(vectors: Iterable[Vector]) -> Array:
+    return np.array(list(vectors)).reshape(-1, 3)
 
 
 def portable(urdf: str, meshes: Mapping[str, bytes]) -> str:
@@ -106,8 +104,7 @@ def _cylinder(part: ET.Element, middle: float, radius: float, length: float) -> 
     """Return a part of a link with a cylinder about its z axis in the place of its shape."""
     made = ET.Element(part.tag)
     origin = read_origin(part)
-    turned = _turned(_quaternion(*origin.rpy), (0.0, 0.0, middle))
-    xyz = [a + b for a, b in zip(origin.xyz, turned, strict=True)]
+    xyz = origin.xyz + rotate(from_rpy(origin.rpy), (0.0, 0.0, middle))
     ET.SubElement(made, "origin", {"xyz": _text(*xyz), "rpy": _text(*origin.rpy)})
     size = {"radius": _text(radius), "length": _text(length)}
     ET.SubElement(ET.SubElement(made, "geometry"), "cylinder", size)
@@ -127,38 +124,5 @@ def _slices(stl: bytes) -> Iterator[tuple[float, float, float]]:
         yield (low + high) / 2, float(inside.max(initial=0.0)), high - low
 
 
-def _unit(vector: Vector) -> Vector:
-    x, y, z = vector
-    length = math.hypot(x, y, z)
-    return x / length, y / length, z / length
-
-
 def _text(*values: float) -> str:
     return " ".join(f"{value:.9g}" for value in values)
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> Rotation:
-    """Return Rz(yaw)·Ry(pitch)·Rx(roll)."""
-    about_x = math.sin(roll / 2), 0.0, 0.0, math.cos(roll / 2)
-    about_y = 0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2)
-    about_z = 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
-    return _product(_product(about_z, about_y), about_x)
-
-
-def _product(a: Rotation, b: Rotation) -> Rotation:
-    """Return the rotation `b` followed by `a`: Hamilton's product."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def _turned(rotation: Rotation, vector: Vector) -> Vector:
-    """Return a vector turned by a rotation."""
-    x, y, z, w = rotation
-    turned = _product(_product(rotation, (*vector, 0.0)), (-x, -y, -z, w))
-    return turned[:3]

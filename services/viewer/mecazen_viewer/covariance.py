@@ -7,8 +7,7 @@ import math
 import numpy as np
 from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, wrap
-
-from mecazen_viewer.rotation import Array
+from mecazen.rotation import Array
 
 SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Scale of the 95 % ellipse: the chi-square quantile of two degrees of freedom is -2·ln(1 - p)."""

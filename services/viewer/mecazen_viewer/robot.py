@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
+from mecazen import rotation
 from mecazen.errors import RefusedError
 from mecazen.messages import JointState
+from mecazen.rotation import Array
 from mecazen.urdf import Joint, Origin, Urdf, Visual
 
 from mecazen_viewer import entities as e
-from mecazen_viewer import rotation
 from mecazen_viewer.components import Components, instances
 from mecazen_viewer.entities import Entity
-from mecazen_viewer.rotation import Array
 
 Singles = npt.NDArray[np.float32]
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from mecazen_viewer import rotation
+from mecazen import rotation
 
 
 def test_roll_pitch_yaw_are_about_the_fixed_axes_in_that_order():
