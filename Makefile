@@ -102,6 +102,8 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
 # one service and nothing else: what it does not declare, it does not find
 .venv-target/ready .venv-crowd/ready .venv-viewer/ready: NEEDED := -e ./people
+# its emulator drives the physics, and a person walks before it
+.venv-hardware/ready: NEEDED := $(call EDITABLE,people services/physics services/controller services/target services/follower)
 .venv-recorder/ready: NEEDED := -e ./ros2 matplotlib
 .venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml ros2/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-$*,1/2)

@@ -11,12 +11,12 @@ from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
+from mecazen.watchdog import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.rollers import Roller
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
-from mecazen_physics.watchdog import WheelCommand
 
 STEPS = 10  # of 1 ms in a control period
 

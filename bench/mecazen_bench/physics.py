@@ -15,9 +15,9 @@ from mecazen.config import PhysicsConfig
 from mecazen.config.physics import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
+from mecazen.watchdog import WheelCommand
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.simulation import Simulation
-from mecazen_physics.watchdog import WheelCommand
 
 from mecazen_bench import gazebo_peer
 from mecazen_bench.engine import (

@@ -12,8 +12,8 @@ from mecazen.config import PhysicsConfig
 from mecazen.config.physics import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
+from mecazen.watchdog import WheelCommand
 from mecazen_physics.simulation import Simulation
-from mecazen_physics.watchdog import WheelCommand
 
 from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.stack import robot

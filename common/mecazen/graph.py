@@ -16,27 +16,29 @@ from mecazen.errors import ConfigError
 from mecazen.keys import Topic
 from mecazen.row import Input, Row, Rule, due, every, latest
 
-GRAPH: tuple[Row, ...] = (
-    Row(
-        "clock",
-        "simulated time: advances the world when a tick is answered or due",
-        outputs=(keys.CLOCK, keys.PARAMETERS),
-        calls=(
-            keys.SIM_STATE,
-            keys.SIM_SCENARIO,
-            keys.SIM_PAUSE,
-            keys.SIM_RESUME,
-            keys.SIM_STEP,
-            keys.SIM_RESET,
-            keys.SIM_SPEED,
-            keys.GET_PARAMETERS,
-            keys.SET_PARAMETERS,
-        ),
-        service="physics",
-        shared=True,
-        owns_time=True,
-        priority=1,
+_CLOCK = Row(
+    "clock",
+    "simulated time: advances the world when a tick is answered or due",
+    outputs=(keys.CLOCK, keys.PARAMETERS),
+    calls=(
+        keys.SIM_STATE,
+        keys.SIM_SCENARIO,
+        keys.SIM_PAUSE,
+        keys.SIM_RESUME,
+        keys.SIM_STEP,
+        keys.SIM_RESET,
+        keys.SIM_SPEED,
+        keys.GET_PARAMETERS,
+        keys.SET_PARAMETERS,
     ),
+    service="physics",
+    shared=True,
+    owns_time=True,
+    priority=1,
+)
+
+GRAPH: tuple[Row, ...] = (
+    _CLOCK,
     Row(
         "physics",
         "the world: robots with all their rollers",
@@ -54,6 +56,35 @@ GRAPH: tuple[Row, ...] = (
         },
         offers={keys.IMU.key: "imu", keys.BATTERY_STATE.key: "battery"},
         shared=True,
+        priority=1,
+    ),
+    replace(
+        _CLOCK,
+        name="wall_clock",
+        summary="the time of a real robot: the wall clock",
+        service="hardware",
+        needs="hardware",
+    ),
+    Row(
+        "hardware",
+        "a real robot in the place of physics: what its board reports",
+        outputs=(keys.JOINT_STATES, keys.IMU, keys.BATTERY_STATE),
+        calls=(keys.ROBOT_DESCRIPTION,),
+        shared=True,
+        needs="hardware",
+        priority=1,
+    ),
+    Row(
+        "motors",
+        "sends wheel speeds to the board, as far as that is safe",
+        inputs=(
+            every(keys.JOINT_STATES),
+            due(keys.JOINT_COMMAND, revises=True),
+            latest(keys.EMERGENCY_STOP),
+        ),
+        calls=(keys.STOP_MOTORS, keys.RELEASE_MOTORS),
+        service="hardware",
+        needs="hardware",
         priority=1,
     ),
     Row(
@@ -267,8 +298,10 @@ class Graph:
         return self._rows[name]
 
     def is_world(self, row: Row) -> bool:
-        """Return whether a node is the world: it is in the service of the node that owns time."""
-        return any(other.owns_time for other in self.rows if other.part_of == row.part_of)
+        """Return whether a node is the world: all robots share it, and its service owns time."""
+        return row.shared and any(
+            other.owns_time for other in self.rows if other.part_of == row.part_of
+        )
 
     def resolved(self, row: Row, *, lockstep: bool = False) -> tuple[Input, ...]:
         """Return a node's inputs with the rules that apply in a run.

@@ -63,6 +63,9 @@ ODOM = Topic("odom", m.Odometry, "odometry, in odom")
 CMD_VEL = Topic("cmd_vel", m.Twist, "commanded body velocity, in base_link", open=True)
 GUARD_CMD_VEL = Topic("guard/cmd_vel", m.Twist, "what the guard lets through of cmd_vel")
 GUARD_STATE = Topic("guard/state", m.GuardState, "what the guard does, and why")
+EMERGENCY_STOP = Topic(
+    "emergency_stop", m.Empty, "stops the motors until emergency_stop/release", open=True
+)
 TARGET_CMD_VEL = Topic(
     "target/cmd_vel", m.Twist, "moves a person that is driven by hand", open=True
 )
@@ -121,6 +124,13 @@ SET_ODOMETRY = Call(
     m.Odometry,
     "where odometry believes it is",
     changes=True,
+)
+
+STOP_MOTORS = Call(
+    "emergency_stop/engage", m.Empty, m.String, "stop the motors until released", changes=True
+)
+RELEASE_MOTORS = Call(
+    "emergency_stop/release", m.Empty, m.String, "let the motors run again", changes=True
 )
 
 TOPICS: tuple[Topic[m.Message], ...] = tuple(v for v in vars().values() if type(v) is Topic)

@@ -195,6 +195,8 @@ def _take_sensors(raw: dict[str, Any]) -> None:
     enabled = not isinstance(guard, dict) or guard.get("enabled") is not False
     wanted = with_guard(wanted, enabled=enabled)
     needed = dict.fromkeys(row.part_of for row in GRAPH if row.needs in wanted)
+    if "hardware" in listed:  # a real robot has sensors of its own
+        needed.pop("sensors", None)
     crowd = raw.get(CROWD)
     walked = any(crowd.values()) if isinstance(crowd, dict) else False
     if walked or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):

@@ -158,6 +158,8 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
                     f"{program}: in the place of {giver.name} it must give {key}, which "
                     f"{row.name} waits for"
                 )
+    if "hardware" in features:
+        _refuse_truth(found)
     if found.giver(GUARD_CMD_VEL.key):
         _refuse_bypass(rows)
     for row in rows:
@@ -174,6 +176,21 @@ def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
     """Return the rows of a service that take part in a scenario; none where it is not known."""
     needed = {"", *scenario.features}
     return tuple(row for row in graph.services().get(service, ()) if row.needs in needed)
+
+
+def _refuse_truth(found: Graph) -> None:
+    """Refuse a node that needs what only a simulation has.
+
+    Raises:
+        ConfigError: There is one.
+    """
+    for row in found.rows:
+        for i in row.inputs:
+            if i.rule == "every" and found.giver(i.topic.key) is None and not row.observes:
+                raise ConfigError(
+                    f"services: {row.name} needs {i.topic.key}, which a real robot does not have; "
+                    "leave it out (docs/hardware.md)"
+                )
 
 
 def _refuse_bypass(rows: Iterable[Row]) -> None:
@@ -280,9 +297,9 @@ def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
     """
     rows = _rows(service, scenario) or (Row(service),)
     found = {name: find(name, scenario.programs) for name in _nodes(service, scenario)}
+    worlds = {row.name for row in rows if graph.Graph(rows).is_world(row)}
     for name, kind in found.items():
-        # a service that owns time has a world in it
-        wanted: type = World if any(row.owns_time for row in rows) else Node
+        wanted: type = World if name in worlds else Node
         wanted = Observer if rows[0].observes else wanted
         if name in graph.TABLE and not issubclass(kind, wanted):
             program = scenario.programs.get(name, name)

@@ -34,8 +34,8 @@ from mecazen.node import Inputs, Outputs, Tick, World
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
 from mecazen.ticks import ROUNDING_S
+from mecazen.watchdog import Watchdog, WheelCommand
 from mecazen.wire import encode
-from mecazen_physics.watchdog import Watchdog, WheelCommand
 from mecazen_tools.simulate import InProcess
 
 from mecazen_experiments.config import Settings

@@ -11,13 +11,13 @@ from harness import load_robot
 from mecazen.config.world import Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
+from mecazen.watchdog import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
-from mecazen_physics.watchdog import WheelCommand
 from msgspec.structs import replace
 from physics_rig import STEPS, Rig, simulation_of
 

@@ -87,6 +87,7 @@ def test_only_open_topics_are_taken_from_ros_and_a_twist_with_or_without_a_stamp
     twists = [m.Twist, message("TwistStamped")]
     assert {key: kinds for key, kinds in taken.items() if kinds} == {
         "cmd_vel": twists,
+        "emergency_stop": [m.Empty],
         "target/cmd_vel": twists,
     }
     stamped = subscriptions(keys.CMD_VEL, "cmd_vel")[1]

@@ -96,7 +96,7 @@ def _line(who: str, *cells: Sequence[str]) -> str:
 
 def _queries() -> tuple[list[keys.Call[Any, Any]], list[keys.Call[Any, Any]]]:
     """Return the queries that only read, and the queries that change something."""
-    calls = [call for row in GRAPH for call in row.calls]
+    calls = dict.fromkeys(call for row in GRAPH for call in row.calls)
     return [c for c in calls if not c.changes], [c for c in calls if c.changes]
 
 

@@ -51,9 +51,16 @@ def topic_rows(graph: Graph) -> list[Cells]:
 
 def call_rows(graph: Graph) -> list[Cells]:
     """Return the same of each query."""
+    givers = {call: graph.giver(call.key) for row in graph.rows for call in row.calls}
     return [
-        (call.key, f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}", "query", who, call.meaning)
-        for who, call in ((row.part_of, call) for row in graph.rows for call in row.calls)
+        (
+            call.key,
+            f"{call.request.ROS_TYPE} → {call.answer.ROS_TYPE}",
+            "query",
+            row.part_of if row else "",
+            call.meaning,
+        )
+        for call, row in givers.items()
     ]
 
 

@@ -10,6 +10,7 @@ from mecazen.config.controller import ControllerConfig as ControllerConfig
 from mecazen.config.crowd import CrowdConfig as CrowdConfig
 from mecazen.config.follower import FollowerConfig as FollowerConfig
 from mecazen.config.guard import GuardConfig as GuardConfig
+from mecazen.config.hardware import HardwareConfig as HardwareConfig
 from mecazen.config.physics import PhysicsConfig as PhysicsConfig
 from mecazen.config.recorder import RecorderConfig as RecorderConfig
 from mecazen.config.robots import LIVELINESS as LIVELINESS

@@ -16,6 +16,7 @@ from mecazen.config.controller import ControllerConfig
 from mecazen.config.crowd import CrowdConfig
 from mecazen.config.follower import FollowerConfig
 from mecazen.config.guard import GuardConfig
+from mecazen.config.hardware import HardwareConfig
 from mecazen.config.people import Body
 from mecazen.config.physics import PhysicsConfig
 from mecazen.config.recorder import RecorderConfig
@@ -84,6 +85,7 @@ class Scenario(Section):
     crowd: CrowdConfig = CrowdConfig()
     follower: FollowerConfig = FollowerConfig()
     guard: GuardConfig = GuardConfig()
+    hardware: HardwareConfig = HardwareConfig()
     viewer: ViewerConfig = ViewerConfig()
     recorder: RecorderConfig = RecorderConfig()
     bus: BusConfig = BusConfig()
@@ -109,6 +111,10 @@ class Scenario(Section):
         if len(set(self.services)) != len(self.services):
             raise ValueError("services: each at most once")
         self._check_processes()
+        if "hardware" in self.services and "physics" in self.services:
+            raise ValueError("services: hardware takes the place of physics: name one of them")
+        if "hardware" in self.services and self.robots:
+            raise ValueError("robots: hardware drives one robot; each has a scenario of its own")
         if len({robot.name for robot in self.robots}) != len(self.robots):
             raise ValueError("robots: each name at most once")
         for robot in self.robots:
@@ -134,8 +140,9 @@ class Scenario(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """The features of the graph that the sensors ask for, and the guard with a lidar."""
-        return with_guard(self.sensor.features, enabled=self.guard.enabled)
+        """The features of the graph: those of the sensors, the guard with a lidar, and hardware."""
+        sensed = with_guard(self.sensor.features, enabled=self.guard.enabled)
+        return sensed | {"hardware"} if "hardware" in self.services else sensed
 
     @property
     def command_timeout_s(self) -> float:
@@ -149,7 +156,9 @@ class Scenario(Section):
     def wheel_timeout_s(self) -> float:
         """Age above which the wheels no longer obey a command [s]."""
         held_s = self.guard.hold_s if "guard" in self.features else math.inf
-        return min(self.physics.watchdog_s, held_s)
+        real = "hardware" in self.services
+        waits_s = self.hardware.command_timeout_s if real else self.physics.watchdog_s
+        return min(waits_s, held_s)
 
     def _check_processes(self) -> None:
         grouped = [part for group in self.processes for part in group]

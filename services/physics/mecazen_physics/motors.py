@@ -11,11 +11,11 @@ from typing import Any
 from mecazen.config import PhysicsConfig
 from mecazen.config.physics import Pid
 from mecazen.robot import WHEELS, Robot
+from mecazen.watchdog import WheelCommand
 
 from mecazen_physics import model
 from mecazen_physics.body import RobotBody
 from mecazen_physics.state import RobotState
-from mecazen_physics.watchdog import WheelCommand
 
 TORQUE_HEADROOM = 0.8
 """Motors that need less than this share of their torque are simulated without its limit."""

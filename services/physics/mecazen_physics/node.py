@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from mecazen.config import Scenario
+from mecazen.errors import RefusedError
 from mecazen.geometry_batch import Floats
 from mecazen.graph import TABLE
 from mecazen.keys import (
@@ -41,9 +41,10 @@ from mecazen.messages import (
     Vector3,
 )
 from mecazen.node import Inputs, Outputs, Tick, World
-from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.robot import WHEELS
 from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
+from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
 
 from mecazen_physics.instruments import Battery, Imu
 from mecazen_physics.people import MovingPerson, ReportedPerson
@@ -51,10 +52,8 @@ from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_obstacles, check_person, steps_per_tick
 from mecazen_physics.urdf import build_urdf, meshes
-from mecazen_physics.watchdog import Watchdog, WheelCommand
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
-NEEDS_WHEELS = f"needs a velocity or an effort of {WHEEL_JOINTS}"
 TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
 
 
@@ -130,9 +129,9 @@ class PhysicsWorld(World):
         joints, command = inputs.get(JOINT_COMMAND), None
         if joints is not None:
             try:
-                command = _wheel_command(joints)
-            except KeyError:
-                inputs.refuse(JOINT_COMMAND, NEEDS_WHEELS)
+                command = wheel_command(joints)
+            except RefusedError as refusal:
+                inputs.refuse(JOINT_COMMAND, str(refusal))
         speeds = self.robots[name].state.joint_velocity[: len(WHEELS)]
         return self.watchdogs[name].command(command, inputs.age_s(JOINT_COMMAND), speeds)
 
@@ -247,21 +246,6 @@ def _messages(robot: SimulatedRobot, tick: Tick) -> dict[Topic[Any], Message]:
             twist=TwistWithCovariance(twist=twist),
         ),
     }
-
-
-_of_wheels = itemgetter(*WHEEL_JOINTS)
-"""Takes the four wheels' values, in their order, from those of any joints by name."""
-
-
-def _wheel_command(joints: JointState) -> WheelCommand:
-    """Return the wheels' velocities [rad/s], or efforts [N·m] if there are no velocities.
-
-    Raises:
-        KeyError: A wheel has neither.
-    """
-    is_effort = bool(joints.effort) and not joints.velocity
-    values = joints.effort if is_effort else joints.velocity
-    return WheelCommand(_of_wheels(dict(zip(joints.name, values, strict=False))), is_effort)
 
 
 def _positions(joints: Sequence[Point]) -> Floats:

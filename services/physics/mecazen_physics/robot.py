@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
+from mecazen.watchdog import WheelCommand
 
 from mecazen_physics import bodies, model
 from mecazen_physics.body import MAX_TILT_RAD, AllRollersBody, RobotBody
@@ -18,7 +19,6 @@ from mecazen_physics.people import MovingPerson
 from mecazen_physics.ridges import RidgeContacts
 from mecazen_physics.scene import Scene
 from mecazen_physics.state import RobotState, check_converged
-from mecazen_physics.watchdog import WheelCommand
 
 NEARBY_M = 1.0
 """The obstacles nearby are found again after this way: a map may have hundreds."""

@@ -9,13 +9,13 @@ from itertools import combinations
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
+from mecazen.watchdog import WheelCommand
 
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, horizon_steps
 from mecazen_physics.motors import Push
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.robot import HYSTERESIS, SimulatedRobot
-from mecazen_physics.watchdog import WheelCommand
 
 _UNLIMITED = 10**9
 """More steps than are ever asked for."""

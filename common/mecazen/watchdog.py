@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 from mecazen.config import Scenario
 from mecazen.drive import LimiterState, axis_limits, limit_twist
+from mecazen.errors import RefusedError
 from mecazen.geometry import Twist2D
 from mecazen.kinematics import MecanumKinematics, WheelSpeeds
-from mecazen.robot import WHEELS
+from mecazen.messages import JointState
+from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.ticks import ROUNDING_S
 
 
@@ -18,6 +21,24 @@ class WheelCommand(NamedTuple):
 
     values: Sequence[float]
     is_effort: bool = False
+
+
+_of_wheels = itemgetter(*WHEEL_JOINTS)
+"""Takes the four wheels' values, in their order, from those of any joints by name."""
+
+
+def wheel_command(joints: JointState) -> WheelCommand:
+    """Return the wheels' velocities [rad/s], or efforts [N·m] if there are no velocities.
+
+    Raises:
+        RefusedError: A wheel has neither.
+    """
+    is_effort = bool(joints.effort) and not joints.velocity
+    values = joints.effort if is_effort else joints.velocity
+    try:
+        return WheelCommand(_of_wheels(dict(zip(joints.name, values, strict=False))), is_effort)
+    except KeyError:
+        raise RefusedError(f"needs a velocity or an effort of {WHEEL_JOINTS}") from None
 
 
 class Watchdog:

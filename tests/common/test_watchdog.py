@@ -4,7 +4,7 @@ import pytest
 from harness import load_robot
 from mecazen.config import ControllerConfig, PhysicsConfig, Scenario, SensorConfig
 from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
-from mecazen_physics.watchdog import Watchdog, WheelCommand
+from mecazen.watchdog import Watchdog, WheelCommand
 
 STILL = (0.0,) * 4
 # the wheels of nexus, 0.05 m, move it at 0.5 m/s forward and 0.25 m/s to the left

@@ -1,0 +1,113 @@
+"""What a board is to its driver: bytes in, bytes out, in SI units and mecazen's order of wheels.
+
+A board is one module with one subclass of `Board`. It knows neither port nor clock.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+from mecazen.config import HardwareConfig
+from mecazen.kinematics import WheelSpeeds
+from mecazen.robot import Robot
+
+
+class WheelAngles(NamedTuple):
+    """How far the wheels have turned since power-on [rad], in the order of `WHEELS`."""
+
+    turned: tuple[float, float, float, float]
+    span: float
+    """The angle at which the count of the board wraps [rad]."""
+
+
+class MeasuredSpeeds(NamedTuple):
+    """Speeds of the wheels, measured by the board [rad/s]."""
+
+    speeds: WheelSpeeds
+
+
+class Inertial(NamedTuple):
+    """Angular velocity [rad/s] and specific force [m/s²] in base_link."""
+
+    angular: tuple[float, float, float]
+    force: tuple[float, float, float]
+
+
+class Voltage(NamedTuple):
+    """Voltage of the battery [V]."""
+
+    volts: float
+
+
+class Identity(NamedTuple):
+    """Which board answers."""
+
+    name: str
+    problem: str = ""
+    """Why the driver can't use it; empty if it can."""
+
+
+Report = WheelAngles | MeasuredSpeeds | Inertial | Voltage | Identity
+
+
+class Board(ABC):
+    """The protocol of one kind of board, with the state of its receiver.
+
+    Args:
+        config: The settings of this robot.
+        robot: The robot file.
+    """
+
+    CYCLE_S: ClassVar[float]
+    """Time between two reports of the wheels [s]."""
+    BAUD: ClassVar[int] = 115200
+    SPACING_S: ClassVar[float]
+    """Least time between the starts of two frames to the board [s]."""
+    KINDS: ClassVar[tuple[type[Report], ...]]
+    """The reports that the board sends without end, or on each `poll`."""
+
+    def __init__(self, config: HardwareConfig, robot: Robot) -> None:
+        self.config, self.robot = config, robot
+        self.frames = 0
+        """Number of frames that have been received whole."""
+        self.refused = 0
+        """Number of times that bytes were skipped to find the next frame."""
+
+    @abstractmethod
+    def hello(self) -> Sequence[bytes]:
+        """Return the frames that ask the board who it is, and start its reports."""
+
+    @abstractmethod
+    def feed(self, data: bytes) -> list[Report]:
+        """Return the reports that the bytes complete."""
+
+    @abstractmethod
+    def drive(self, speeds: WheelSpeeds) -> tuple[bytes, WheelSpeeds]:
+        """Return the frame for wheel speeds [rad/s], and the speeds that the board will make of it.
+
+        Raises:
+            ValueError: A speed is not finite.
+        """
+
+    @abstractmethod
+    def stop(self) -> Sequence[bytes]:
+        """Return the frames that stop all motors."""
+
+    def poll(self) -> bytes:
+        """Return the request for the next reports; empty for a board that sends them itself."""
+        return b""
+
+    @abstractmethod
+    def turn_one(self, wheel: int, share: float) -> bytes:
+        """Return the frame that turns one wheel alone, for the checklist.
+
+        Args:
+            wheel: Its number in the order of `WHEELS`.
+            share: Share of the motor's full speed or voltage, from -1 to 1.
+        """
+
+    @abstractmethod
+    def explain(self, frame: bytes) -> str:
+        """Return what a frame of ours says, for a dry run."""

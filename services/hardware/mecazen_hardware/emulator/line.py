@@ -1,0 +1,97 @@
+"""A serial line with a pseudo-terminal at its end, at the speed of the line."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pty
+import termios
+import tty
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+
+from mecazen.errors import MecazenError
+
+BYTES_PER_MS = 11.52
+"""115200 baud, 8N1: ten bits for a byte."""
+
+
+class Line:
+    """The board's end of a line; `name` is the other end, for `serial.Serial`.
+
+    Args:
+        link: Path of a symbolic link to the other end, whose own name is not known in advance.
+
+    Raises:
+        MecazenError: Something else is at that path.
+    """
+
+    def __init__(self, link: Path | None = None) -> None:
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)  # else the terminal echoes what the board sends
+        os.set_blocking(self._master, False)
+        self.name = os.ttyname(self._slave)
+        self._link = link
+        if link is not None:
+            self._place(link)
+        self._out: deque[int] = deque()
+        self._room = 0.0
+        self.is_open = True
+
+    @property
+    def fd(self) -> int:
+        """The file descriptor that becomes readable when the host has sent something."""
+        return self._master
+
+    def read(self) -> bytes:
+        """Return what the host has sent."""
+        try:
+            return os.read(self._master, 4096)
+        except BlockingIOError:
+            return b""
+
+    def send(self, data: bytes) -> None:
+        """Send bytes to the host, behind those that are still on the line."""
+        self._out.extend(data)
+
+    def millisecond(self) -> None:
+        """Pass on what the line carries in a millisecond."""
+        self._room = min(self._room + BYTES_PER_MS, 2 * BYTES_PER_MS)
+        count = min(int(self._room), len(self._out))
+        if not count:
+            return
+        self._room -= count
+        data = bytes(self._out.popleft() for _ in range(count))
+        try:
+            os.write(self._master, data)
+        except BlockingIOError:
+            termios.tcflush(self._slave, termios.TCIFLUSH)  # no one reads: old bytes are of no use
+
+    def unplug(self) -> None:
+        """Let the port be gone, as when its cable is pulled."""
+        self.is_open = False
+        os.close(self._master)
+        os.close(self._slave)
+        self._unlink()
+
+    def close(self) -> None:
+        """Remove the port."""
+        if self.is_open:
+            self.unplug()
+
+    def _place(self, link: Path) -> None:
+        if link.is_symlink() and not link.exists():
+            link.unlink()  # left by an emulator that was killed
+        try:
+            link.symlink_to(self.name)
+        except OSError as error:
+            os.close(self._master)
+            os.close(self._slave)
+            why = "taken" if error.errno == errno.EEXIST else error.strerror
+            raise MecazenError(f"--link {link}: {why}; another emulator may have it") from None
+
+    def _unlink(self) -> None:
+        if self._link is not None:
+            with suppress(FileNotFoundError):
+                self._link.unlink()

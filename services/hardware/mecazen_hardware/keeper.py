@@ -1,0 +1,47 @@
+"""Stops the motors if the driver dies, freezes or falls silent: a process of its own.
+
+The board keeps its last command for ever, so something has to outlive the driver. This process
+holds the same open port. It hears one byte for each frame that the driver sends. If none comes for
+a while after motion, or the driver has ended in any way, it sends the frames that stop the motors.
+
+It runs as a file by itself, `python keeper.py`, and imports nothing of mecazen.
+"""
+
+import os
+import select
+import sys
+import time
+
+DRIVE, STOP = b"d", b"s"
+"""The byte for a frame that may move the robot, and the one for a frame that stops it."""
+
+
+def keep(port: int, heartbeat: int, silence_s: float, spacing_s: float, frames: list[bytes]) -> int:
+    """Watch a driver until it ends; return how often the motors were stopped for it."""
+    stops, moving = 0, False
+    while True:
+        ready, _, _ = select.select([heartbeat], [], [], silence_s if moving else None)
+        heard = os.read(heartbeat, 4096) if ready else b""
+        if heard:
+            moving = heard[-1:] == DRIVE
+            continue
+        stops += 1
+        for frame in frames:
+            time.sleep(spacing_s)
+            try:
+                os.write(port, frame)
+            except OSError:  # the port is gone, or its buffer is full
+                break
+        if ready:
+            return stops
+        moving = False
+
+
+if __name__ == "__main__":
+    keep(
+        int(sys.argv[1]),
+        int(sys.argv[2]),
+        float(sys.argv[3]),
+        float(sys.argv[4]),
+        [bytes.fromhex(frame) for frame in sys.argv[5:]],
+    )

@@ -1,0 +1,256 @@
+"""The link to a board: its port, a thread that reads, and the process that stops the motors.
+
+`read` and `write` never wait. A thread keeps the newest report of each kind with its arrival.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from mecazen.kinematics import WheelSpeeds
+
+from mecazen_hardware import keeper
+from mecazen_hardware.board import Board, Identity, Report
+from mecazen_hardware.errors import HardwareError
+
+SILENCE_S = 0.4
+"""Time without a frame of the driver after which the keeper stops the motors [s]."""
+ANSWER_S = 2.0
+"""How long a board may take until it has answered and sent each kind of report [s]."""
+ASK_AGAIN_S = 0.3
+"""Time between two greetings: real boards leave some unanswered [s]."""
+POLL_S = 0.05
+"""How long the thread waits for bytes before it looks whether to end [s]."""
+
+ReportT = TypeVar("ReportT", bound=Report)
+
+
+class Bytes(Protocol):
+    """What a link reads and writes: a port, or a dry run."""
+
+    name: str
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has arrived within a time."""
+
+    def write(self, frame: bytes) -> bool:
+        """Send a frame; return whether there was room for it."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class Link:
+    """A board that answers: reports in, frames out, a stop at the end.
+
+    Args:
+        board: The protocol.
+        port: The open port, which the link closes.
+        fd: The port's file descriptor for the keeper; None: nothing can go on driving.
+
+    Raises:
+        HardwareError: The board does not answer, or is another one.
+    """
+
+    def __init__(self, board: Board, port: Bytes, fd: int | None) -> None:
+        self.board, self.port = board, port
+        self.sent = self.unsent = 0
+        """Numbers of frames that were written, and that found no room or came too soon."""
+        self.stopped_s = -float("inf")
+        self._written_s = 0.0
+        self._failure: HardwareError | None = None
+        self._news = threading.Condition()
+        self._reports: list[tuple[Report, float]] = []
+        self._newest: dict[type[Report], tuple[Report, float]] = {}
+        self._closing = False
+        self._keeper: subprocess.Popen[bytes] | None = None
+        self._heartbeat: int | None = None
+        self._thread = threading.Thread(target=self._read, name="board", daemon=True)
+        self._thread.start()
+        try:
+            if fd is not None:
+                self._keep(fd)
+            self.identity = self._greet()
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self) -> list[tuple[Report, float]]:
+        """Return the reports since the last call, each with its arrival on the monotonic clock [s].
+
+        Raises:
+            HardwareError: The port has gone.
+        """
+        self._refuse_failure()
+        with self._news:
+            reports, self._reports = self._reports, []
+        return reports
+
+    def newest(self, kind: type[ReportT]) -> ReportT | None:
+        """Return the newest report of a kind."""
+        found = self._newest.get(kind)  # type: ignore[arg-type]  # a kind of report
+        return None if found is None else found[0]  # type: ignore[return-value]  # by its key
+
+    def drive(self, speeds: WheelSpeeds) -> WheelSpeeds | None:
+        """Send wheel speeds [rad/s]; return what the board makes of them.
+
+        None: the last frame is too recent, or the port has no room.
+
+        Raises:
+            HardwareError: The port has gone.
+            ValueError: A speed is not finite.
+        """
+        frame, sent = self.board.drive(speeds)
+        return sent if self._send(frame, keeper.DRIVE if any(sent) else keeper.STOP) else None
+
+    def stop(self) -> None:
+        """Stop all motors, which takes some milliseconds.
+
+        Raises:
+            HardwareError: The port has gone.
+        """
+        for frame in self.board.stop():
+            self.ask(frame)
+
+    def ask(self, frame: bytes, sign: bytes = keeper.STOP) -> None:
+        """Send a frame as soon as the board can take one.
+
+        Raises:
+            HardwareError: The port has gone.
+        """
+        time.sleep(max(self._written_s + self.board.SPACING_S - time.monotonic(), 0.0))
+        self._send(frame, sign)
+
+    def poll(self) -> None:
+        """Ask a board for its next reports, if it sends none by itself."""
+        if frame := self.board.poll():
+            self._write(frame)
+
+    def close(self) -> None:
+        """Stop the motors, and close the port."""
+        if self._closing:
+            return
+        try:
+            if self._failure is None:
+                self.stop()
+        except HardwareError:
+            pass  # the port has just gone; who closes does so for a better reason
+        finally:
+            self._closing = True
+            if self._heartbeat is not None:
+                os.close(self._heartbeat)  # the keeper stops the motors once more, and ends
+            if self._keeper is not None:
+                self._keeper.wait()
+            self._thread.join()
+            self.port.close()
+
+    def _send(self, frame: bytes, sign: bytes) -> bool:
+        self._refuse_failure()
+        if time.monotonic() - self._written_s < self.board.SPACING_S:
+            self.unsent += 1
+            return False
+        if self._heartbeat is not None:
+            try:
+                os.write(self._heartbeat, sign)
+            except BrokenPipeError:
+                raise HardwareError(
+                    f"{self.port.name}: the process that stops the motors in an emergency was "
+                    "killed; start again"
+                ) from None
+        return self._write(frame)
+
+    def _write(self, frame: bytes) -> bool:
+        self._written_s = time.monotonic()
+        if not self.port.write(frame):
+            self.unsent += 1
+            return False
+        self.sent += 1
+        return True
+
+    def _refuse_failure(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+    def _read(self) -> None:
+        while not self._closing:
+            try:
+                data = self.port.read(POLL_S)
+            except HardwareError as failure:
+                with self._news:
+                    self._failure = failure
+                    self._news.notify_all()
+                return
+            now_s = time.monotonic()
+            if not data or not (reports := self.board.feed(data)):
+                continue
+            with self._news:
+                for report in reports:
+                    self._newest[type(report)] = report, now_s
+                self._reports += [(report, now_s) for report in reports]
+                del self._reports[:-1000]  # a run that is paused takes none
+                self._news.notify_all()
+
+    def _keep(self, fd: int) -> None:
+        """Start the process that stops the motors if this one can't."""
+        out, self._heartbeat = os.pipe()
+        os.set_blocking(self._heartbeat, False)
+        frames = [frame.hex() for frame in self.board.stop()]
+        spacing_s = max(2 * self.board.SPACING_S, 0.001)
+        try:
+            self._keeper = subprocess.Popen(
+                [
+                    *(sys.executable, "-I", "-S", str(Path(keeper.__file__))),
+                    *(str(fd), str(out), str(SILENCE_S), str(spacing_s), *frames),
+                ],
+                pass_fds=(fd, out),
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C in a terminal is not for it
+            )
+        finally:
+            os.close(out)
+
+    def _greet(self) -> Identity:
+        """Ask the board who it is, and wait for each kind of report.
+
+        Raises:
+            HardwareError: It does not answer in time, or is another board.
+        """
+        until_s = time.monotonic() + ANSWER_S
+        asked_s = -float("inf")
+        wanted: set[type[Report]] = {Identity, *self.board.KINDS}
+        while missing := wanted - self._newest.keys():
+            self._refuse_failure()
+            now_s = time.monotonic()
+            if now_s > until_s:
+                raise HardwareError(f"{self.port.name}: {self._silence(missing)}")
+            if now_s - asked_s > ASK_AGAIN_S:
+                self._ask_all(self.board.hello())
+                asked_s = now_s
+            self.poll()
+            with self._news:
+                self._news.wait(POLL_S)
+        identity = self.newest(Identity)
+        assert identity is not None  # it is among what was waited for
+        if identity.problem:
+            raise HardwareError(f"{self.port.name}: {identity.name}: {identity.problem}")
+        return identity
+
+    def _ask_all(self, frames: Sequence[bytes]) -> None:
+        for frame in frames:
+            self.ask(frame)
+
+    def _silence(self, missing: set[type[Report]]) -> str:
+        board, name = self.board, self.board.config.board
+        if not board.frames and not board.refused:
+            return f"nothing answers: is the {name} switched on, and is this its port?"
+        if not board.frames:
+            return f"what answers is not a {name}: no frame of its protocol in what it sends"
+        kinds = ", ".join(sorted(kind.__name__ for kind in missing))
+        return f"the {name} answers, but does not send {kinds}; switch it off and on"

@@ -1,0 +1,187 @@
+"""A real robot as nodes: the state of its board in each tick, and frames for wheel commands."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError, RefusedError
+from mecazen.graph import TABLE
+from mecazen.keys import (
+    BATTERY_STATE,
+    EMERGENCY_STOP,
+    IMU,
+    JOINT_COMMAND,
+    JOINT_STATES,
+    STOP_MOTORS,
+    Call,
+    Topic,
+)
+from mecazen.kinematics import WheelSpeeds
+from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
+from mecazen.node import Inputs, Node, Outputs, Tick, World
+from mecazen.programs import installed_nodes
+from mecazen.robot import WHEEL_JOINTS
+from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
+
+from mecazen_hardware.driver import Driver
+
+UNKNOWN = (-1.0, *(0.0,) * 8)
+"""Covariance of what is not measured, as ROS has it."""
+
+
+class _Shared:
+    """The driver that the nodes of a process share, while they are open."""
+
+    driver: ClassVar[Driver | None] = None
+
+    @classmethod
+    def open(cls, scenario: Scenario) -> Driver:
+        if cls.driver is None:
+            cls.driver = Driver(scenario)
+        return cls.driver
+
+    @classmethod
+    def close(cls) -> None:
+        if cls.driver is not None:
+            cls.driver.close()
+        cls.driver = None
+
+
+class HardwareWorld(World):
+    """A robot in the place of physics; its time is the wall clock's.
+
+    Raises:
+        ConfigError: The scenario asks for another time than that.
+    """
+
+    ROW = TABLE["hardware"]
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if scenario.sim.mode == "lockstep":
+            raise ConfigError("hardware: a real robot runs in real time: `mecazen up`")
+        if scenario.sim.speed != 1.0:
+            raise ConfigError(f"sim.speed = {scenario.sim.speed:g}: with hardware it must be 1")
+
+    def reset(self, seed: int) -> None:
+        """Begin a run: open the port, or go on with the open one, at rest."""
+        del seed
+        self.driver = _Shared.open(self.scenario)
+        self.driver.wheels.reset()
+
+    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
+        """Return the state of the robot at a tick."""
+        del inputs
+        angles, speeds = self.driver.measure(tick.period_s)
+        header = Header(stamp=tick.time, frame_id="base_link")
+        joints = JointState(header, WHEEL_JOINTS, position=angles, velocity=tuple(speeds))
+        outputs: dict[Topic[Any], Message] = {JOINT_STATES: joints}
+        if (inertial := self.driver.inertial()) is not None:
+            outputs[IMU] = Imu(
+                header=header,
+                orientation_covariance=UNKNOWN,
+                angular_velocity=Vector3(*inertial.angular),
+                linear_acceleration=Vector3(*inertial.force),
+            )
+        if (voltage := self.driver.voltage()) is not None:
+            outputs[BATTERY_STATE] = BatteryState(
+                header=header, voltage=_float32(voltage.volts), present=True
+            )
+        return {"": outputs}
+
+    def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
+        """Return the robot's URDF, which the physics has.
+
+        Raises:
+            RefusedError: mecazen-physics is not installed.
+        """
+        return self._physics().answer(call, request, robot)
+
+    def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
+        """Return the meshes that the URDF names."""
+        try:
+            return self._physics().files(robot)
+        except RefusedError:
+            return {}
+
+    def _physics(self) -> World:
+        physics = installed_nodes().get("physics")
+        if physics is None:
+            raise RefusedError("the description of the robot is made by mecazen-physics")
+        world: World = physics.load()(self.scenario)
+        return world
+
+    def diagnostics(self) -> Mapping[str, object]:
+        """Return how the link and the board are."""
+        return self.driver.diagnostics()
+
+    def close(self) -> None:
+        """Stop the motors, and close the port."""
+        _Shared.close()
+
+
+class Motors(Node):
+    """Sends the newest wheel command to the board, in each tick and whenever a newer one comes."""
+
+    ROW = TABLE["motors"]
+
+    def reset(self, seed: int) -> None:
+        """Be at rest."""
+        del seed
+        self.driver = _Shared.open(self.scenario)
+        self.watchdog = Watchdog(self.scenario)
+
+    def configure(self, scenario: Scenario) -> None:
+        """Brake within other limits from now on."""
+        super().configure(scenario)
+        self.watchdog.configure(scenario)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Send the wheel speeds of a tick, or stop."""
+        if inputs.get(EMERGENCY_STOP) is not None:
+            self.driver.engage(is_engaged=True)
+        joints, command = inputs.get(JOINT_COMMAND), None
+        if joints is not None:
+            try:
+                command = _speeds(joints)
+            except RefusedError as refusal:
+                inputs.refuse(JOINT_COMMAND, str(refusal))
+        age_s = inputs.age_s(JOINT_COMMAND)
+        wanted = self._obeyed(command, age_s)
+        self.driver.drive(WheelSpeeds(*wanted.values), age_s)
+        return {}
+
+    def _obeyed(self, command: WheelCommand | None, age_s: float) -> WheelCommand:
+        """Return the command that the motors obey: a new one, or one that brakes."""
+        return self.watchdog.command(command, age_s, (0.0,) * 4)
+
+    def answer(self, call: Call[Any, Any], request: Message) -> String:
+        """Engage or release the emergency stop."""
+        del request
+        self.driver.engage(is_engaged=call is STOP_MOTORS)
+        return String(data="stopped" if call is STOP_MOTORS else "released")
+
+    def close(self) -> None:
+        """Stop the motors, and close the port."""
+        _Shared.close()
+
+
+def _speeds(joints: JointState) -> WheelCommand:
+    """Return a command of wheel speeds.
+
+    Raises:
+        RefusedError: It has torques, which the boards do not take, or lacks a wheel.
+    """
+    command = wheel_command(joints)
+    if command.is_effort:
+        raise RefusedError("needs a velocity of each wheel: the board takes no torques")
+    return command
+
+
+def _float32(value: float) -> float:
+    """Return the nearest number that ROS can store in 32 bits."""
+    (rounded,) = struct.unpack("f", struct.pack("f", value))
+    return float(rounded)

@@ -1,0 +1,130 @@
+"""The port of a board: opened with errors that say what to do, read and written without waiting."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import stat
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import serial
+from serial.tools import list_ports
+
+from mecazen_hardware.errors import HardwareError
+
+BUSY_FOR_S = 1.0
+"""How long to wait for the port: a driver that was killed leaves it to its keeper for a moment."""
+SOCKET = "socket://"
+
+
+class Port:
+    """An open serial port or TCP connection, for this process alone.
+
+    Args:
+        name: A device, or `socket://HOST:PORT`.
+        baud: Bits per second on a serial line.
+
+    Raises:
+        HardwareError: It can't be opened; one line says why, and what to do.
+    """
+
+    def __init__(self, name: str, baud: int) -> None:
+        self.name = name
+        self._serial = _open(name, baud)
+        self.fd: int = self._serial.fileno()
+        os.set_blocking(self.fd, False)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has arrived, after waiting for it for at most `timeout_s`.
+
+        Raises:
+            HardwareError: The port has gone.
+        """
+        ready, _, _ = select.select([self.fd], [], [], timeout_s)
+        if not ready:
+            return b""
+        try:
+            data = os.read(self.fd, 4096)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self.gone(error) from None
+        if not data:
+            raise self.gone()
+        return data
+
+    def write(self, frame: bytes) -> bool:
+        """Send a frame; return whether there was room for it.
+
+        Raises:
+            HardwareError: The port has gone.
+        """
+        try:
+            return os.write(self.fd, frame) == len(frame)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            raise self.gone(error) from None
+
+    def gone(self, error: OSError | None = None) -> HardwareError:
+        """Return the error that the port has gone."""
+        why = f" ({error.strerror})" if error is not None else ""
+        return HardwareError(
+            f"{self.name}: the port has gone in mid-run{why}: unplugged, or without power? The "
+            "robot may still be driving: switch it off"
+        )
+
+    def close(self) -> None:
+        """Close it."""
+        with suppress(OSError):
+            self._serial.close()
+
+
+def _open(name: str, baud: int) -> serial.SerialBase:
+    begin_s = time.monotonic()
+    while True:
+        try:
+            if name.startswith(SOCKET):
+                return serial.serial_for_url(name)
+            return serial.Serial(name, baud, timeout=0, exclusive=True)
+        except (serial.SerialException, OSError) as error:
+            number = error.errno if error.errno is not None else _errno_of(error)
+            taken = number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
+            if taken and time.monotonic() - begin_s < BUSY_FOR_S:
+                time.sleep(0.05)
+                continue
+            raise HardwareError(f"{name}: {_reason(name, number, error)}") from None
+
+
+def _errno_of(error: BaseException) -> int | None:
+    """Return the number of the system's error that an error of pyserial comes from."""
+    cause = error.__context__
+    return cause.errno if isinstance(cause, OSError) else None
+
+
+def _reason(name: str, number: int | None, error: Exception) -> str:
+    if number == errno.ENOENT:
+        found = ", ".join(one.device for one in candidates()) or "none"
+        return f"no such port; ports here: {found}"
+    if number in (errno.EACCES, errno.EPERM):
+        group = Path(name).group()
+        return (
+            f"no permission; `sudo usermod -aG {group} $USER`, and log in again, if the port "
+            f"belongs to the group {group}"
+        )
+    if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
+        return "in use by another program: one driver at a time"
+    if number in (errno.ECONNREFUSED, errno.ETIMEDOUT, errno.EHOSTUNREACH, errno.ENETUNREACH):
+        return "no robot answers there: is its Wi-Fi joined, and the robot on?"
+    if not name.startswith(SOCKET) and not stat.S_ISCHR(Path(name).stat().st_mode):
+        return "not a serial port"
+    return f"can't be opened: {error}"
+
+
+def candidates() -> list[list_ports.ListPortInfo]:
+    """Return the serial ports that USB adapters have here, those of a CH340 first."""
+    ports = [one for one in list_ports.comports() if one.vid is not None]
+    return sorted(ports, key=lambda one: (one.vid != 0x1A86, one.device))

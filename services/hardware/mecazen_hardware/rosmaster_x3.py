@@ -1,0 +1,242 @@
+"""The board of Yahboom's ROSMASTER X3: its serial protocol, without port and clock.
+
+A frame is `FF`, an id (`FC` to the board, `FB` to the host), a length, a function, a payload and a
+sum. The length counts itself and all after it. The sum is that of length, function and payload,
+modulo 256. Numbers are little-endian.
+
+Sources: the vendor's library `Rosmaster_Lib` 3.3.9 and its firmware `Rosmaster_V3.5.1`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from typing import ClassVar, NamedTuple
+
+from mecazen.config import HardwareConfig
+from mecazen.geometry import Twist2D
+from mecazen.kinematics import MecanumKinematics, WheelSpeeds
+from mecazen.robot import WHEELS, Robot
+
+from mecazen_hardware.board import (
+    Board,
+    Identity,
+    Inertial,
+    Report,
+    Voltage,
+    WheelAngles,
+)
+
+HEAD, TO_BOARD, TO_HOST = 0xFF, 0xFC, 0xFB
+CAR_TYPE = 1
+"""Type of the X3 in the board's flash; the kinematics of the board follow it."""
+CAR_TYPES = {1: "X3", 2: "X3 Plus", 3: "mini", 4: "X1", 5: "R2", 6: "Sunrise", 10: "M1"}
+
+AUTO_REPORT, RESET_STATE, DUTY, MOTION, SET_CAR_TYPE, REQUEST, VERSION = (
+    *(0x01, 0x0F, 0x10, 0x12, 0x15, 0x50, 0x51),
+)
+SPEED, MPU9250, ATTITUDE, COUNTS, ICM20948 = 0x0A, 0x0B, 0x0C, 0x0D, 0x0E
+SAVE = 0x5F
+"""Byte that makes the board write its flash, or confirms a command."""
+PAYLOADS = {
+    SPEED: "<hhhB",
+    MPU9250: "<9h",
+    ATTITUDE: "<3h",
+    COUNTS: "<4i",
+    ICM20948: "<9h",
+    0x13: "<B3H",
+    0x14: "<B3H",
+    SET_CAR_TYPE: "<BB",
+    VERSION: "<BB",
+}
+"""Payloads of all frames to the host, by function, as in `struct`."""
+LENGTHS = {function: struct.calcsize(form) + 3 for function, form in PAYLOADS.items()}
+
+ORDER = (0, 2, 1, 3)
+"""The board's motors m1 to m4 are front left, rear left, front right, rear right."""
+CIRCUMFERENCE_M = 0.204203
+COUNTS_PER_TURN = 1320
+"""Constants of the firmware, by which it turns counts into speeds of the rim."""
+LEVER_M = 0.164555
+"""Half the sum of track and wheelbase, a constant of the firmware [m]."""
+RIM_LIMIT_M_S = 0.998
+"""Speed up to which the driver drives a rim [m/s].
+
+The firmware cuts each wheel by itself at 1 m/s, which would change the direction. The numbers of a
+frame are rounded to 1 mm/s each, so a margin of 1.5 mm/s is needed."""
+TWIST_LIMITS = (1.0, 1.0, 5.0)
+"""The vendor's range of vx, vy [m/s] and wz [rad/s]."""
+MPU_GYRO, MPU_ACCEL, ICM = 3754.9, 1671.84, 1000.0
+"""Raw numbers per rad/s, m/s², and both."""
+
+
+class Frame(NamedTuple):
+    """A frame to the host with a valid sum."""
+
+    function: int
+    payload: tuple[int, ...]
+
+
+def frame(function: int, payload: bytes, to: int = TO_BOARD) -> bytes:
+    """Return a whole frame."""
+    body = bytes((len(payload) + 3, function)) + payload
+    return bytes((HEAD, to)) + body + bytes((sum(body) % 256,))
+
+
+class Decoder:
+    """Finds frames to the host in a stream of bytes.
+
+    After bytes that are no frame it searches again from the second byte on, so a damaged frame
+    never takes the next one with it. Function and length must belong together, and no length is
+    above 21: a false beginning delays the next frame by no more than that.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.skipped = 0
+        """Number of bytes that belong to no frame."""
+
+    def feed(self, data: bytes) -> Iterator[Frame]:
+        """Yield the frames that the bytes complete."""
+        buffer = self._buffer
+        buffer += data
+        at = 0
+        while len(buffer) - at >= 4:
+            length, function = buffer[at + 2], buffer[at + 3]
+            if buffer[at] != HEAD or buffer[at + 1] != TO_HOST or LENGTHS.get(function) != length:
+                at += 1
+                self.skipped += 1
+                continue
+            end = at + 2 + length
+            if end > len(buffer):
+                break
+            if sum(buffer[at + 2 : end - 1]) % 256 != buffer[end - 1]:
+                at += 1
+                self.skipped += 1
+                continue
+            yield Frame(function, struct.unpack_from(PAYLOADS[function], buffer, at + 4))
+            at = end
+        del buffer[:at]
+
+
+class RosmasterX3(Board):
+    """The X3 drives by a twist: it has no command for the speed of each wheel."""
+
+    CYCLE_S: ClassVar[float] = 0.041
+    SPACING_S: ClassVar[float] = 0.002
+    """The board has one buffer of 20 bytes, which it reads every millisecond and then clears."""
+    KINDS = (WheelAngles, Inertial, Voltage)
+
+    def __init__(self, config: HardwareConfig, robot: Robot) -> None:
+        super().__init__(config, robot)
+        self._decoder = Decoder()
+        self._version: tuple[int, ...] = ()
+        self._car_type = 0
+        per_turn = config.counts_per_turn or COUNTS_PER_TURN
+        self._count = 2.0 * math.pi / per_turn
+        """Angle of a wheel per count [rad]."""
+        # the board believes in its own constants: a rim's speed in its units per rad/s
+        rim = CIRCUMFERENCE_M / COUNTS_PER_TURN / self._count
+        self._kinematics = MecanumKinematics(rim, LEVER_M / 2, LEVER_M / 2)
+
+    def hello(self) -> Sequence[bytes]:
+        """Ask for the version and the type of car, and switch the reports on until the next reset.
+
+        None of these frames writes the board's flash.
+        """
+        return (
+            frame(AUTO_REPORT, b"\x01\x00"),
+            frame(REQUEST, bytes((VERSION, 0))),
+            frame(REQUEST, bytes((SET_CAR_TYPE, 0))),
+        )
+
+    def feed(self, data: bytes) -> list[Report]:
+        """Return the reports that the bytes complete; numbers that can't be are left out."""
+        before = self._decoder.skipped
+        found: list[Report] = []
+        for function, payload in self._decoder.feed(data):
+            self.frames += 1
+            found += self._report(function, payload)
+        self.refused += self._decoder.skipped > before
+        return found
+
+    def _report(self, function: int, payload: tuple[int, ...]) -> Iterator[Report]:
+        match function:
+            case 0x0D:
+                turned = tuple(payload[motor] * self._count for motor in ORDER)
+                yield WheelAngles(turned, 2**32 * self._count)  # type: ignore[arg-type]
+            case 0x0A:
+                yield Voltage(payload[3] / 10.0)
+            case 0x0B:
+                x, y, z, ax, ay, az = payload[:6]
+                angular = (x / MPU_GYRO, -y / MPU_GYRO, -z / MPU_GYRO)
+                yield Inertial(angular, (ax / MPU_ACCEL, ay / MPU_ACCEL, az / MPU_ACCEL))
+            case 0x0E:
+                values = [value / ICM for value in payload]
+                yield Inertial((values[0], values[1], values[2]), (values[3], values[4], values[5]))
+            case 0x51:
+                self._version = payload
+            case 0x15:
+                self._car_type = payload[0]
+        if function in {VERSION, SET_CAR_TYPE} and self._version and self._car_type:
+            yield self._identity()
+
+    def _identity(self) -> Identity:
+        kind = CAR_TYPES.get(self._car_type, f"type {self._car_type}")
+        name = f"ROSMASTER {kind}, firmware {'.'.join(map(str, self._version))}"
+        if self._car_type == CAR_TYPE:
+            return Identity(name)
+        return Identity(name, f"it is set to the car {kind}, whose wheels turn otherwise; set X3")
+
+    def drive(self, speeds: WheelSpeeds) -> tuple[bytes, WheelSpeeds]:
+        """Return the frame of the twist nearest to wheel speeds, all slowed down alike.
+
+        Raises:
+            ValueError: A speed is not finite.
+        """
+        if not all(map(math.isfinite, speeds)):
+            raise ValueError(f"wheel speeds must be finite, not {tuple(speeds)}")
+        numbers = _whole(self._within(self._kinematics.forward(speeds)))
+        sent = self._kinematics.inverse(Twist2D(*(number / 1000.0 for number in numbers)))
+        return frame(MOTION, struct.pack("<B3h", CAR_TYPE, *numbers)), sent
+
+    def _within(self, twist: Twist2D) -> Twist2D:
+        """Return a twist that no wheel and no range of the board cuts, in the same direction."""
+        rim = abs(twist.x) + abs(twist.y) + LEVER_M * abs(twist.yaw)
+        limits = zip(twist, TWIST_LIMITS, strict=True)
+        excess = max(rim / RIM_LIMIT_M_S, *(abs(value) / limit for value, limit in limits))
+        return twist if excess <= 1.0 else Twist2D(*(value / excess for value in twist))
+
+    def stop(self) -> Sequence[bytes]:
+        """Return zero motion and a reset of the board's state, each twice: a frame may be lost."""
+        zero = frame(MOTION, struct.pack("<B3h", CAR_TYPE, 0, 0, 0))
+        return (zero, frame(RESET_STATE, bytes((SAVE,)))) * 2
+
+    def turn_one(self, wheel: int, share: float) -> bytes:
+        """Return the frame that gives one motor a duty [%] and lets the others coast."""
+        duty = [0] * len(WHEELS)
+        duty[ORDER.index(wheel)] = round(100.0 * max(-1.0, min(share, 1.0)))
+        return frame(DUTY, struct.pack("<4b", *duty))
+
+    def explain(self, sent: bytes) -> str:
+        """Return what a frame says."""
+        function, payload = sent[3], sent[4:-1]
+        match function:
+            case 0x12:
+                x, y, yaw = (value / 1000 for value in struct.unpack("<3h", payload[1:]))
+                return f"motion {x:+.3f} m/s {y:+.3f} m/s {yaw:+.3f} rad/s"
+            case 0x0F:
+                return "reset state"
+            case 0x10:
+                return f"duty {struct.unpack('<4b', payload)} %"
+            case 0x01:
+                return "reports on"
+            case 0x50:
+                return f"request {payload[0]:#04x}"
+        return f"function {function:#04x}"
+
+
+def _whole(twist: Twist2D) -> list[int]:
+    """Return a twist in mm/s and mrad/s."""
+    return [round(1000.0 * value) for value in twist]

@@ -1,0 +1,57 @@
+"""When motors may run: the reasons to stop them, without port and clock."""
+
+from __future__ import annotations
+
+import math
+
+from mecazen.config import HardwareConfig
+
+LOW_FOR_S = 1.0
+"""How long the voltage has to be low [s]: a start of the motors lowers it for a moment. The board
+of the X3 switches itself off after 2 s."""
+STOP_AFTER_S = 0.4
+"""Age of a wheel command after which the motors are stopped, instead of braked [s]."""
+NO_COMMAND = "no command"
+
+
+class Safety:
+    """Decides whether motors may run.
+
+    Args:
+        config: The limits.
+    """
+
+    def __init__(self, config: HardwareConfig) -> None:
+        self._config = config
+        self.is_engaged = False
+        """Whether the emergency stop is engaged."""
+        self.volts = math.nan
+        """The newest voltage [V]."""
+        self._low_since_s = math.inf
+        self._is_empty = False
+
+    def measured(self, volts: float, now_s: float) -> None:
+        """Take the voltage of the battery [V] at `now_s` [s]."""
+        self.volts = volts
+        if volts >= self._config.min_voltage_v:
+            self._low_since_s = math.inf
+        else:
+            self._low_since_s = min(self._low_since_s, now_s)
+        self._is_empty |= now_s - self._low_since_s >= LOW_FOR_S
+
+    def reason(self, command_age_s: float, report_age_s: float) -> str:
+        """Return why the motors are stopped; empty if they may run.
+
+        Args:
+            command_age_s: Age of the newest wheel command [s].
+            report_age_s: Age of the newest report of the wheels [s].
+        """
+        if self.is_engaged:
+            return "emergency stop; emergency_stop/release lets it drive again"
+        if self._is_empty:
+            return f"battery at {self.volts:.1f} V; {self._config.min_voltage_v:g} V is the least"
+        if report_age_s > self._config.report_timeout_s:
+            return "no report of the board"
+        if command_age_s > STOP_AFTER_S:
+            return NO_COMMAND
+        return ""

@@ -1,0 +1,102 @@
+"""The wheels between two reports of a board: angles and speeds at each tick.
+
+A board reports seldom, and its reports arrive with the jitter of USB and the host. So the interval
+between two reports is a whole number of the board's cycles, and the angles go on at the last
+measured speed. What a report then corrects is spread over a cycle: the speeds have no spikes, and
+their sum follows the encoders, so odometry does not drift.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from mecazen.kinematics import WheelSpeeds
+
+from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
+
+FASTER = 1.5
+"""Share of the wheels' highest speed beyond which a change of angle is no motion."""
+BELIEVED_AFTER = 2
+"""Number of reports in a row after which an angle that has jumped counts as a new start."""
+AHEAD_CYCLES = 2.0
+"""Number of cycles for which the last speed is believed without a new report."""
+
+Four = tuple[float, float, float, float]
+
+
+class Wheels:
+    """Estimates the wheels' angles and speeds at any time from reports.
+
+    Args:
+        cycle_s: Time between two reports of the board [s].
+        max_speed: Highest speed of the wheels [rad/s].
+    """
+
+    def __init__(self, cycle_s: float, max_speed: float) -> None:
+        self._cycle_s = cycle_s
+        self._max_speed = max_speed
+        self.jumps = 0
+        """Number of reports that no motion explains."""
+        self._doubted = 0
+        self._last: WheelAngles | None = None
+        self.reported_s = -math.inf
+        """Arrival of the newest report [s]."""
+        self._measured = WheelSpeeds()
+        self._turned: Four = (0.0,) * 4
+        """What the reports have added up to [rad]."""
+        self.angles: Four = (0.0,) * 4
+        """The angles that `advance` has returned last: the sum of its speeds [rad]."""
+
+    def take(self, report: WheelAngles | MeasuredSpeeds, now_s: float) -> None:
+        """Take a report that arrived at `now_s` [s]."""
+        elapsed_s = now_s - self.reported_s
+        cycles = max(1, round(elapsed_s / self._cycle_s)) if math.isfinite(elapsed_s) else 1
+        interval_s = cycles * self._cycle_s
+        if isinstance(report, MeasuredSpeeds):
+            change = _four(speed * interval_s for speed in report.speeds)
+        elif self._last is None:
+            change = (0.0,) * 4
+        else:
+            pairs = zip(report.turned, self._last.turned, strict=True)
+            change = _four(math.remainder(new - old, report.span) for new, old in pairs)
+        if max(map(abs, change)) > FASTER * self._max_speed * interval_s:
+            self.jumps += 1
+            self._doubted += 1
+            if self._doubted < BELIEVED_AFTER:
+                return  # one damaged number: the next report adds what this one has left out
+            change = (0.0,) * 4
+        self._doubted = 0
+        if isinstance(report, WheelAngles):
+            self._last = report
+        self.reported_s = now_s
+        self._measured = WheelSpeeds(*(angle / interval_s for angle in change))
+        self._turned = _four(map(sum, zip(self._turned, change, strict=True)))
+
+    def advance(self, now_s: float, dt: float) -> tuple[Four, WheelSpeeds]:
+        """Return angles [rad] and speeds [rad/s] at `now_s`, `dt` after the last call [s]."""
+        ahead_s = min(max(now_s - self.reported_s, 0.0), AHEAD_CYCLES * self._cycle_s)
+        measured = self._measured
+        if ahead_s == AHEAD_CYCLES * self._cycle_s:
+            measured = WheelSpeeds()
+        share = 1.0 / max(self._cycle_s, dt)
+        speeds = WheelSpeeds(
+            *(
+                speed + (turned + reported * ahead_s - angle - speed * dt) * share
+                for speed, reported, turned, angle in zip(
+                    measured, self._measured, self._turned, self.angles, strict=True
+                )
+            )
+        )
+        moved = (angle + speed * dt for angle, speed in zip(self.angles, speeds, strict=True))
+        self.angles = _four(moved)
+        return self.angles, speeds
+
+    def reset(self) -> None:
+        """Count the angles from here on."""
+        self._turned = self.angles = (0.0,) * 4
+
+
+def _four(values: Iterable[float]) -> Four:
+    a, b, c, d = values
+    return a, b, c, d
