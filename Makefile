@@ -59,7 +59,7 @@ GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
-	@echo "make test         everything that is tested; make test-physics and its like: one part"
+	@echo "make test         all tests but chaos, containers, Pythons and soak; make test-physics and its like: one part"
 	@echo "make test-pythons the same results with each Python that is installed"
 	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
