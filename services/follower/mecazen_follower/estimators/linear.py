@@ -82,7 +82,7 @@ class ConstantVelocityFilter(Estimator, name="kf_cv"):
 
 
 class DisplacementFilter(Estimator, name="kf_displacement"):
-    """The published filter of "A Virtual Mecanum Wheeled Robot ROS Simulator ...".
+    """Our interpretation of the filter of "A Virtual Mecanum Wheeled Robot ROS Simulator ...".
 
     The paper's equations are X_k = F X_(k-1) + w (1), y_k = H X_(k-1) + u (2), with the state
     X = [x, y, yaw], and (4)
