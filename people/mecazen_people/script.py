@@ -23,10 +23,7 @@ class Script:
     """
 
     def __init__(
-        self,
-        steps: Sequence[tuple[float, Twist2D]],
-        acceleration: float,
-        yaw_acceleration: float,
+        self, steps: Sequence[tuple[float, Twist2D]], acceleration: float, yaw_acceleration: float
     ) -> None:
         self._cells: list[Motion] = []
         pose, twist, walked, end = Pose2D(), Twist2D(), 0.0, 0.0

@@ -54,10 +54,7 @@ def test_effective_configuration_has_every_parameter_and_loads_to_the_same():
             {"estimator": "kf_cv", "estimator_params": {"gain": 1.0}},
             "kf_cv has no parameter gain, allowed: position_std_m, ",
         ),
-        (
-            {"estimator": "imm", "estimator_params": {"noise_memory_s": -1.0}},
-            "noise_memory_s",
-        ),
+        ({"estimator": "imm", "estimator_params": {"noise_memory_s": -1.0}}, "noise_memory_s"),
         ({"estimator_params": {"position_std_m": 0.0}}, "position_std_m"),
         ({"standoff_m": 0.0}, "standoff_m"),
         ({"coast_after_s": 2.0}, "lost_after_s = 2 must be above coast_after_s = 2"),

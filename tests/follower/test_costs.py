@@ -4,12 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from follower.rooms import (
-    BODY,
-    CAMERA,
-    scene,
-    still,
-)
+from follower.rooms import BODY, CAMERA, scene, still
 from mecazen.config.follower import PRIORITIES
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs, Sight
 from mecazen_follower.planner.field import CELL_M

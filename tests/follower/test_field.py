@@ -4,9 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from follower.rooms import (
-    NOTHING,
-)
+from follower.rooms import NOTHING
 from mecazen_follower.planner.field import CELL_M, Field, Shadows
 
 

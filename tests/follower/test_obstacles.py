@@ -2,11 +2,7 @@
 
 import numpy as np
 import pytest
-from follower.rooms import (
-    legs,
-    scan,
-    wall,
-)
+from follower.rooms import legs, scan, wall
 from mecazen.geometry import Pose2D
 from mecazen_follower.planner.obstacles import MEMORY_S, Surroundings
 

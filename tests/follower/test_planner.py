@@ -3,15 +3,7 @@
 import math
 
 import pytest
-from follower.rooms import (
-    BODY,
-    follow,
-    legs,
-    planner_of,
-    scan,
-    standing,
-    wall,
-)
+from follower.rooms import BODY, follow, legs, planner_of, scan, standing, wall
 from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.standoff import Standoff

@@ -30,9 +30,7 @@ def walk(estimator, seconds, velocity, start=ORIGIN):
         estimator.predict(DT)
         t = tick * DT
         pose = Pose2D(
-            start.x + velocity.x * t,
-            start.y + velocity.y * t,
-            wrap(start.yaw + velocity.yaw * t),
+            start.x + velocity.x * t, start.y + velocity.y * t, wrap(start.yaw + velocity.yaw * t)
         )
         if tick % 4 == 0:
             estimator.update(pose, NOISE)

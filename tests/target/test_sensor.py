@@ -46,10 +46,7 @@ def test_tick_that_never_came_is_not_seen():
 
 
 @given(
-    st.floats(-math.pi, math.pi),
-    st.floats(0.1, 20.0),
-    st.floats(-3.0, 3.0),
-    st.floats(1.0, 359.0),
+    st.floats(-math.pi, math.pi), st.floats(0.1, 20.0), st.floats(-3.0, 3.0), st.floats(1.0, 359.0)
 )
 def test_person_is_seen_in_the_field_of_view_and_the_range(bearing, distance, robot_yaw, fov):
     robot = Pose2D(4.0, -2.0, robot_yaw)

@@ -11,16 +11,7 @@ from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats, between, compose, rotate
 from mecazen.messages import LaserScan
-from mecazen.scan import (
-    BOTH_LEGS_M,
-    LEG_M,
-    Flags,
-    Indices,
-    Things,
-    by_person,
-    clusters,
-    hits,
-)
+from mecazen.scan import BOTH_LEGS_M, LEG_M, Flags, Indices, Things, by_person, clusters, hits
 
 from mecazen_guard.guard import Points
 from mecazen_guard.tracks import STILL_M_S, Track, Tracks

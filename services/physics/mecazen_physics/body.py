@@ -44,7 +44,6 @@ class RobotBody(ABC):
     def __init__(
         self,
         scene: Scene,
-        tree: Tree,
         robot: Robot,
         start: Pose2D,
         physics: PhysicsConfig,
@@ -54,7 +53,7 @@ class RobotBody(ABC):
         self._robot, self._world = robot, world
         self._half_wheelbase, self._half_track = robot.half_wheelbase, robot.half_track
         self._dt = physics.dt_s
-        self.skeleton, joints = bodies.build_robot(tree, robot, start, world)
+        self.skeleton, joints = bodies.build_robot(self.tree(robot), robot, start, world)
         self.wheels = joints[: len(WHEELS)]
         """The joints that motors drive."""
         children = [joint.getChildBodyNode() for joint in joints]
@@ -65,6 +64,11 @@ class RobotBody(ABC):
         """Quantity that the motors hold now."""
         scene.add(self.skeleton, self._layers)
         scene.check_detector(self.skeleton)
+
+    @staticmethod
+    @abstractmethod
+    def tree(robot: Robot) -> Tree:
+        """Return the robot's links that are bodies."""
 
     @abstractmethod
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
@@ -172,15 +176,10 @@ class RobotBody(ABC):
 class AllRollersBody(RobotBody):
     """A robot of which every roller is a body."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        robot: Robot,
-        start: Pose2D,
-        physics: PhysicsConfig,
-        world: WorldConfig,
-    ) -> None:
-        super().__init__(scene, (links(robot), []), robot, start, physics, world)
+    @staticmethod
+    def tree(robot: Robot) -> Tree:
+        """Return all links."""
+        return links(robot), []
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """Return `steps`: any number can be simulated at once."""

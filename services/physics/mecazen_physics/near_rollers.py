@@ -42,6 +42,8 @@ _FIRST_ROLLER = BASE_DOFS + _WHEELS
 class NearRollersBody(RobotBody):
     """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller."""
 
+    tree = staticmethod(near_tree)
+
     def __init__(
         self,
         scene: Scene,
@@ -50,7 +52,7 @@ class NearRollersBody(RobotBody):
         physics: PhysicsConfig,
         world: WorldConfig,
     ) -> None:
-        super().__init__(scene, near_tree(robot), robot, start, physics, world)
+        super().__init__(scene, robot, start, physics, world)
         count = robot.rollers.count
         self._pitch = math.tau / count
         # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.

@@ -9,15 +9,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats
 from mecazen.graph import TABLE
-from mecazen.keys import (
-    CAMERA_INFO,
-    DEPTH,
-    GROUND_TRUTH,
-    PEOPLE,
-    SCAN,
-    SKELETONS,
-    TARGET_SKELETON,
-)
+from mecazen.keys import CAMERA_INFO, DEPTH, GROUND_TRUTH, PEOPLE, SCAN, SKELETONS, TARGET_SKELETON
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.skeleton import JOINTS
 from mecazen.ticks import whole_ticks
@@ -39,6 +31,9 @@ class _Sensor(Node):
         self.scene = Scene(scenario.world, self.robots)
         self.around = m.People()
         """All people and robots, as last received."""
+        self.key = f"sensors.{self.ROW.name}"
+        self.period = scenario.ticks_per(f"{self.key}.rate_hz")
+        self._check_captures(self.period)
 
     def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
         """Place all people and robots; return the robot's pose and the joints of all people.
@@ -67,15 +62,16 @@ class _Sensor(Node):
             self.scene.place_person(number, joints, height)
         return robot, people
 
-    def _check_captures(self, key: str, ticks: int, latency: int = 0) -> None:
+    def _check_captures(self, ticks: int) -> None:
         """Refuse a sensor that would look while the body does not move."""
-        rate_hz = self.scenario.sensors.skeleton_rate_hz
-        period = self.scenario.ticks_per("sensors.skeleton_rate_hz")
-        if ticks % period or latency % period:
+        if ticks % self.scenario.ticks_per("sensors.skeleton_rate_hz"):
             raise ConfigError(
-                f"{key}: period and latency must be whole multiples of the skeleton's period: "
-                f"sensors.skeleton_rate_hz = {rate_hz:g}"
+                f"{self.key}: period and latency must be whole multiples of the skeleton's period: "
+                f"sensors.skeleton_rate_hz = {self.scenario.sensors.skeleton_rate_hz:g}"
             )
+
+    def _is_due(self, tick: Tick, inputs: Inputs) -> bool:
+        return tick.number % self.period == 0 and inputs.get(GROUND_TRUTH) is not None
 
 
 class LidarNode(_Sensor):
@@ -83,18 +79,13 @@ class LidarNode(_Sensor):
 
     ROW = TABLE["lidar"]
 
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario)
-        self.period = scenario.ticks_per("sensors.lidar.rate_hz")
-        self._check_captures("sensors.lidar", self.period)
-
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
         self.lidar = Lidar(self.scenario.sensors.lidar, self.scenario.robot.lidar, seed)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return a scan when one is due."""
-        if tick.number % self.period or inputs.get(GROUND_TRUTH) is None:
+        if not self._is_due(tick, inputs):
             return {}
         robot, _ = self._place(inputs)
         return {SCAN: self.lidar.scan(self.scene, robot, tick.time)}
@@ -107,11 +98,8 @@ class TrackerNode(_Sensor):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        tick_s, config = scenario.sim.tick_s, scenario.sensors.tracker
-        latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
-        self._check_captures(
-            "sensors.tracker", scenario.ticks_per("sensors.tracker.rate_hz"), latency
-        )
+        latency_s, tick_s = scenario.sensors.tracker.latency_s, scenario.sim.tick_s
+        self._check_captures(whole_ticks(f"{self.key}.latency_s", latency_s, tick_s))
 
     def reset(self, seed: int) -> None:
         """Begin a run with errors from `seed`."""
@@ -134,18 +122,13 @@ class DepthNode(_Sensor):
 
     ROW = TABLE["depth"]
 
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario)
-        self.period = scenario.ticks_per("sensors.depth.rate_hz")
-        self._check_captures("sensors.depth", self.period)
-
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
         self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return a picture when one is due, and how it was projected."""
-        if tick.number % self.period or inputs.get(GROUND_TRUTH) is None:
+        if not self._is_due(tick, inputs):
             return {}
         robot, _ = self._place(inputs)
         image = self.camera.picture(self.scene, robot, tick.time)

@@ -46,11 +46,7 @@ def pose_of(body: Skeleton) -> tuple[Pose2D, PlanarCovariance] | None:
     y = math.fsum(w * body.joints[at].y for w, at in zip(weights, seen, strict=True)) / total
     variance = PLACE_CORRELATED / total + SWAY_STD_M**2
     yaw, yaw_variance = _heading(body)
-    return Pose2D(x, y, yaw), (
-        (variance, 0.0, 0.0),
-        (0.0, variance, 0.0),
-        (0.0, 0.0, yaw_variance),
-    )
+    return Pose2D(x, y, yaw), ((variance, 0.0, 0.0), (0.0, variance, 0.0), (0.0, 0.0, yaw_variance))
 
 
 def _heading(body: Skeleton) -> tuple[float, float]:
