@@ -13,9 +13,9 @@ from mecazen.messages import Message
 from mecazen.robots import join_key
 from mecazen.row import Row
 
-from mecazen_ros.parameters import PARAMETER_SERVICES, ParameterService
+from mecazen_ros.parameters import PARAMETER_SERVICES
 from mecazen_ros.protocol import ADMIN, any_key, dds_type
-from mecazen_ros.services import SERVICES, Service
+from mecazen_ros.services import SERVICES
 from mecazen_ros.topics import DESCRIBED, Namespace, name_of, publications, subscriptions
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def taken(topic: Topic[Any], robot: str = "", namespace: str | None = None) -> l
 
 def asked(calls: Collection[Call[Any, Any]]) -> list[str]:
     """Return the keys of the ROS services that make one of some queries."""
-    services: tuple[Service | ParameterService, ...] = (*SERVICES, *PARAMETER_SERVICES)
+    services = (*SERVICES, *PARAMETER_SERVICES)
     return [any_key(one.name, dds_type(one.kind)) for one in services if one.call in calls]
 
 

@@ -36,7 +36,7 @@ from mecazen.wire import Stamp
 
 from mecazen_ros import cdr
 from mecazen_ros.description import fixed_frames, portable
-from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters, ParameterService
+from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters
 from mecazen_ros.protocol import (
     LATCHED,
     NO_HASH,
@@ -52,8 +52,7 @@ from mecazen_ros.services import SERVICES, Service
 from mecazen_ros.topics import (
     DESCRIBED,
     Namespace,
-    Publication,
-    Subscription,
+    RosTopic,
     name_of,
     publications,
     ros_name,
@@ -222,7 +221,7 @@ class RosNode:
             match = partial(_match, self._bus.queue, listeners, _sender(publisher, gid, one))
             self._side.keep(publisher, publisher.declare_matching_listener(direct(match)))
 
-    def _take(self, topic: Topic[Any], robot: str, one: Subscription, where: Namespace) -> None:
+    def _take(self, topic: Topic[Any], robot: str, one: RosTopic, where: Namespace) -> None:
         """Publish samples from ROS on the plain key, without a stamp."""
         key, _ = self._declare("MS", where.whole(one.name), _type(one.kind))
         refusals = Refusals(self._bus.queue, self._bus.refuse)
@@ -234,7 +233,7 @@ class RosNode:
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
             attached(sample)  # no ROS node sends or takes a sample without one
-            message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
+            message: Message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
             refuse_implausible(topic.key, message)
             return message
 
@@ -290,7 +289,7 @@ class RosNode:
         return self._side.key(name, dds, hashed), gid_of(token)
 
 
-def _sender(publisher: zenoh.Publisher, gid: bytes, one: Publication) -> Send:
+def _sender(publisher: zenoh.Publisher, gid: bytes, one: RosTopic) -> Send:
     """Return what publishes a message in ROS; not one from outside, perhaps from ROS itself."""
     sequence = count(1)
 
@@ -317,7 +316,7 @@ def _type(kind: type[Message]) -> tuple[str, str]:
     return dds_type(kind.ROS_TYPE), type_hash(kind)
 
 
-def _service_type(service: Service | ParameterService) -> tuple[str, str]:
+def _service_type(service: Service) -> tuple[str, str]:
     """Return the same of a service's type."""
     return dds_type(service.kind), service_hash(service.kind, *service.interface)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from mecazen import keys
 from mecazen import messages as m
@@ -17,7 +17,8 @@ from mecazen.files import parse_value
 from mecazen.keys import Call
 from mecazen.parameters import ROBOTS, to_message, to_text
 
-from mecazen_ros.interfaces import Interface, message, service
+from mecazen_ros.interfaces import message
+from mecazen_ros.services import Service, kind
 
 USE_SIM_TIME = "use_sim_time"
 SIM_TIME = m.ParameterDescriptor(USE_SIM_TIME, "true", "bool", allowed="true")
@@ -176,35 +177,16 @@ def _descriptor(name: str, parameter: m.ParameterDescriptor) -> Any:
     )
 
 
-class ParameterService(NamedTuple):
-    """A ROS service that every node has."""
-
-    name: str
-    """Within the node, and of the method that answers."""
-    call: Call[Any, Any]
-    """The query that a client must be allowed to make."""
-
-    @property
-    def kind(self) -> str:
-        """The service's type."""
-        return f"rcl_interfaces/srv/{self.name.title().replace('_', '')}"
-
-    @property
-    def interface(self) -> Interface:
-        """The messages of the service."""
-        return service(self.kind)
-
-    def respond(self, parameters: NodeParameters, request: Any) -> Any:
-        """Return the response to a request; an empty one where there is no request."""
-        fields = {} if request is None else getattr(parameters, self.name)(request)
-        return self.interface.response(**fields)
-
-
-PARAMETER_SERVICES = (
-    ParameterService("list_parameters", keys.GET_PARAMETERS),
-    ParameterService("get_parameters", keys.GET_PARAMETERS),
-    ParameterService("get_parameter_types", keys.GET_PARAMETERS),
-    ParameterService("describe_parameters", keys.GET_PARAMETERS),
-    ParameterService("set_parameters", keys.SET_PARAMETERS),
-    ParameterService("set_parameters_atomically", keys.SET_PARAMETERS),
+_METHODS: dict[str, Call[Any, Any]] = {
+    "list_parameters": keys.GET_PARAMETERS,
+    "get_parameters": keys.GET_PARAMETERS,
+    "get_parameter_types": keys.GET_PARAMETERS,
+    "describe_parameters": keys.GET_PARAMETERS,
+    "set_parameters": keys.SET_PARAMETERS,
+    "set_parameters_atomically": keys.SET_PARAMETERS,
+}
+PARAMETER_SERVICES = tuple(
+    Service(name, kind("rcl_interfaces", name), call, getattr(NodeParameters, name))
+    for name, call in _METHODS.items()
 )
+"""Services that every node has, under names within the node; each answers by a method."""

@@ -17,7 +17,7 @@ from mecazen.keys import Call
 from mecazen.messages import Message
 
 from mecazen_ros import cdr
-from mecazen_ros.parameters import NodeParameters, ParameterService
+from mecazen_ros.parameters import NodeParameters
 from mecazen_ros.protocol import Attachment
 from mecazen_ros.services import FAILED, OK, UNSUPPORTED, Service
 
@@ -58,15 +58,16 @@ def by_query(service: Service, ask: Ask) -> Respond:
     return respond
 
 
-def by_parameters(service: ParameterService, parameters: NodeParameters) -> Respond:
-    """Return a function that answers a service for the parameters of a node."""
+def by_parameters(service: Service, parameters: NodeParameters) -> Respond:
+    """Return a function that answers for the parameters of a node; what is malformed, by zeros."""
 
     def respond(payload: bytes, give: Give) -> None:
         try:
             request = cdr.decode(payload, service.interface.request)
         except RefusedError:
-            request = None
-        give(service.respond(parameters, request))
+            give(service.interface.response())
+        else:
+            give(service.interface.response(**service.ask(parameters, request)))
 
     return respond
 

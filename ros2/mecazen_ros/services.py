@@ -31,13 +31,15 @@ Query = tuple[Call[Any, Any], Message]
 
 
 class Service(NamedTuple):
-    """A ROS service; the node that answers the query `call` has it."""
+    """A ROS service; the node that answers the query `call` has it, or each node its own."""
 
     name: str
     kind: str
     call: Call[Any, Any]
-    ask: Callable[[Any], Query]
-    """Returns the query for a request; raises RefusedError."""
+    """The query that a client must be allowed to make."""
+    ask: Callable[..., Any]
+    """Returns the query for a request, or raises RefusedError; for the parameters of a node, the
+    fields of the response."""
 
     @property
     def interface(self) -> Interface:
@@ -79,9 +81,13 @@ def _trigger(call: Call[Any, m.SimState]) -> Service:
     return Service(call.key, TRIGGER, call, lambda _: (call, call.request()))
 
 
+def kind(package: str, name: str) -> str:
+    """Return the type of a service that has its name."""
+    return f"{package}/srv/{name.title().replace('_', '')}"
+
+
 def _standard(name: str, call: Call[Any, m.SimState], ask: Callable[[Any], Query]) -> Service:
-    kind = name.title().replace("_", "")
-    return Service(name, f"simulation_interfaces/srv/{kind}", call, ask)
+    return Service(name, kind("simulation_interfaces", name), call, ask)
 
 
 SERVICES: tuple[Service, ...] = (

@@ -56,23 +56,15 @@ class Namespace(NamedTuple):
         return name[1:] if name.startswith("/") else self.prefix + name
 
 
-class Publication(NamedTuple):
-    """A ROS topic that shows one of the graph's."""
+class RosTopic(NamedTuple):
+    """A ROS topic that shows one of the graph's, or whose messages are published on an open one."""
 
     name: str
     """With a leading slash in no robot's namespace."""
     kind: type[Message]
     qos: Qos
-    convert: Callable[[Any], Message | None]
-    """Returns the ROS message; None where there is none to publish."""
-
-
-class Subscription(NamedTuple):
-    """A ROS topic whose messages are published on an open topic of the graph."""
-
-    name: str
-    kind: type[Message]
-    convert: Callable[[Any], Message]
+    convert: Callable[[Any], Any]
+    """Returns the message for the other side; None where there is none to publish."""
 
 
 def name_of(row: Row, topic: Topic[Any]) -> str:
@@ -85,16 +77,16 @@ def name_of(row: Row, topic: Topic[Any]) -> str:
     return f"{row.name}/{key}" if topic.open else key
 
 
-def publications(topic: Topic[Any], name: str, where: Namespace) -> list[Publication]:
+def publications(topic: Topic[Any], name: str, where: Namespace) -> list[RosTopic]:
     """Return the ROS topics that show a topic; `name` is for the one with the same message."""
     prefix = where.prefix
-    plain = Publication(name, topic.type, Qos(), lambda seen: prefixed(seen, prefix))
+    plain = RosTopic(name, topic.type, Qos(), lambda seen: prefixed(seen, prefix))
     found = [plain]
     frames: Callable[[Any], Message | None] | None = None
     if topic is keys.CLOCK:
-        found = [Publication("/clock", m.Clock, Qos(1, reliable=False), lambda clock: clock)]
+        found = [RosTopic("/clock", m.Clock, Qos(1, reliable=False), lambda clock: clock)]
     elif topic.key.startswith("diagnostics/"):
-        found = [Publication("/diagnostics", topic.type, Qos(), lambda a: _diagnostics(a, prefix))]
+        found = [RosTopic("/diagnostics", topic.type, Qos(), lambda a: _diagnostics(a, prefix))]
     elif topic.type is m.Odometry:
         found = [plain._replace(convert=lambda o: prefixed(_uncertain(o), prefix))]
     elif topic.type is m.LaserScan:
@@ -110,17 +102,17 @@ def publications(topic: Topic[Any], name: str, where: Namespace) -> list[Publica
     elif topic is keys.FOLLOWER_STATE:
         frames = partial(_person_frame, prefix=prefix)
     if frames is not None:
-        found.append(Publication("/tf", TFMessage, FRAMES, frames))
+        found.append(RosTopic("/tf", TFMessage, FRAMES, frames))
     return found
 
 
-def subscriptions(topic: Topic[Any], key: str) -> list[Subscription]:
+def subscriptions(topic: Topic[Any], key: str) -> list[RosTopic]:
     """Return the ROS topics that are taken for a topic; none unless it is open."""
     if not topic.open:
         return []
-    found = [Subscription(ros_name(key), topic.type, lambda taken: taken)]
+    found = [RosTopic(ros_name(key), topic.type, Qos(), lambda taken: taken)]
     if topic.type is m.Twist:  # Nav2 sends either, and a type is another key
-        found.append(Subscription(ros_name(key), TwistStamped, lambda stamped: stamped.twist))
+        found.append(RosTopic(ros_name(key), TwistStamped, Qos(), lambda stamped: stamped.twist))
     return found
 
 

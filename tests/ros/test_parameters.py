@@ -179,7 +179,7 @@ def test_what_ros_has_no_type_for_is_a_text(text, kind, number, value):
     answer = m.ParameterDescriptors((m.ParameterDescriptor("mine.n", text, kind),))
     node = NodeParameters("mine", "", lambda *_: answer)
     (service,) = (one for one in PARAMETER_SERVICES if one.name == "get_parameters")
-    response = service.respond(node, service.interface.request(("n",)))
+    response = service.interface.response(**service.ask(node, service.interface.request(("n",))))
     (got,) = cdr.decode(cdr.encode(response), type(response)).values
     assert got.type == number
     assert getattr(got, Value.__struct_fields__[number]) == value

@@ -44,16 +44,12 @@ def test_bytes_that_are_no_request_are_told_so():
     assert given[0].result.result == UNSUPPORTED
 
 
-def test_a_service_for_parameters_gets_the_request_or_none_where_it_is_malformed():
-    got, given = [], []
-    service = SimpleNamespace(
-        interface=STEP.interface, respond=lambda _, request: got.append(request) or "response"
-    )
-    respond = by_parameters(service, None)
+def test_a_malformed_request_for_parameters_gets_an_empty_response():
+    given = []
+    service = STEP._replace(ask=lambda parameters, request: {"result": (parameters, request.steps)})
     for payload in (cdr.encode(STEP.interface.request(3)), b"\x00"):
-        respond(payload, given.append)
-    assert got == [STEP.interface.request(3), None]
-    assert given == ["response", "response"]
+        by_parameters(service, "of a node")(payload, given.append)
+    assert [one.result for one in given] == [("of a node", 3), STEP.interface.response().result]
 
 
 def test_an_attachment_comes_back_with_its_number_and_identity():

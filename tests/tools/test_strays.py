@@ -15,11 +15,11 @@ from mecazen.messages import String
 from mecazen_tools.strays import (
     KEYS,
     OPEN,
-    Strays,
     absent,
     asked_only,
     ignored,
     likes,
+    report_strays,
     slips,
     unknown_key,
 )
@@ -112,7 +112,7 @@ def test_each_key_is_told_of_once_and_not_more_than_so_many(router):
     config = BusConfig(connect=(router,), namespace=f"strays{secrets.token_hex(6)}")
     bus, hand = ZenohBus(config, "client"), ZenohBus(config, "client")
     told = []
-    Strays(bus, ("one", "two"), {"cmd_vel"}, told.append)
+    report_strays(bus, ("one", "two"), {"cmd_vel"}, told.append)
     typed = ["two/cmd_vle", "one/cmd_vel", "one/target/cmd_vel", "my/key", "two/cmd_vle"]
     flood = [f"one/target/cmd_{number}" for number in range(10 * KEYS)]
 

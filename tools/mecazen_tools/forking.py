@@ -54,10 +54,6 @@ class Signal(msgspec.Struct, frozen=True, tag=True):
     number: int
 
 
-class ForkError(MecazenError):
-    """No process could be forked."""
-
-
 class Child:
     """A process that was forked.
 
@@ -125,7 +121,7 @@ class Parent:
             The process; None if the parent has ended.
 
         Raises:
-            ForkError: It can't fork.
+            MecazenError: It can't fork.
         """
         (reports, report_end), (errors, error_end) = os.pipe(), os.pipe()
         request = Start(
@@ -146,7 +142,7 @@ class Parent:
         os.close(reports)
         os.close(errors)
         if answered is not None:
-            raise ForkError(answered.text)
+            raise MecazenError(answered.text)
         return None
 
     def signal(self, pid: int, number: int) -> None:

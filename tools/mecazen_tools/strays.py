@@ -34,38 +34,31 @@ ANSWER_S = 1.0
 OPEN = tuple(topic.key for topic in TOPICS if topic.open)
 
 
-class Strays:
-    """Receives such samples, and reports each key once.
+def report_strays(
+    bus: ZenohBus, robots: Sequence[str], given: Collection[str], report: Callable[[str], None]
+) -> None:
+    """Receive such samples, and report each key once.
 
     Args:
         bus: The bus of all robots.
         robots: Their names.
         given: The open keys that nodes of the scenario publish on.
-        tell: Function for a line with the key and a similar known key.
+        report: Function for a line with the key and a similar known key.
     """
+    reported: set[str] = set()
 
-    def __init__(
-        self,
-        bus: ZenohBus,
-        robots: Sequence[str],
-        given: Collection[str],
-        tell: Callable[[str], None],
-    ) -> None:
-        self._robots = robots
-        self._tell = tell
-        self._told: set[str] = set()
-        for robot in robots:
-            for key in OPEN:
-                for near in slips(key) if key in given else likes(key):
-                    bus.subscribe_bytes(join_key(near, robot), self._take, BACKLOG_BYTES)
-
-    def _take(self, key: str, *_: object) -> None:
-        if key in self._told or len(self._told) >= KEYS:
+    def take(key: str, *_: object) -> None:
+        if key in reported or len(reported) >= KEYS:
             return
-        told = unknown_key(key, self._robots)
+        told = unknown_key(key, robots)
         if told is not None:
-            self._told.add(key)
-            self._tell(told)
+            reported.add(key)
+            report(told)
+
+    for robot in robots:
+        for key in OPEN:
+            for near in slips(key) if key in given else likes(key):
+                bus.subscribe_bytes(join_key(near, robot), take, BACKLOG_BYTES)
 
 
 def slips(key: str) -> Iterator[str]:

@@ -26,7 +26,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_tools.cli.options import Connect, Namespace, Tls, console, tool_bus
-from mecazen_tools.strays import Strays
+from mecazen_tools.strays import report_strays
 
 REFRESH_S = 0.5
 ANSWER_S = 0.5
@@ -261,7 +261,7 @@ class _Listener:
         for robot in self._robots:
             self._hear(robot)
         given = {keys.CMD_VEL.key} if "follower" in scenario["services"] else ()
-        Strays(self._bus, self._robots or ("",), given, self._strays.append)
+        report_strays(self._bus, self._robots or ("",), given, self._strays.append)
 
     def _hear(self, robot: str) -> None:
         key = join_key(ALL_DIAGNOSTICS, robot)

@@ -40,7 +40,7 @@ from mecazen_tools.cli.options import ScenarioArgument, Settings
 from mecazen_tools.cli.status import LATE_S, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Line, Supervisor
-from mecazen_tools.strays import Strays
+from mecazen_tools.strays import report_strays
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
@@ -112,7 +112,7 @@ def up(
             status = Status(bus, loaded)
             graph = graph_of(loaded)
             given = [topic.key for topic in keys.TOPICS if graph.giver(topic.key) is not None]
-            Strays(bus, loaded.names, given, partial(_warn, console))
+            report_strays(bus, loaded.names, given, partial(_warn, console))
             for process in loaded.process_plan:
                 supervisor.start(process, needed=process.services[0] not in OBSERVERS)
             if shown and VIEWER not in loaded.services:
