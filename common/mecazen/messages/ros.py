@@ -277,6 +277,15 @@ class Imu(Message):
     linear_acceleration_covariance: Matrix3 = (0.0,) * 9
 
 
+_POWER_SUPPLY = {
+    "STATUS": "UNKNOWN CHARGING DISCHARGING NOT_CHARGING FULL",
+    "HEALTH": "UNKNOWN GOOD OVERHEAT DEAD OVERVOLTAGE UNSPEC_FAILURE COLD WATCHDOG_TIMER_EXPIRE "
+    "SAFETY_TIMER_EXPIRE",
+    "TECHNOLOGY": "UNKNOWN NIMH LION LIPO LIFE NICD LIMN TERNARY VRLA",
+}
+"""Names of the values of three fields of a battery, from 0."""
+
+
 class BatteryState(Message):
     """Voltage [V], current [A] (negative: discharging), charge [A·h] and health of a battery.
 
@@ -284,6 +293,11 @@ class BatteryState(Message):
     """
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/BatteryState"
+    ROS_CONSTANTS: ClassVar[tuple[str, ...]] = tuple(
+        f"uint8 POWER_SUPPLY_{field}_{name}={value}"
+        for field, names in _POWER_SUPPLY.items()
+        for value, name in enumerate(names.split())
+    )
     header: Header = Header()
     voltage: Float32 = 0.0
     temperature: Float32 = 0.0
