@@ -29,15 +29,10 @@ def test_what_of_the_control_is_not_given_keeps_its_default():
 
 
 @pytest.mark.parametrize("kind", ["pid", "polar"])
-def test_effective_control_names_its_kind_and_loads_to_the_same(kind):
-    config = load(control={"kind": kind})
-    table = msgspec.to_builtins(config)
-    assert table["control"]["kind"] == kind
-    assert msgspec.convert(table, FollowerConfig) == config
-
-
-def test_effective_configuration_has_every_parameter_and_loads_to_the_same():
-    config = load(estimator="kf_displacement", estimator_params={"smoothing_s": 2})
+def test_effective_configuration_has_every_parameter_and_loads_to_the_same(kind):
+    params = {"smoothing_s": 2}
+    config = load(estimator="kf_displacement", estimator_params=params, control={"kind": kind})
+    assert msgspec.to_builtins(config)["control"]["kind"] == kind
     assert config.estimator_params["smoothing_s"] == 2.0
     assert "min_speed_m_s" in config.estimator_params
     assert msgspec.convert(msgspec.to_builtins(config), FollowerConfig) == config

@@ -78,19 +78,14 @@ def test_whatever_is_observed_the_estimate_is_finite(name, observations):
         assert (np.diag(covariance) > 0.0).all()
 
 
-def test_ahead_by_nothing_is_the_estimate(estimator):
+def test_ahead_by_nothing_is_the_estimate_and_looking_ahead_changes_nothing(estimator):
     assert estimator.ahead(0.2) is None
     walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
     now, then = estimator.estimate, estimator.ahead(0.0)
     assert then.pose == pytest.approx(now.pose)
     assert then.velocity == pytest.approx(now.velocity)
-
-
-def test_looking_ahead_changes_nothing(estimator):
-    walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
-    before = estimator.estimate
     estimator.ahead(0.5)
-    assert estimator.estimate == before
+    assert estimator.estimate == now
 
 
 def test_after_a_reset_all_is_as_at_first_to_the_last_bit(estimator):

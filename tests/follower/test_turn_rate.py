@@ -86,24 +86,6 @@ def test_propagate_moves_the_state_and_its_covariance_as_the_matrices_do(walk, s
     assert matrix(covariance) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-def in_two_halves(walk, state, dt):
-    F = jacobian(move(state, dt / 2.0), dt / 2.0)
-    first = process_noise(walk, state, dt / 2.0)
-    return F @ first @ F.T + process_noise(walk, move(state, dt / 2.0), dt / 2.0)
-
-
-@pytest.mark.parametrize("state", [(1.0, 2.0, 0.5, 1.2, 0.8), (0.0, 0.0, -2.0, -0.7, 3.0)])
-def test_two_halves_are_the_whole_to_first_order(state):
-    walk, moving = np.array([0.1, 0.1, 0.2, 0.5, 0.4]), np.array(state)
-
-    def gap(dt):
-        return np.abs(in_two_halves(walk, moving, dt) - process_noise(walk, moving, dt)).max()
-
-    # What is left out is of second order: half the step leaves a quarter. The third order
-    # is (1 + |w|) dt of it, 4 % here.
-    assert gap(0.01) / gap(0.005) == pytest.approx(4.0, rel=0.04)
-
-
 def test_sway_goes_by_the_distance_walked():
     walk = np.array([0.03, 0.0, 0.0, 0.0, 0.0])
     forth, back, still = (

@@ -117,13 +117,21 @@ def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus, yaw):
     assert -0.01 <= fast - slow < 0.2 * 0.5
 
 
-def test_a_robot_pushes_one_whose_motors_are_weaker(nexus):
+@pytest.mark.parametrize(
+    ("places", "pushed", "ticks"),
+    [((0.0, 0.6), "nexus", 200), ((0.0, 0.5, 1.0), "nexus", 200), ((0.0, 0.8), "artbul", 350)],
+    ids=["one", "two in a row", "another size"],
+)
+def test_a_robot_pushes_those_whose_motors_are_weaker(nexus, places, pushed, ticks):
     # for 2 s: a pushed robot whose wheels turn freely slides off aside in the end
-    states = drive(world_with(nexus, Pose2D(), Pose2D(0.6)), 200, FORWARD, BRAKE)
+    robots = [nexus, *[load_robot(pushed)] * (len(places) - 1)]
+    world = simulation_of([*zip(robots, map(Pose2D, places), strict=True)])
+    states = drive(world, ticks, FORWARD, *[BRAKE] * (len(places) - 1))
     # as fast as without a load, which its servos hold, but for slip
-    assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)
-    pusher, pushed = states[-1]
-    assert CLOSEST <= pushed.position[0] - pusher.position[0] <= TOUCHING
+    assert speeds(states) == pytest.approx([0.3] * len(places), rel=JUDDER)
+    if pushed == "nexus":
+        gaps = [b.position[0] - a.position[0] for a, b in pairwise(states[-1])]
+        assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []
 
 
 @pytest.mark.parametrize(
@@ -201,14 +209,6 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     assert first.state.linear[0] == pytest.approx(-0.3, rel=0.01)
 
 
-def test_of_three_in_a_row_the_middle_one_hands_the_push_on(nexus):
-    world = world_with(nexus, Pose2D(), Pose2D(0.5), Pose2D(1.0))
-    states = drive(world, 200, FORWARD, BRAKE, BRAKE)
-    assert speeds(states) == pytest.approx([0.3] * 3, rel=JUDDER)
-    gaps = [b.position[0] - a.position[0] for a, b in pairwise(states[-1])]
-    assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []
-
-
 def test_a_robot_is_pushed_by_the_person_of_another(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
     for tick in range(300):
@@ -252,9 +252,3 @@ def test_robots_of_different_rollers_can_not_share_a_ground(nexus):
     slippery = replace(nexus, rollers=replace(nexus.rollers, contact_friction=0.5))
     with pytest.raises(UnsupportedError, match=r"same rollers\.contact_friction"):
         simulation_of([(nexus, Pose2D()), (slippery, Pose2D(2.0))])
-
-
-def test_robots_of_two_sizes_push_each_other(nexus):
-    world = simulation_of([(nexus, Pose2D()), (load_robot("artbul"), Pose2D(0.8))])
-    states = drive(world, 350, FORWARD, BRAKE)
-    assert speeds(states) == pytest.approx([0.3, 0.3], rel=JUDDER)

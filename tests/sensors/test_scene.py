@@ -3,7 +3,6 @@
 import math
 
 import analytic
-import mujoco
 import numpy as np
 import pytest
 from mecazen.config import WorldConfig
@@ -115,29 +114,6 @@ def test_a_limb_longer_than_at_first_is_hit_at_its_ends():
                 origin = joints[INDEX[name]] + np.array((5.0, 0.0, 0.0))
                 distances, _ = scene.cast(origin, np.array([[-1.0, 0.0, 0.0]]))
                 assert distances[0] <= 5.0 - limb.radius * HEIGHT + EXACT_M
-
-
-def test_the_bounds_of_the_compiler_alone_would_let_rays_through():
-    """Why what moves has no bounds: the cause, shown in MuJoCo itself."""
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body mocap="true"><geom type="capsule" size="0.1 0.1"/></body>'
-        "</worldbody></mujoco>"
-    )
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    model.geom_size[0, 1] = 1.0
-
-    def hit():
-        distance, number = np.empty(1), np.empty(1, np.int32)
-        origin, direction = np.array((5.0, 0.0, 0.8)), np.array((-1.0, 0.0, 0.0))
-        mujoco.mj_multiRay(
-            model, data, origin, direction, None, 1, -1, number, distance, None, 1, 1e9
-        )
-        return distance[0]
-
-    assert hit() == -1.0
-    model.body_bvhadr[1:] = -1
-    assert hit() == pytest.approx(4.9, abs=EXACT_M)
 
 
 def test_nothing_is_hit_beyond_the_range_though_it_begins_within():
