@@ -7,7 +7,7 @@ from collections import deque
 from typing import NamedTuple
 
 from mecazen.config import FollowerConfig, SensorConfig
-from mecazen.config.follower import PidControl, PolarControl
+from mecazen.config.follower import PidControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.standoff import Errors
@@ -73,11 +73,12 @@ class Following:
     def configure(self, config: FollowerConfig, drive: Drive, view: FieldOfView) -> None:
         """Go on with other gains, limits or another place."""
         self._standoff, self._response, self._view = config.standoff, config.response_s, view
-        match self._controller, config.control:
-            case PoseController() as pids, PidControl() as law:
-                pids.configure(law)
-            case PolarController() as polar, PolarControl() as law:
-                polar.configure(config.standoff, law, drive, view)
+        if isinstance(config.control, PidControl):
+            assert isinstance(self._controller, PoseController)  # its kind can't change
+            self._controller.configure(config.control)
+        else:
+            assert isinstance(self._controller, PolarController)
+            self._controller.configure(config.standoff, config.control, drive, view)
         if self.planner is not None:
             self.planner.configure(config, drive)
 
