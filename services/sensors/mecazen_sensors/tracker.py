@@ -170,8 +170,8 @@ class Tracker:
         """Return the reported joints of a person; None if the pelvis is not seen.
 
         Args:
-            track: The person's.
-            header: Of the frame.
+            track: State of the tracker for the person.
+            header: Header of the frame.
             vectors: From the camera to the joints, in base_link (20, 3) [m].
             depths: Depths of the joints (20) [m].
             inside: Whether the joints are in view, hidden or not.
