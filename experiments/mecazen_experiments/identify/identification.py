@@ -1,0 +1,329 @@
+"""Identifies the kinematics of a robot: models, their likelihood, and what the data leave open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from mecazen.errors import ConfigError
+from mecazen.robot import Robot
+from mecazen_physics.rollers import yaw_gain
+from scipy.optimize import minimize_scalar
+
+from mecazen_experiments.identify.fit import (
+    RESAMPLED,
+    SEED,
+    Estimate,
+    Fit,
+    Grouped,
+    Noise,
+    estimates,
+    fit,
+)
+from mecazen_experiments.identify.models import (
+    ROLLER_COUNTS,
+    Model,
+    Nominal,
+    families,
+    lateral,
+    rollers,
+)
+from mecazen_experiments.identify.runs import Array, Run, gap_lines
+from mecazen_experiments.identify.wheels import check_wheels, gains
+from mecazen_experiments.identify.windows import Moments, cut, total
+from mecazen_experiments.statistics import Interval, mean_interval
+
+WINDOW_S = 0.5
+"""Duration of a window: the robot moves far beyond the noise of the reference, and yaw little."""
+MAX_OFFSET_S = 0.2
+"""Largest offset of the two clocks that is searched for."""
+BLOCK = 20
+"""Windows that are resampled together, as residuals of neighbours are not independent."""
+OFFSET_RUNS = 24
+"""Number of runs from which the offset of the clocks is estimated."""
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """A model: its parameters, and how well it predicts runs that it was not fitted to."""
+
+    name: str
+    parameters: Mapping[str, Estimate]
+    noise: Mapping[str, Noise]
+    held_out: float
+    """Mean log-likelihood of a held-out window; NaN with a single run."""
+    behind: Interval | None
+    """Log-likelihood per held-out window that the most likely model has more, over sessions."""
+    ambiguities: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RollerResult:
+    """A hypothesis on the number of rollers."""
+
+    count: int
+    behind: float
+    """Log-likelihood of all windows that the most likely number has more."""
+    chosen: float
+    """Share of resamplings of the sessions in which this number is the most likely one."""
+
+
+@dataclass(frozen=True)
+class SessionResult:
+    """A session: lateral over forward gain, and the share of time that its log lacks."""
+
+    session: str
+    runs: int
+    lateral_gain: float
+    low: float
+    high: float
+    """95 % interval over resampled blocks of windows."""
+    missing: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The result of an identification."""
+
+    robot: str
+    runs: int
+    duration_s: float
+    offset_s: Estimate
+    """Time of the reference's clock beyond that of the wheels."""
+    models: tuple[ModelResult, ...]
+    rollers: tuple[RollerResult, ...]
+    sessions: tuple[SessionResult, ...]
+    lateral_gain: Interval
+    """Mean over sessions."""
+    notes: tuple[str, ...]
+
+    @property
+    def roller_count(self) -> int:
+        """The most likely number of rollers."""
+        return min(self.rollers, key=lambda one: one.behind).count
+
+    def model(self, name: str) -> ModelResult:
+        """Return a model by its name."""
+        return next(one for one in self.models if one.name == name)
+
+
+def identify(robot: Robot, runs: Sequence[Run]) -> Identification:
+    """Return what runs show of a robot.
+
+    Raises:
+        ConfigError: Columns of the wheels are swapped, or in another unit.
+    """
+    nominal = Nominal.of(robot)
+    for session in sessions(runs):
+        own = [run for run in runs if run.session == session]
+        check_wheels(session, total(Moments.of(cut(run, WINDOW_S)) for run in own), nominal)
+    offset = clock_offset(nominal, runs)
+    moments = [Moments.of(cut(run, WINDOW_S, offset.value)) for run in runs]
+    grouped = group(runs, moments)
+    counted = [rollers(nominal, count) for count in ROLLER_COUNTS]
+    scores = {m.name: held_out(m, runs, moments) for m in (*families(nominal), *counted)}
+    hypotheses = _hypotheses(counted, runs, moments)
+    best_count = min(hypotheses, key=lambda one: one.behind).count
+    models = sorted((*families(nominal), rollers(nominal, best_count)), key=lambda m: len(m.start))
+    best = max(models, key=lambda m: _mean(scores[m.name], moments)).name
+    results = []
+    for model in models:
+        found = fit(model, grouped)
+        parameters, ambiguities = estimates(found, grouped)
+        score, top = scores[model.name], scores[best]
+        behind = _by_session(runs, moments, top - score)
+        results.append(
+            ModelResult(
+                model.name,
+                parameters,
+                found.noise,
+                _mean(score, moments),
+                mean_interval(list(behind.values())) if np.isfinite(score).all() else None,
+                ambiguities,
+            )
+        )
+    by_session = [_session(runs, offset.value, one, nominal) for one in sessions(runs)]
+    return Identification(
+        robot.name,
+        len(runs),
+        math.fsum(float(run.times[-1] - run.times[0]) for run in runs),
+        offset,
+        tuple(results),
+        tuple(hypotheses),
+        tuple(by_session),
+        mean_interval([one.lateral_gain for one in by_session]),
+        tuple(gap_lines(runs)),
+    )
+
+
+def identified_robot(robot: Robot, found: ModelResult, count: int) -> Robot:
+    """Return the robot file with the identified radius, lever and number of rollers.
+
+    The lever is scaled by wheelbase and track alike. Rollers turn the robot by `yaw_gain` more than
+    the ideal kinematics of the file, so the file's lever is larger than the identified one.
+
+    Raises:
+        ConfigError: Such a robot can't be simulated.
+    """
+    radius = found.parameters["radius_m"].value
+    lever = found.parameters["lever_m"].value
+    wheels, scale = robot.wheels, lever / robot.lever
+    try:
+        for _ in range(3):  # the gain hardly depends on the lever: this converges at once
+            changed = msgspec.structs.replace(
+                robot,
+                wheels=msgspec.structs.replace(
+                    wheels,
+                    radius_m=round(radius, 6),
+                    wheelbase_m=round(wheels.wheelbase_m * scale, 6),
+                    track_m=round(wheels.track_m * scale, 6),
+                ),
+                rollers=msgspec.structs.replace(robot.rollers, count=count),
+            )
+            scale = lever * yaw_gain(changed) / robot.lever
+    except ValueError as error:
+        raise ConfigError(f"the identified robot: {error}") from None
+    return changed
+
+
+def sessions(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Return the names of the sessions in order."""
+    return tuple(sorted({run.session for run in runs}))
+
+
+def group(runs: Sequence[Run], moments: Sequence[Moments]) -> Grouped:
+    """Return the moments of runs by their groups."""
+    found: dict[str, list[Moments]] = {}
+    for run, one in zip(runs, moments, strict=True):
+        found.setdefault(run.group, []).append(one)
+    return found
+
+
+def clock_offset(nominal: Nominal, runs: Sequence[Run]) -> Estimate:
+    """Return by how much the reference's clock is ahead of that of the wheels."""
+    chosen = runs[:: math.ceil(len(runs) / OFFSET_RUNS)]
+
+    def cost(offset_s: float) -> float:
+        moments = [Moments.of(cut(run, WINDOW_S, offset_s)) for run in chosen]
+        grouped = group(chosen, moments)
+        found = fit(lateral(nominal), grouped)
+        windows = sum(one.count for one in moments)
+        return -sum(found.log_likelihood(g, total(of)) for g, of in grouped.items()) / windows
+
+    best = float(
+        minimize_scalar(cost, bounds=(-MAX_OFFSET_S, MAX_OFFSET_S), options={"xatol": 1e-4}).x
+    )
+    step = 0.01
+    windows = sum(len(run.starts(round(WINDOW_S / run.period_s))) for run in chosen)
+    bend = windows * (cost(best + step) + cost(best - step) - 2.0 * cost(best)) / step**2
+    half = 1.96 / math.sqrt(bend) if bend > 0.0 else math.inf
+    return Estimate(best, best - half, best + half, half)
+
+
+def folds(runs: Sequence[Run]) -> list[int]:
+    """Return 0 or 1 for each run: alternating sessions of a group, or its runs if it has one."""
+    result = []
+    for run in runs:
+        own = [other for other in runs if other.group == run.group]
+        units = sessions(own)
+        if len(units) > 1:
+            result.append(units.index(run.session) % 2)
+        else:
+            result.append(own.index(run) % 2)
+    return result
+
+
+def held_out(model: Model, runs: Sequence[Run], moments: Sequence[Moments]) -> Array:
+    """Return the log-likelihood of each run under the fit to the other half; NaN without one."""
+    fold = np.array(folds(runs))
+    result = np.full(len(runs), math.nan)
+    for side in (0, 1):
+        fitted = [index for index in range(len(runs)) if fold[index] != side]
+        if not fitted:
+            continue
+        found = fit(model, group([runs[i] for i in fitted], [moments[i] for i in fitted]))
+        for index in np.flatnonzero(fold == side).tolist():
+            if runs[index].group in found.groups:
+                result[index] = found.log_likelihood(runs[index].group, moments[index])
+    return result
+
+
+def _mean(score: Array, moments: Sequence[Moments]) -> float:
+    return float(score.sum() / sum(one.count for one in moments))
+
+
+def _by_session(runs: Sequence[Run], moments: Sequence[Moments], score: Array) -> dict[str, float]:
+    """Return the mean of a score per window in each session."""
+    result = {}
+    for session in sessions(runs):
+        own = [index for index, run in enumerate(runs) if run.session == session]
+        windows = sum(moments[index].count for index in own)
+        result[session] = math.fsum(float(score[index]) for index in own) / windows
+    return result
+
+
+def _hypotheses(
+    models: Sequence[Model], runs: Sequence[Run], moments: Sequence[Moments]
+) -> list[RollerResult]:
+    """Return the hypotheses on the number of rollers, each fitted to all runs."""
+    grouped = group(runs, moments)
+    names = sessions(runs)
+    table = []
+    for model in models:
+        found: Fit = fit(model, grouped)
+        scores = np.array(
+            [found.log_likelihood(run.group, one) for run, one in zip(runs, moments, strict=True)]
+        )
+        table.append([sum(scores[[r.session == name for r in runs]]) for name in names])
+    scores = np.array(table)
+    draws = np.random.default_rng(SEED).integers(len(names), size=(1000, len(names)))
+    chosen = np.bincount(np.argmax(scores[:, draws].sum(axis=2), axis=0), minlength=len(models))
+    top = scores.sum(axis=1).max()
+    return [
+        RollerResult(count, float(top - of.sum()), float(share))
+        for count, of, share in zip(ROLLER_COUNTS, scores, chosen / len(draws), strict=True)
+    ]
+
+
+def _session(runs: Sequence[Run], offset_s: float, name: str, nominal: Nominal) -> SessionResult:
+    """Return lateral over forward gain of a session, with its interval over blocks of windows."""
+    own = [run for run in runs if run.session == name]
+    blocks = [
+        Moments.of(part) for run in own for part in cut(run, WINDOW_S, offset_s).blocks(BLOCK)
+    ]
+
+    def ratio(chosen: Sequence[Moments]) -> float:
+        found, _ = gains(total(chosen))
+        return float(found[1] / found[0] * nominal.cross_gain)
+
+    random = np.random.default_rng(SEED)
+    drawn = [
+        ratio([blocks[index] for index in random.integers(len(blocks), size=len(blocks))])
+        for _ in range(RESAMPLED)
+    ]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    missing = math.fsum(run.missing for run in own) / len(own)
+    return SessionResult(name, len(own), ratio(blocks), float(low), float(high), missing)
+
+
+def best_geometry(found: Identification) -> ModelResult:
+    """Return the model with the most likely number of rollers."""
+    return found.model(f"geometry, {found.roller_count} rollers")
+
+
+Residuals = Mapping[str, Array]
+"""Residuals of all windows of each group: x [m], y [m], yaw [rad] (m, 3)."""
+
+
+def residuals(robot: Robot, runs: Sequence[Run], found: Identification) -> Residuals:
+    """Return the residuals of the model with the most likely number of rollers."""
+    windows = [cut(run, WINDOW_S, found.offset_s.value) for run in runs]
+    model = rollers(Nominal.of(robot), found.roller_count)
+    fitted = fit(model, group(runs, [Moments.of(one) for one in windows]))
+    result: dict[str, list[Array]] = {}
+    for run, one in zip(runs, windows, strict=True):
+        result.setdefault(run.group, []).append(one.residuals(fitted.coefficients(run.group)))
+    return {name: np.concatenate(parts) for name, parts in sorted(result.items())}
