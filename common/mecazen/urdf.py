@@ -1,4 +1,4 @@
-"""What viewers need of a URDF: coloured shapes, and the joints between their links."""
+"""The drawn part of a URDF: coloured shapes, and the joints between their links."""
 
 from __future__ import annotations
 

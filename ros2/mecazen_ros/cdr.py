@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, lru_cache, partial
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from mecazen.errors import RefusedError
@@ -34,15 +34,9 @@ Add = Callable[[Any, list[Any]], str]
 """Adds a field to the values to pack, and returns its format."""
 
 
-class _Step(NamedTuple):
-    """Fields of a message that are added together."""
-
-    add: Add | None
-    """Adds one field; None for single numbers, whose format is known."""
-    begin: int
-    end: int
-    """Places of the first field, and behind the last."""
-    form: str = ""
+Step = tuple[Add | None, int, int, str]
+"""Fields of a message that are added together: what adds one field, or None for single numbers; the
+places of the first field and behind the last; and the format of single numbers."""
 
 
 def encode(message: Message) -> bytes:
@@ -86,20 +80,20 @@ def _add_message(message: Message, values: list[Any]) -> str:
 
 
 @cache
-def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[_Step]]:
+def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[Step]]:
     """Return what gets the fields of a message, also of those in it, and how they are added."""
     fields = dict(_fields(known(kind), ""))
-    steps: list[_Step] = []
+    steps: list[Step] = []
     for at, one in enumerate(fields.values()):
         if callable(one):
-            steps.append(_Step(one, at, at + 1))
-        elif steps and steps[-1].add is None:
-            last = steps.pop()
-            steps.append(_Step(None, last.begin, at + 1, last.form + one))
+            steps.append((one, at, at + 1, ""))
+        elif steps and steps[-1][0] is None:
+            _, begin, _, form = steps.pop()
+            steps.append((None, begin, at + 1, form + one))
         else:
-            steps.append(_Step(None, at, at + 1, one))
+            steps.append((None, at, at + 1, one))
     # a message without fields is one byte; with one path more `get` always returns a tuple
-    return attrgetter(*fields, "ROS_TYPE"), steps or [_Step(None, 0, 0, "x")]
+    return attrgetter(*fields, "ROS_TYPE"), steps or [(None, 0, 0, "x")]
 
 
 def _fields(name: str, path: str) -> Iterator[tuple[str, Add | str]]:

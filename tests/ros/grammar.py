@@ -2,7 +2,7 @@
 
 Written from ros2/rmw_zenoh: `liveliness_utils.cpp` (Entity::make, keyexpr_to_qos, TopicInfo) and
 `attachment_helpers.cpp`; names from ROS 2's design, "Topic and Service name mapping". It shares
-nothing with what it checks. What it can't read raises ValueError.
+nothing with what it checks. Text outside the grammar raises ValueError.
 """
 
 import re
@@ -38,7 +38,7 @@ class Data(NamedTuple):
 
 
 class Entity(NamedTuple):
-    """What a token declares: a node, publisher, subscriber, service or client."""
+    """The declared end: a node, publisher, subscriber, service or client."""
 
     zid: str
     node_id: int
