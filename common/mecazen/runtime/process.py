@@ -48,11 +48,12 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     """
     if len(set(process.services)) < len(process.services):
         raise ConfigError(f"{process.name}: each service at most once")
-    shared = set(process.services) & set(SHARED)
+    named = (process.robot,)  # `part_of` refuses a robot's name for a shared service
+    robots = scenario.names if {*process.services} & {*SHARED} else named
     parts = [
         (service, robot)
         for service in process.services
-        for robot in _robots(service, process, scenario, all_robots=bool(shared))
+        for robot in (named if service in SHARED else robots)
     ]
     for service, robot in parts:
         part_of(service, scenario, robot)
@@ -68,7 +69,7 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     side = None
     try:
         driver = drive(parts, bus, scenario)
-        put: Put = _put_nowhere
+        put: Put = lambda *_: None  # noqa: E731  # an observer receives no commands
         if isinstance(driver, Observer):
             driver.announce = lambda url: reporter.tell(Report("serving", url))
             members.append(driver)
@@ -142,19 +143,6 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
     """Call `stop` on SIGINT, SIGTERM and SIGHUP."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop())
-
-
-def _put_nowhere(*_: object) -> None:
-    """Do nothing: an observer receives no commands."""
-
-
-def _robots(
-    service: str, process: Process, scenario: Scenario, *, all_robots: bool
-) -> tuple[str, ...]:
-    if service in SHARED:
-        # `part_of` refuses a robot's name for a shared service
-        return (process.robot,)
-    return scenario.names if all_robots else (process.robot,)
 
 
 def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
