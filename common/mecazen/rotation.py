@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from mecazen.portable import product
+
 Array = npt.NDArray[np.float64]
 
 _LEFT = np.array(
@@ -27,9 +29,8 @@ def about(axis: npt.ArrayLike, angle: npt.ArrayLike) -> Array:
 
 def multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product (..., 4): first rotation `b`, then `a`."""
-    matrices = (a @ _LEFT).reshape(*a.shape[:-1], 4, 4)
-    product: Array = (matrices @ b[..., np.newaxis])[..., 0]
-    return product
+    matrices = product(a[..., np.newaxis, :], _LEFT).reshape(*a.shape[:-1], 4, 4)
+    return product(matrices, b[..., np.newaxis])[..., 0]
 
 
 def rotate(rotation: Array, vector: npt.ArrayLike) -> Array:
