@@ -250,6 +250,8 @@ SERVICES = tuple(services())
 """Names of all services in the table."""
 OBSERVERS = tuple(row.part_of for row in GRAPH if row.observes)
 """Services that no tick waits for and whose exit is no error."""
+WORLDS = tuple(row.part_of for row in GRAPH if row.owns_time)
+"""Services that own time; a scenario has one of them."""
 SHARED = tuple(name for name, rows in services().items() if rows[0].shared)
 """Services that run once for all robots."""
 

@@ -46,12 +46,15 @@ class Service(NamedTuple):
         """The messages of the service."""
         return service(self.kind)
 
-    def respond(self, result: int, reason: str, answer: m.SimState | None = None) -> Any:
+    def respond(self, result: int, reason: str, answer: Any = None) -> Any:
         """Return the response: a result of simulation_interfaces, and the reason of a refusal."""
         response = self.interface.response
         if self.kind == TRIGGER:
-            said = reason if answer is None else f"tick {answer.tick}"
-            return response(success=result == OK, message=said)
+            if isinstance(answer, m.String):
+                reason = answer.data
+            elif answer is not None:
+                reason = f"tick {answer.tick}"
+            return response(success=result == OK, message=reason)
         fields = {"result": message("Result")(result, reason)}
         if self.kind == STATE and answer is not None:
             fields["state"] = message("SimulationState")(PAUSED if answer.paused else PLAYING)
@@ -77,7 +80,7 @@ def _set(request: Any) -> Query:
     return calls[request.state.state], m.Empty()
 
 
-def _trigger(call: Call[Any, m.SimState]) -> Service:
+def _trigger(call: Call[Any, Any]) -> Service:
     return Service(call.key, TRIGGER, call, lambda _: (call, call.request()))
 
 
@@ -94,6 +97,8 @@ SERVICES: tuple[Service, ...] = (
     _trigger(keys.SIM_RESET),
     _trigger(keys.SIM_PAUSE),
     _trigger(keys.SIM_RESUME),
+    _trigger(keys.STOP_MOTORS),
+    _trigger(keys.RELEASE_MOTORS),
     _standard("reset_simulation", keys.SIM_RESET, _reset),
     _standard("step_simulation", keys.SIM_STEP, _step),
     _standard("set_simulation_state", keys.SIM_PAUSE, _set),

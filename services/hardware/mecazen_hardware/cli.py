@@ -2,21 +2,106 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Literal
 
+import msgspec
 import typer
-from mecazen.loading import given_file
-from mecazen_tools.cli.options import ScenarioArgument, Settings
+from mecazen.config import HardwareConfig
+from mecazen.errors import ConfigError
+from mecazen.loading import given_file, load_table, named_file
+from mecazen.robot import WHEELS, Robot
+from mecazen.runtime.__main__ import run as run_service
+from mecazen_tools.cli.options import ScenarioArgument, Settings, load
+
+from mecazen_hardware import checklist
+from mecazen_hardware.board import Voltage, WheelAngles
+from mecazen_hardware.boards import open_link
+from mecazen_hardware.errors import HardwareError
+from mecazen_hardware.link import Link
+from mecazen_hardware.port import candidates
 
 app = typer.Typer(no_args_is_help=True, help="Real robots, and an emulated one.")
 
 LINK = Path("/tmp/mecazen-board")  # noqa: S108  # a name of ours, whose owner is checked
 """The emulated board's port, whose own name is not known in advance."""
+LISTEN_S = 1.0
 
-Port = Annotated[
-    str, typer.Option(metavar="PORT", help="Its port.", show_default="the first USB adapter")
+BoardName = Literal["rosmaster_x3", "robomaster_ep"]
+BoardOption = Annotated[BoardName, typer.Option(help="The board.")]
+PortOption = Annotated[
+    str | None,
+    typer.Option(metavar="PORT", help="Its port.", show_default="the first USB adapter"),
 ]
+
+
+@app.command()
+def probe(port: PortOption = None, board: BoardOption = "rosmaster_x3") -> None:
+    """Find a board, and show its version, battery and encoders; no motor turns.
+
+    Example: mecazen hardware probe --port /dev/ttyUSB0
+    """
+    link, _ = _open(port, board)
+    with closing(link):
+        link.read()
+        time.sleep(LISTEN_S)
+        reports = link.read()
+        typer.echo(f"{link.port.name}: {link.identity.name}")
+        if (voltage := link.newest(Voltage)) is not None:
+            typer.echo(f"battery: {voltage.volts:.1f} V")
+        if (angles := link.newest(WheelAngles)) is not None:
+            turned = zip(WHEELS, angles.turned, strict=True)
+            typer.echo("turned: " + ", ".join(f"{name} {angle:.2f} rad" for name, angle in turned))
+        for kind, rate_hz in checklist.rates(reports).items():
+            typer.echo(f"{kind}: {rate_hz:.1f} Hz")
+        typer.echo(f"damaged: {link.board.refused} of {link.board.frames} frames")
+
+
+@app.command()
+def check(
+    port: PortOption = None,
+    board: BoardOption = "rosmaster_x3",
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Ask nothing: the wheels are off the ground.")
+    ] = False,
+) -> None:
+    """Turn each wheel in turn, with the robot on blocks: motor, direction, sign of its encoder.
+
+    Example: mecazen hardware check --port /dev/ttyUSB0
+    """
+    if not yes:
+        typer.confirm("Are all wheels off the ground, and is a hand on the switch?", abort=True)
+    link, robot = _open(port, board)
+    with closing(link):
+        found = checklist.turn_each(link, robot.wheels.max_speed_rad_s, typer.echo)
+    problems = 0
+    for one in found:
+        problem = one.problem
+        if not yes and not problem and not typer.confirm(f"Did {one.wheel} alone turn forward?"):
+            problem = "its encoder agrees, but it did not: encoder and motor are of another wheel"
+        problems += bool(problem)
+        turned = one.turned[WHEELS.index(one.wheel)]
+        typer.echo(f"{one.wheel}: {problem or f'ok, turned {turned:.1f} rad'}")
+    if problems:
+        raise HardwareError(f"{problems} of {len(found)} wheels are wrong; do not drive yet")
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print frames, and open no port.")
+    ] = False,
+    settings: Settings = None,
+) -> None:
+    """Run the driver alone in this terminal, as `mecazen run hardware` does.
+
+    Example: mecazen hardware run teleop --dry-run --set 'services=["hardware","controller"]'
+    """
+    overrides = [*(settings or ()), *(["hardware.dry_run=true"] if dry_run else [])]
+    run_service("hardware", load(scenario, overrides))
 
 
 @app.command()
@@ -57,3 +142,24 @@ def emulate(
 
     del board
     cli.emulate(given_file(scenario, "scenario"), settings or (), link, fault or (), duration_s)
+
+
+def _open(port: str | None, board: BoardName) -> tuple[Link, Robot]:
+    """Return the link to a board at a port, or at the first USB adapter, and its robot file.
+
+    Raises:
+        HardwareError: There is no port, or the board does not answer.
+    """
+    if port is None:
+        found = candidates()
+        if not found:
+            raise HardwareError("no USB adapter here: plug the board in, or name its --port")
+        port = found[0].device
+    robot = load_table(named_file(board, "robot"), Robot)
+    try:
+        config = msgspec.convert({"board": board, "port": port}, HardwareConfig)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"--port {port}: {error}") from None
+    link = open_link(config, robot)
+    assert isinstance(link, Link)  # it is no dry run
+    return link, robot

@@ -50,6 +50,15 @@ class Driver:
         self._asked_s = self._now_s = time.monotonic()
         logger.info("msg=%r", f"{self.config.port}: {self.link.identity.name}")
 
+    def begin(self) -> None:
+        """Begin a run: at rest, with the angles of the wheels counted from here.
+
+        Raises:
+            HardwareError: The port has gone.
+        """
+        self.link.stop()
+        self.wheels.reset()
+
     def measure(self, dt: float) -> tuple[Four, WheelSpeeds]:
         """Return the wheels' angles [rad] and speeds [rad/s] now, `dt` after the last call [s].
 
@@ -126,7 +135,6 @@ class Driver:
         age_s = self.report_age_s
         return {
             "board": self.link.identity.name,
-            "motors": self.stopped_for or "run",
             "battery_v": "unknown" if math.isnan(self.safety.volts) else self.safety.volts,
             "report_age_s": "never" if math.isinf(age_s) else round(age_s, 3),
             "frames_sent": self.link.sent,
@@ -134,6 +142,7 @@ class Driver:
             "frames_received": board.frames,
             "damaged": board.refused,
             "jumps": self.wheels.jumps,
+            **({"warning/motors": f"stopped: {self.stopped_for}"} if self.stopped_for else {}),
         }
 
     def close(self) -> None:

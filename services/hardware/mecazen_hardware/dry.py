@@ -26,7 +26,7 @@ class DryLink:
     def __init__(self, board: Board) -> None:
         self.board = board
         self._speeds = WheelSpeeds()
-        self._reported_s = time.monotonic()
+        self._reported_s = 0.0
         self._printed = ""
 
     def read(self) -> list[tuple[Report, float]]:

@@ -70,7 +70,7 @@ class HardwareWorld(World):
         """Begin a run: open the port, or go on with the open one, at rest."""
         del seed
         self.driver = _Shared.open(self.scenario)
-        self.driver.wheels.reset()
+        self.driver.begin()
 
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
         """Return the state of the robot at a tick."""

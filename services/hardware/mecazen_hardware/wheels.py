@@ -18,7 +18,7 @@ from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
 FASTER = 1.5
 """Share of the wheels' highest speed beyond which a change of angle is no motion."""
 BELIEVED_AFTER = 2
-"""Number of reports in a row after which an angle that has jumped counts as a new start."""
+"""Number of reports in a row after which a wheel goes on from the angle to which it has jumped."""
 AHEAD_CYCLES = 2.0
 """Number of cycles for which the last speed is believed without a new report."""
 
@@ -60,12 +60,15 @@ class Wheels:
         else:
             pairs = zip(report.turned, self._last.turned, strict=True)
             change = _four(math.remainder(new - old, report.span) for new, old in pairs)
-        if max(map(abs, change)) > FASTER * self._max_speed * interval_s:
+        most = FASTER * self._max_speed * interval_s
+        if max(map(abs, change)) > most:
             self.jumps += 1
             self._doubted += 1
             if self._doubted < BELIEVED_AFTER:
                 return  # one damaged number: the next report adds what this one has left out
-            change = (0.0,) * 4
+            went_on = (speed * interval_s for speed in self._measured)
+            pairs = zip(change, went_on, strict=True)
+            change = _four(new if abs(new) <= most else same for new, same in pairs)
         self._doubted = 0
         if isinstance(report, WheelAngles):
             self._last = report

@@ -17,6 +17,7 @@ import msgspec
 import typer
 from mecazen.errors import BusError, ConfigError, MecazenError, UntrustedError
 from mecazen.explain import one_line
+from mecazen.graph import WORLDS
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
@@ -168,7 +169,7 @@ def replay(
     descriptions = recording.descriptions()
     with tool_bus(connect, namespace, tls) as bus:
         driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
-        if not driving.issuperset(keys or ["**"]) and "physics" in bus.alive():
+        if not driving.issuperset(keys or ["**"]) and bus.alive().intersection(WORLDS):
             raise BusError(
                 "a simulation runs there, and what it publishes would mix with the recording: end "
                 f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"

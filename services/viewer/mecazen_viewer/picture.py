@@ -13,7 +13,7 @@ from mecazen.config import Scenario
 from mecazen.description import RobotDescription
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
-from mecazen.graph import CROWD
+from mecazen.graph import CROWD, WORLDS
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEEL_JOINTS, WHEELS
 from mecazen.standoff import Standoff
@@ -233,7 +233,7 @@ class Picture:
         yield from self._health.diagnostics(service, report, self._name)
         for status in report.status:
             for pair in status.values:
-                if service == "physics" and pair.key == "rtf":
+                if service in WORLDS and pair.key == "rtf":
                     yield plots.real_time(_number(pair.value))
 
     def statics(self) -> Iterator[Entity]:

@@ -15,7 +15,7 @@ import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import BusError
-from mecazen.graph import SHARED
+from mecazen.graph import SHARED, WORLDS
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.robots import join_key
 from mecazen.text import printable
@@ -43,7 +43,8 @@ LATE_S = 0.25
 REPORTS = 1000
 """Maximum number of services whose reports are kept; any client can invent names."""
 
-IGNORED = "ignored/"
+IGNORED, WARNING = "ignored/", "warning/"
+"""Beginnings of the names of values that are warnings."""
 WARNINGS = 20
 """Maximum number of warnings shown."""
 
@@ -82,7 +83,8 @@ class Status(msgspec.Struct, frozen=True):
     """None if no simulation runs."""
     services: dict[str, ServiceStatus]
     warnings: tuple[str, ...] = ()
-    """Samples without effect: an unknown field, or a key that resembles another one."""
+    """What a service warns of; samples without effect: an unknown field, or a key that resembles
+    another one."""
 
 
 Reports = dict[str, dict[str, str]]
@@ -111,13 +113,21 @@ def status_of(
         for name, told in said.items()
         if name.startswith(IGNORED)
     )
+    warned = (
+        f"{service}: {name.removeprefix(WARNING)} {told}"
+        for service, said in reports.items()
+        for name, told in said.items()
+        if name.startswith(WARNING)
+    )
     return Status(
         sim,
         {
             name: _service(name, alive, reports, ages_s.get(name), stale_s)
             for name in dict.fromkeys(names)
         },
-        tuple(dict.fromkeys((*strays, *ignored)))[:WARNINGS],  # several services receive one key
+        tuple(dict.fromkeys((*warned, *strays, *ignored)))[
+            :WARNINGS
+        ],  # several services receive one key
     )
 
 
@@ -195,9 +205,9 @@ def screen(status: Status) -> Group:
 def _headline(status: Status) -> str:
     sim = status.sim
     if sim is None:
-        physics = status.services.get("physics")
-        silent = physics is not None and physics.state != "gone"
-        return "physics does not answer" if silent else "nobody simulates"
+        here = (name for name in WORLDS if name in status.services)
+        silent = [name for name in here if status.services[name].state != "gone"]
+        return f"{silent[0]} does not answer" if silent else "nobody simulates"
     pace = "paused" if sim.paused else f"{sim.rtf:.2f} × real time"
     if sim.mode == "real_time":
         pace += f" (speed {sim.speed:g})"
@@ -236,7 +246,7 @@ class _Listener:
         """Return the present state of all services."""
         self._alive = self._bus.alive()
         sim = None
-        if "physics" in self._alive:
+        if self._alive.intersection(WORLDS):
             try:
                 sim = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S)
                 if not self._parts:

@@ -24,7 +24,7 @@ from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
 from mecazen.errors import BusError, ConfigError
-from mecazen.graph import GRAPH, OBSERVERS, services
+from mecazen.graph import GRAPH, OBSERVERS, WORLDS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
 from mecazen.programs import graph_of, installed_nodes, refuse_missing
@@ -37,7 +37,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from mecazen_tools.cli.options import ScenarioArgument, Settings
-from mecazen_tools.cli.status import LATE_S, number
+from mecazen_tools.cli.status import LATE_S, WARNING, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Line, Supervisor
 from mecazen_tools.strays import report_strays
@@ -45,7 +45,7 @@ from mecazen_tools.strays import report_strays
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
 """Simulated time between two lines of status if the output is not a terminal [s]."""
-REPORTING = {"physics", "target", "follower"}
+REPORTING = {*WORLDS, "target", "follower"}
 """Services whose health the status shows."""
 
 VIEWER = "viewer"
@@ -213,6 +213,7 @@ class Status:
         self._time_s = 0.0
         self._reported_s = -QUIET_REPORT_S
         self._robots = scenario.names
+        self._world = next((part for part in scenario.services if part in WORLDS), "")
         self._health: dict[str, Mapping[str, str]] = {}
         self._arrived_s: dict[str, float] = {}
         """When the newest report of each service arrived [s]."""
@@ -224,11 +225,12 @@ class Status:
     @property
     def text(self) -> str:
         """The lines as Rich markup."""
-        physics = self._health.get("physics", {})
+        world = self._health.get(self._world, {})
         first, *others = [self._of(robot) for robot in self._robots]
-        if "rtf" in physics:
-            missed = physics.get("missed_deadlines", "?")
-            first.append(f"{physics['rtf']} × real time, {missed} missed")
+        if "rtf" in world:
+            missed = world.get("missed_deadlines", "?")
+            first.append(f"{world['rtf']} × real time, {missed} missed")
+        first += [f"warning: {world[name]}" for name in world if name.startswith(WARNING)]
         lines = "\n".join("  ·  ".join(words) for words in (first, *others))
         return f"[bold]t = {self._time_s:.1f} s[/]  {escape(lines)}"
 
@@ -260,7 +262,7 @@ class Status:
     def _age(self, part: str) -> str:
         """Return in words how old the newest report of a service is; empty while it is new."""
         age_s = time.monotonic() - self._arrived_s.get(part, math.inf)
-        rtf = number(self._health.get("physics", {}), "rtf") or 1.0
+        rtf = number(self._health.get(self._world, {}), "rtf") or 1.0
         return f" (stale, {age_s:.1f} s old)" if age_s > 1.0 / rtf + LATE_S else ""
 
     def _on_report(self, part: str, report: DiagnosticArray, stamp: Stamp | None) -> None:

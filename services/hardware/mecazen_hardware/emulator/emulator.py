@@ -61,7 +61,7 @@ class Emulator:
         self._incoming: deque[tuple[int, bool]] = deque()
         self._outgoing: deque[tuple[int, bytes]] = deque()
         self._room = 0.0
-        self._looked_s = time.monotonic()
+        self._begin_s = self._looked_s = time.monotonic()
 
     @property
     def time_s(self) -> float:
@@ -70,18 +70,18 @@ class Emulator:
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Run in real time until `stop` returns true."""
-        begin_s = time.monotonic() - self._ms / 1000.0
+        self._begin_s = time.monotonic() - self._ms / 1000.0
         while not stop():
-            due_ms = int(1000.0 * (time.monotonic() - begin_s))
+            due_ms = int(1000.0 * (time.monotonic() - self._begin_s))
             if due_ms - self._ms > MAX_LAG_MS:
                 late_ms = due_ms - self._ms - 1
                 self.lag_ms += late_ms
-                begin_s += late_ms / 1000.0
+                self._begin_s += late_ms / 1000.0
                 due_ms -= late_ms
             while self._ms < due_ms:
                 self._look()
                 self._millisecond()
-            wait_s = max(begin_s + (self._ms + 1) / 1000.0 - time.monotonic(), 0.0)
+            wait_s = max(self._begin_s + (self._ms + 1) / 1000.0 - time.monotonic(), 0.0)
             if self.line.is_open:
                 select.select([self.line.fd], [], [], wait_s)
                 self._look()
@@ -91,11 +91,14 @@ class Emulator:
     def _look(self) -> None:
         """Take what the host has sent since the last look."""
         now_s = time.monotonic()
-        apart = 1000.0 * (now_s - self._looked_s) > TOGETHER_MS
+        waits = bool(self._incoming or self._arrived)  # what was late makes the next late
+        apart = waits or 1000.0 * (now_s - self._looked_s) > TOGETHER_MS
         self._looked_s = now_s
         if not self.line.is_open or not (data := self.line.read()):
             return
-        self._arrived.append((self._ms + self._delay_ms, self._to_board.pass_on(data), apart))
+        # by the wall clock: what comes while the emulator catches up did not come at once
+        arrived_ms = max(int(1000.0 * (now_s - self._begin_s)), self._ms) + self._delay_ms
+        self._arrived.append((arrived_ms, self._to_board.pass_on(data), apart))
 
     def _millisecond(self) -> None:
         firmware, world = self.firmware, self.world
