@@ -10,10 +10,16 @@ from tempfile import TemporaryDirectory
 
 from distributed import LocalCluster
 from mecazen.loading import load_table
-from mecazen_experiments.config import Experiment, experiment_path
-from mecazen_experiments.executor import ClusterWorkers, LocalWorkers, Workers, do_all, run_all
+from mecazen_experiments.config import Experiment, chosen, experiment_path
+from mecazen_experiments.executor import (
+    Workers,
+    cluster_workers,
+    do_all,
+    local_workers,
+    run_all,
+)
+from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, expand
-from mecazen_experiments.run import FOLLOWING
 from mecazen_experiments.store import Store
 
 from mecazen_bench.harness import Figure, Goal, Group
@@ -30,11 +36,9 @@ NOTHINGS = 1000
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
     """Run one case of Table II by one worker and by two, of this machine and of Dask."""
-    (series,) = expand(
-        load_table(experiment_path("table2"), Experiment).cases[:1],
-        range(1, 2 * RUNS * sum(WORKERS) + 1),
-        (f"sim.duration_s={duration_s}",),
-    )
+    experiment = chosen(load_table(experiment_path("table2"), Experiment), ["case=back without"])
+    seeds = range(1, 2 * RUNS * sum(WORKERS) + 1)
+    (series,) = expand(experiment, seeds, (f"sim.duration_s={duration_s}",))
     jobs = list(series.jobs)
     rows: dict[str, dict[str, Figure]] = {}
     for name in ("", "Dask, "):
@@ -42,7 +46,7 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
         for count in WORKERS:
             todo = [jobs.pop() for _ in range(RUNS * count)]
             with ExitStack() as stack:
-                workers = _cluster(count, stack) if name else LocalWorkers(count)
+                workers = _cluster(count, stack) if name else local_workers(count)
                 figures = rows.setdefault(f"{name}{count} worker{'s' * (count > 1)}", {})
                 if name:
                     figures["scheduler ms/run"] = Figure(_overhead_ms(workers, todo), "less")
@@ -74,7 +78,7 @@ def _overhead_ms(workers: Workers, jobs: Sequence[Job]) -> float:
     return 1e3 * (time.perf_counter() - begin) / NOTHINGS
 
 
-def _cluster(workers: int, stack: ExitStack) -> ClusterWorkers:
+def _cluster(workers: int, stack: ExitStack) -> Workers:
     """Start Dask's scheduler, and workers of a core each."""
     cluster = LocalCluster(  # type: ignore[no-untyped-call]
         n_workers=workers,
@@ -83,7 +87,7 @@ def _cluster(workers: int, stack: ExitStack) -> ClusterWorkers:
         dashboard_address="127.0.0.1:0",  # None is the one known port
     )
     stack.enter_context(cluster)
-    return stack.enter_context(closing(ClusterWorkers(cluster.scheduler_address)))
+    return stack.enter_context(cluster_workers(cluster.scheduler_address))
 
 
 def _do_nothing(job: Job) -> Job:

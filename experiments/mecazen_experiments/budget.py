@@ -13,17 +13,28 @@ from mecazen.geometry import Pose2D
 from mecazen_target.sensor import Sensor
 
 from mecazen_experiments.jobs import Job
-from mecazen_experiments.report import Row
-from mecazen_experiments.run import Kind, Record, loaded, observe
+from mecazen_experiments.report import Kind, Record, Row
+from mecazen_experiments.run import observe
 from mecazen_experiments.scores import Scores
 from mecazen_experiments.smoother import Sight, least_errors
 from mecazen_experiments.table import Poses, Table
+from mecazen_experiments.tables import Column
 
+COLUMNS: tuple[Column, ...] = (
+    ("D_err \\[m]", "d_err_m", 4),
+    ("by\ncontrol", "control_d_err_m", 4),
+    ("Θ_err \\[°]", "theta_err_deg", 2),
+    ("by\ncontrol", "control_theta_err_deg", 2),
+    ("estimate\nposition \\[m]", "filter_position_m", 4),
+    ("least by\nsmoothing", "smoother_position_m", 4),
+    ("estimate\nyaw \\[°]", "filter_yaw_deg", 2),
+    ("least by\nsmoothing", "smoother_yaw_deg", 2),
+)
 ORACLE = 'programs.follower="mecazen_experiments.oracle:OracleFollower"'
 
 
 def _measure(job: Job) -> tuple[dict[str, float], str]:
-    scenario = loaded(job)
+    scenario = job.load()
     found = observe(scenario)
     position_m, yaw_deg = least_errors(*sights(scenario, found.table))
     return {"position_m": position_m, "yaw_deg": yaw_deg}, found.trajectory_sha256
@@ -76,4 +87,4 @@ def budget(runs: Row[Scores], oracle: Row[Scores], bounds: Row[dict[str, float]]
         "filter_yaw_deg": runs.means["estimate_yaw_err_deg"],
         "smoother_yaw_deg": bounds.means["yaw_deg"],
     }
-    return Row(runs.name, means)
+    return Row(runs.name, means, runs.runs)

@@ -80,11 +80,7 @@ def angles(joints: Floats) -> Floats:
 
 
 def capture(scenario: Scenario) -> Capture:
-    """Simulate a scenario; return what was seen in it, and what there was to be seen.
-
-    Raises:
-        MecazenError: As `observe_bodies`.
-    """
+    """Simulate a scenario; return what was seen in it, and what there was to be seen."""
     found = observe_bodies(scenario)
     table = found.table
     truth = _motion([(body.header, body) for body in found.samples[TARGET_SKELETON.key]])

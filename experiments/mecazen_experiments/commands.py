@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import typer
@@ -22,23 +22,30 @@ from rich.progress import Progress as Bar
 
 from mecazen_experiments import budget as budgets
 from mecazen_experiments import fuzz as fuzzing
-from mecazen_experiments import mocap as capturing
-from mecazen_experiments import report, tables
-from mecazen_experiments import safety as guarding
-from mecazen_experiments import table2 as paper
+from mecazen_experiments import report
 from mecazen_experiments import tune as search
-from mecazen_experiments.config import Experiment, Settings, Tuning, experiment_path, parse_sweeps
+from mecazen_experiments.config import (
+    Experiment,
+    Tuning,
+    chosen,
+    experiment_path,
+    parse_sweeps,
+)
 from mecazen_experiments.executor import (
-    ClusterWorkers,
-    LocalWorkers,
     Progress,
     Workers,
+    cluster_workers,
     do_all,
+    local_workers,
     run_all,
 )
+from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, Key, Series, expand
-from mecazen_experiments.run import FOLLOWING, Kind, Record, tabulate
+from mecazen_experiments.kinds import KINDS
+from mecazen_experiments.report import Kind, Record
+from mecazen_experiments.run import film
 from mecazen_experiments.store import Store
+from mecazen_experiments.tables import table
 
 T = TypeVar("T")
 
@@ -81,29 +88,46 @@ class Session(NamedTuple):
 
 def run(
     options: Options,
-    files: Sequence[str],
-    settings: Settings,
-    sweeps: Sequence[str],
-    walks: Path | None,
-    runs: int | None,
+    names: Sequence[str],
     *,
     verbose: bool,
+    films: Path | None,
+    figures: Path | None,
+    **choice: Any,
 ) -> None:
-    """Run experiments; print and write one report."""
-    swept = parse_sweeps(sweeps)
-    todo = [one for file in files for one in _expand(file, runs, walks, settings, swept)]
-    names = Counter(one.row for one in todo)
-    if twice := [name for name, count in names.items() if count > 1]:
-        raise ConfigError(f"{' and '.join(files)}: more than one case {twice[0]!r}")
+    """Run experiments of one kind; print and write one report, draw and record on demand.
+
+    `choice` are the arguments of `_load`.
+    """
+    loaded = [_load(name, **choice) for name in names]
+    if len({experiment.kind for experiment, _ in loaded}) > 1:
+        raise ConfigError(f"{' and '.join(names)}: experiments of different kinds make no table")
+    kind: Kind[Any] = KINDS[loaded[0][0].kind]
+    todo = [one for _, series in loaded for one in series]
+    if twice := [row for row, n in Counter(one.row for one in todo).items() if n > 1]:
+        raise ConfigError(f"{' and '.join(names)}: more than one case {twice[0]!r}")
+    for option, folder in (("--films", films), ("--figures", figures)):
+        if folder is not None:
+            _make_folder(option, folder)
+    if figures is not None and kind.draw is None:
+        raise ConfigError(f"--figures: there are none of kind = {loaded[0][0].kind!r}")
     with _session(options, "runs") as session:
-        records = session.run(FOLLOWING, todo)
-    rows = [report.summarise(FOLLOWING, one, records) for one in todo]
-    rows = report.relate(rows, [one.case for one in todo])
+        records = session.run(kind, todo)
+        rows = report.relate([report.summarise(kind, one, records) for one in todo], todo)
+        written: list[Path] = []
+        if films is not None:
+            record = partial(film, folder=films.resolve())
+            first = [one.jobs[0] for one in todo]
+            written += [file for _, file in do_all(record, first, session.workers)]
+        if figures is not None and kind.draw is not None:
+            written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
     _write(options, {"rows": rows})
     if verbose:
-        walked = (report.summarise_walks(FOLLOWING, one, records) for one in todo)
+        walked = (report.summarise_walks(kind, one, records) for one in todo)
         rows = [row for one, more in zip(rows, walked, strict=True) for row in (one, *more)]
-    console(WIDTH).print(tables.cases(rows))
+    console(WIDTH).print(*kind.tables(rows), sep="\n")
+    for file in written:
+        typer.echo(file)
 
 
 def tune(options: Options, file: str) -> None:
@@ -113,77 +137,20 @@ def tune(options: Options, file: str) -> None:
         do = partial(run_all, FOLLOWING, store=session.store, workers=session.workers)
         best = search.tune(tuning, do, session.progress)
     _write(options, best)
-    console(WIDTH).print(tables.best(best), tables.cases(best.rows), sep="\n")
-
-
-def table2(options: Options, runs: int | None) -> None:
-    """Run the experiment of the paper's Table II; print and write it in that shape."""
-    with _session(options, "runs") as session:
-        rows = session.rows(FOLLOWING, _expand(paper.NAME, runs))
-    gains = paper.gains(rows)
-    _write(options, {"rows": rows, "gains": gains})
-    console(WIDTH).print(*tables.table2(rows, gains), sep="\n")
+    console(WIDTH).print(search.table(best), *FOLLOWING.tables(best.rows), sep="\n")
 
 
 def budget(options: Options, file: str, runs: int | None, walks: Path | None) -> None:
     """Run an experiment with and without an oracle; print and write the error budget."""
-    todo = _expand(file, runs, walks)
-    oracle = _expand(file, runs, walks, (budgets.ORACLE,))
+    _, todo = _load(file, runs, walks)
+    _, oracle = _load(file, runs, walks, (budgets.ORACLE,))
     with _session(options, "runs") as session:
         both = session.rows(FOLLOWING, [*todo, *oracle])
         bounds = session.rows(budgets.BOUND, todo)
     parts = zip(both[: len(todo)], both[len(todo) :], bounds, strict=True)
     rows = [budgets.budget(*of_case) for of_case in parts]
     _write(options, {"rows": rows})
-    console(WIDTH).print(tables.budget(rows))
-
-
-def mocap(
-    options: Options,
-    config: capturing.MocapConfig,
-    settings: Settings,
-    runs: int | None,
-    figures: Path | None,
-) -> None:
-    """Run an experiment of motion capture; print and write its scores, and draw what is seen."""
-    if figures is not None:
-        _make_folder("--out", figures)
-    todo = capturing.expand(config, runs, settings)
-    curves = {}
-    with _session(options, "runs") as session:
-        rows = session.rows(capturing.CAPTURE, todo)
-        if figures is not None:
-            shown = capturing.shown(todo)
-            of = {job.key: found for job, found in do_all(capturing.curves, shown, session.workers)}
-            curves = {job.row: of[job.key] for job in shown}
-    _write(options, {"rows": rows})
-    console(WIDTH).print(*tables.mocap(rows), sep="\n")
-    if figures is not None:
-        from mecazen_experiments.mocap_figures import draw  # noqa: PLC0415  # slow to import
-
-        for file in draw(figures, rows, curves):
-            typer.echo(file)
-
-
-def safety(
-    options: Options,
-    config: guarding.SafetyConfig,
-    settings: Settings,
-    runs: int | None,
-    films: Path | None,
-) -> None:
-    """Run an experiment of safety; print and write its scores, and record the first runs."""
-    if films is not None:
-        _make_folder("--films", films)
-    todo = guarding.expand(config, runs, settings)
-    with _session(options, "runs") as session:
-        rows = guarding.rows_of(session.rows(guarding.SAFETY, todo))
-        if films is not None:
-            record = partial(guarding.film, folder=films.resolve())
-            for _, file in do_all(record, [one.jobs[0] for one in todo], session.workers):
-                typer.echo(file)
-    _write(options, {"rows": rows})
-    console(WIDTH).print(tables.safety(rows))
+    console(WIDTH).print(table(["case"], budgets.COLUMNS, rows))
 
 
 def fuzz(
@@ -192,9 +159,6 @@ def fuzz(
     """Drive at random, a minute a seed; print and write what was touched.
 
     A line reports what was found so far each minute, and at the end, however it comes.
-
-    Raises:
-        MecazenError: Anything was touched.
     """
     settings = fuzzing.ROLLERS * physics + fuzzing.FOLLOWED * follower
     kind = fuzzing.FREEZES if freezes else fuzzing.EPISODE
@@ -220,18 +184,6 @@ def fuzz(
         raise MecazenError("the robot has touched something")
 
 
-def figures(out: Path, seed: int) -> None:
-    """Run the paper's four cases with one seed and draw them; print the files."""
-    from mecazen_experiments.figures import draw  # noqa: PLC0415  # slow to import
-
-    _make_folder("--out", out)
-    experiment = load_table(experiment_path(paper.NAME), Experiment)
-    cases = [case for case in experiment.cases if case.name in paper.CASES]
-    found = do_all(tabulate, _jobs(expand(cases, [seed])), LocalWorkers())
-    for file in draw({job.row: table for job, table in found}, out):
-        typer.echo(file)
-
-
 def _make_folder(option: str, folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -239,20 +191,21 @@ def _make_folder(option: str, folder: Path) -> None:
         raise MecazenError(f"{option} {folder}: {error.strerror}") from None
 
 
-def _expand(
-    file: str,
+def _load(
+    name: str,
     runs: int | None,
-    walks: Path | None = None,
-    settings: Settings = (),
-    sweeps: Mapping[str, tuple[str, ...]] | None = None,
-) -> list[Series]:
-    """Return the runs of an experiment; see `jobs.expand`."""
-    experiment = load_table(experiment_path(file), Experiment)
+    walks: Path | None,
+    settings: Sequence[str] = (),
+    sweep: Sequence[str] = (),
+    only: Sequence[str] = (),
+) -> tuple[Experiment, list[Series]]:
+    """Return an experiment, and the chosen runs of it; the arguments are those of the command."""
+    experiment = chosen(load_table(experiment_path(name), Experiment), only)
     files = sorted(walks.glob("*.csv")) if walks else []
     if walks and not files:
         raise ConfigError(f"--walks {walks}: no such folder, or no *.csv in it")
     seeds = range(1, (runs or experiment.seeds) + 1)
-    return expand(experiment.cases, seeds, settings, sweeps, files)
+    return experiment, expand(experiment, seeds, tuple(settings), parse_sweeps(sweep), files)
 
 
 def _jobs(todo: Iterable[Series]) -> list[Job]:
@@ -261,11 +214,7 @@ def _jobs(todo: Iterable[Series]) -> list[Job]:
 
 @contextmanager
 def _session(options: Options, what: str) -> Iterator[Session]:
-    """Open the store and the workers, and show progress; Ctrl-C ends it in one line.
-
-    Raises:
-        ConfigError: There is no folder for the result, or --jobs is given for a cluster.
-    """
+    """Open the store and the workers, and show progress; Ctrl-C ends it in one line."""
     if options.json is not None and not options.json.absolute().parent.is_dir():
         raise ConfigError(f"--json {options.json}: no such folder")
     if options.scheduler is not None and options.jobs is not None:
@@ -283,7 +232,7 @@ def _session(options: Options, what: str) -> Iterator[Session]:
         bar.update(task, completed=done, total=total)
 
     try:
-        with closing(Store(options.store)) as store, closing(_workers(options)) as workers, bar:
+        with closing(Store(options.store)) as store, _workers(options) as workers, bar:
             yield Session(store, workers, progress)
     except KeyboardInterrupt:
         done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
@@ -295,10 +244,10 @@ def _session(options: Options, what: str) -> Iterator[Session]:
         raise typer.Exit(INTERRUPTED) from None
 
 
-def _workers(options: Options) -> Workers:
+def _workers(options: Options) -> AbstractContextManager[Workers]:
     if options.scheduler is not None:
-        return ClusterWorkers(options.scheduler)
-    return LocalWorkers(options.jobs or -1)
+        return cluster_workers(options.scheduler)
+    return nullcontext(local_workers(options.jobs or -1))
 
 
 def _write(options: Options, result: object) -> None:

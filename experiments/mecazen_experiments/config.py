@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,61 +19,61 @@ Runs = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Settings = tuple[str, ...]
 """Overrides `key=value`, as in `--set`."""
+Sweep = dict[str, tuple[bool | int | float | str, ...]]
+"""Settings with several values each: one run for each combination."""
 
 
-class BaseCase(Section):
+class Case(Section):
     """A scenario, its overrides, and the reference values of its scores."""
 
     name: Name
     scenario: Path
     """The scenario's file, relative to this one."""
     settings: Settings = msgspec.field(name="set", default=())
+    """May name the values `$NAME` of `vary` and of the follower's place: see `jobs.expand`."""
+    vary: dict[str, tuple[Finite, Finite]] = msgspec.field(default_factory=dict)
+    """Values that each seed draws between two limits, by name."""
+    sweep: Sweep = msgspec.field(default_factory=dict)
     published: dict[str, Positive] = msgspec.field(default_factory=dict)
     """Published means of scores."""
     limits: dict[str, Positive] = msgspec.field(default_factory=dict)
     """Upper limits of means of scores."""
-
-    def __post_init__(self) -> None:
-        for key, scores in (("published", self.published), ("limits", self.limits)):
-            for score in scores.keys() - set(Score.__struct_fields__):
-                known = ", ".join(Score.__struct_fields__)
-                raise ValueError(f"{key}: unknown score {score!r}; allowed: {known}")
-
-
-class Case(BaseCase):
-    """A case of an experiment."""
-
-    sweep: dict[str, tuple[bool | int | float | str, ...]] = msgspec.field(default_factory=dict)
-    """Settings with several values each: the case is run for each combination."""
     reference: Name | None = None
     """The case to whose D_err that of this one is related."""
     max_ratio: Positive | None = None
     """Upper limit of that ratio."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        for key, scores in (("published", self.published), ("limits", self.limits)):
+            for score in scores.keys() - set(Score.__struct_fields__):
+                known = ", ".join(Score.__struct_fields__)
+                raise ValueError(f"{key}: unknown score {score!r}; allowed: {known}")
         if self.max_ratio is not None and self.reference is None:
             raise ValueError("max_ratio needs a reference")
 
-    @property
-    def sweeps(self) -> dict[str, tuple[str, ...]]:
-        """The sweep with its values in TOML, as `--sweep` gives them."""
-        return {
-            key: tuple(json.dumps(value, ensure_ascii=False) for value in values)
-            for key, values in self.sweep.items()
-        }
-
 
 class Experiment(Section):
-    """Cases, each run once for each seed."""
+    """Cases, each run for each combination of grid and sweeps, once for each seed."""
 
     cases: Annotated[tuple[Case, ...], msgspec.Meta(min_length=1)]
+    kind: Literal["following", "paper", "mocap", "safety"] = "following"
+    """How runs are scored and shown: see `kinds.KINDS`."""
+    settings: Settings = msgspec.field(name="set", default=())
+    """Settings of all cases; may name values as theirs."""
+    grid: dict[Name, Annotated[dict[Name, Settings], msgspec.Meta(min_length=1)]] = msgspec.field(
+        default_factory=dict
+    )
+    """Axes of named choices: a view, a driver."""
+    sweep: Sweep = msgspec.field(default_factory=dict)
+    """Sweeps of all cases."""
     seeds: Runs = 30
     """How many: the seeds are 1, 2, … up to this."""
 
     def __post_init__(self) -> None:
         _check_names(self.cases)
-        plain = {case.name for case in self.cases if not case.sweep}
+        if "case" in self.grid:
+            raise ValueError("grid: an axis can't be named 'case'")
+        plain = {case.name for case in self.cases if not (case.sweep or self.sweep or self.grid)}
         for case in self.cases:
             if case.reference is not None and case.reference not in plain:
                 raise ValueError(
@@ -101,7 +100,7 @@ class Range(Section):
             raise ValueError(f"low = {self.low:g} must be above 0 with log or prefer")
 
 
-class TunedCase(BaseCase):
+class TunedCase(Case):
     """A case of a search."""
 
     parameters: dict[str, Range] = msgspec.field(default_factory=dict)
@@ -138,20 +137,12 @@ class Tuning(Section):
 
 
 def experiment_path(name: str) -> Path:
-    """Return the file of an experiment given by its path or its name in `configs/experiments`.
-
-    Raises:
-        ConfigError: There is no such file.
-    """
+    """Return the file of an experiment given by its path or its name in `configs/experiments`."""
     return given_file(name, "experiment")
 
 
-def parse_sweeps(options: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
-    """Return the values of each `--sweep KEY=V1,V2`, by key.
-
-    Raises:
-        ConfigError: It is not of that form.
-    """
+def parse_sweeps(options: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the values of each `--sweep KEY=V1,V2`, by key."""
     sweeps = {}
     for option in options:
         key, equals, values = option.partition("=")
@@ -161,7 +152,29 @@ def parse_sweeps(options: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
     return sweeps
 
 
-def _check_names(cases: Iterable[BaseCase]) -> None:
+def chosen(experiment: Experiment, options: Iterable[str]) -> Experiment:
+    """Return an experiment with those choices of its axes that `--only AXIS=NAME` names.
+
+    The first axis is `case`; several choices of one axis are all kept.
+    """
+    axes = {"case": [case.name for case in experiment.cases]}
+    axes |= {axis: [*choices] for axis, choices in experiment.grid.items()}
+    kept: dict[str, list[str]] = {}
+    for option in options:
+        axis, _, name = option.partition("=")
+        known = axes.get(axis, [f"{axis}=NAME" for axis in axes])
+        if name not in known:
+            raise ConfigError(f"--only {option}: unknown; allowed: {', '.join(known)}")
+        kept.setdefault(axis, []).append(name)
+    axes |= {axis: [name for name in axes[axis] if name in names] for axis, names in kept.items()}
+    return msgspec.structs.replace(
+        experiment,
+        cases=tuple(case for case in experiment.cases if case.name in axes["case"]),
+        grid={a: {name: of[name] for name in axes[a]} for a, of in experiment.grid.items()},
+    )
+
+
+def _check_names(cases: Iterable[Case]) -> None:
     for name, count in Counter(case.name for case in cases).items():
         if count > 1:
             raise ValueError(f"cases: two are named {name!r}")

@@ -13,13 +13,14 @@ from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager, suppress
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 from mecazen.errors import ConfigError, MecazenError
 
 from mecazen_experiments.jobs import Job, Key
-from mecazen_experiments.run import Kind, Record, record
+from mecazen_experiments.report import Kind, Record
+from mecazen_experiments.run import record
 from mecazen_experiments.store import Store
 
 T = TypeVar("T")
@@ -43,30 +44,22 @@ class RunsFailedError(MecazenError):
         super().__init__("\nerror: ".join(lines))
 
 
-class Workers(Protocol):
+class Workers(NamedTuple):
     """Processes that do jobs."""
 
     count: int
     """The number of jobs that may be running when a worker dies."""
-
-    def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
-        """Yield outcomes; none of jobs that were not finished when a worker died."""
-
-    def close(self) -> None:
-        """Let the processes go."""
+    do_once: Callable[[Callable[[Job], Any], Sequence[Job]], Outcomes[Any]]
+    """Yields outcomes; none of jobs that were not finished when a worker died."""
 
 
-class LocalWorkers:
-    """Processes of this machine, one BLAS thread each; a single one is this process itself.
+def local_workers(count: int = -1) -> Workers:
+    """Return processes of this machine, one BLAS thread each; a single one is this process itself.
 
-    -1 is one for each core.
+    -1 is one for each core. joblib keeps them for the next jobs.
     """
 
-    def __init__(self, count: int = -1) -> None:
-        self.count: int = effective_n_jobs(count)
-
-    def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
-        """See `Workers`."""
+    def do_once(work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
         # of jobs that Ctrl-C left unfinished; the caller says it in one line
         warnings.filterwarnings(
             "ignore", r"\d+ tasks which were still being processed", UserWarning
@@ -76,7 +69,7 @@ class LocalWorkers:
             with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():
                 # jobs beyond the workers' queue would make loky's thread fail after Ctrl-C
                 parallel = Parallel(
-                    self.count,
+                    count,
                     return_as="generator_unordered",
                     batch_size=1,
                     pre_dispatch="2 * n_jobs",
@@ -89,12 +82,12 @@ class LocalWorkers:
             if outcomes is not None:
                 outcomes.close()
 
-    def close(self) -> None:
-        """See `Workers`: joblib keeps them for the next jobs."""
+    return Workers(effective_n_jobs(count), do_once)
 
 
-class ClusterWorkers:
-    """The workers at a Dask scheduler; they need the same code and see the same files.
+@contextmanager
+def cluster_workers(address: str) -> Iterator[Workers]:
+    """Give the workers at a Dask scheduler; they need the same code and see the same files.
 
     The scheduler gives the job of a worker that dies to another, and gives it up after its
     `allowed-failures`. joblib's backend for Dask would wait forever for such a job.
@@ -103,64 +96,57 @@ class ClusterWorkers:
         ConfigError: The address is not as `tcp://192.0.2.1:8786`, or Dask is not installed.
         MecazenError: Nothing answers there, or there are no workers.
     """
+    try:
+        from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415  # an extra
+    except ModuleNotFoundError:
+        raise ConfigError(
+            "--scheduler needs Dask: pip install 'mecazen-experiments[cluster]'"
+        ) from None
+    # checked here: with a wrong one Dask's client hangs at the end of the process
+    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
+        raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
+    # errors of the scheduler are reported in one line instead of the client's
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    try:
+        connect: Any = Client  # which is not typed
+        client = connect(address, timeout=CONNECT_S, set_as_default=False)
+    except OSError:
+        raise MecazenError(f"--scheduler {address}: no Dask scheduler answers there") from None
 
-    def __init__(self, address: str) -> None:
+    def do_once(work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
+        futures = [client.submit(_attempt, work, job, pure=False) for job in jobs]
         try:
-            from distributed import Client  # noqa: PLC0415  # an extra
-        except ModuleNotFoundError:
-            raise ConfigError(
-                "--scheduler needs Dask: pip install 'mecazen-experiments[cluster]'"
-            ) from None
-        # checked here: with a wrong one Dask's client hangs at the end of the process
-        if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
-            raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
-        # errors of the scheduler are reported in one line instead of the client's
-        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-        self._address = address
-        try:
-            connect: Any = Client  # which is not typed
-            self._client = connect(address, timeout=CONNECT_S, set_as_default=False)
-        except OSError:
-            raise MecazenError(f"--scheduler {address}: no Dask scheduler answers there") from None
-        self.count = len(self._client.ncores())
-        if not self.count:
-            self.close()
-            raise MecazenError(
-                f"--scheduler {address}: it has no workers; start some: dask worker {address}"
-            )
-
-    def do_once(self, work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
-        """See `Workers`."""
-        from distributed import KilledWorker, as_completed  # noqa: PLC0415  # an extra
-
-        futures = [self._client.submit(_attempt, work, job, pure=False) for job in jobs]
-        try:
-            for future in as_completed(  # type: ignore[no-untyped-call]
-                futures, loop=self._client.loop
-            ):
+            for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]
                 try:
                     yield future.result()
                 except KilledWorker:
                     continue
                 except CancelledError:
-                    raise MecazenError(f"{self._address}: the Dask scheduler has gone") from None
+                    raise MecazenError(f"{address}: the Dask scheduler has gone") from None
         finally:
-            self._client.cancel(futures)
+            client.cancel(futures)
 
-    def close(self) -> None:
-        """Leave the cluster."""
-        self._client.close()
+    with closing(client):
+        if not (count := len(client.ncores())):
+            raise MecazenError(
+                f"--scheduler {address}: it has no workers; start some: dask worker {address}"
+            )
+        yield Workers(count, do_once)
 
 
-def do(work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers) -> Outcomes[T]:
-    """Yield the outcome of each job; the work of a worker that dies is done again.
+def do_all(
+    work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers
+) -> Generator[tuple[Job, T], None, None]:
+    """Yield each job with its result, as it is done; the work of a worker that dies is done again.
 
     When a worker dies, others may end with it. Jobs that may have been running are tried again
     after the rest, one at a time, so that it is clear whose worker dies.
 
     Raises:
+        RunsFailedError: Some could not be done; all others were.
         MecazenError: There are no workers any more.
     """
+    failures: list[tuple[Job, MecazenError]] = []
     batches = deque([list(jobs)])
     tries: Counter[Job] = Counter()
     while batches:
@@ -168,32 +154,17 @@ def do(work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers) -> Outco
         with closing(workers.do_once(work, waiting)) as outcomes:
             for job, outcome in outcomes:
                 waiting.remove(job)
-                yield job, outcome
+                if isinstance(outcome, MecazenError):
+                    failures.append((job, outcome))
+                else:
+                    yield job, outcome
         begun, rest = waiting[: workers.count], waiting[workers.count :]
         tries.update(begun)
         if rest:
             batches.appendleft(rest)
         batches += ([job] for job in begun if tries[job] < MAX_TRIES)
         dead = MecazenError("its worker died, each time it was tried")
-        yield from ((job, dead) for job in begun if tries[job] >= MAX_TRIES)
-
-
-def do_all(
-    work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers
-) -> Generator[tuple[Job, T], None, None]:
-    """Yield each job with its result, as it is done.
-
-    Raises:
-        RunsFailedError: Some could not be done; all others were.
-        MecazenError: There are no workers any more.
-    """
-    failures = []
-    with closing(do(work, jobs, workers)) as outcomes:
-        for job, outcome in outcomes:
-            if isinstance(outcome, MecazenError):
-                failures.append((job, outcome))
-            else:
-                yield job, outcome
+        failures += [(job, dead) for job in begun if tries[job] >= MAX_TRIES]
     if failures:
         raise RunsFailedError(failures)
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from itertools import pairwise
@@ -16,7 +15,7 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
-from mecazen.geometry import Pose2D, Twist2D, overlap, to_rectangle, wrap
+from mecazen.geometry import Pose2D, Twist2D, to_rectangle, wrap
 from mecazen.graph import TABLE
 from mecazen.keys import (
     CMD_VEL,
@@ -40,8 +39,11 @@ from mecazen_tools.simulate import InProcess
 
 from mecazen_experiments.config import Settings
 from mecazen_experiments.freezes import freeze
+from mecazen_experiments.gaps import gap_to_obstacle, to_outline
 from mecazen_experiments.jobs import Job, Key, fingerprint, version
-from mecazen_experiments.run import Kind, Record, Samples, collect
+from mecazen_experiments.report import Kind, Record
+from mecazen_experiments.run import Samples, collect
+from mecazen_experiments.table import Floats, Poses
 
 ROLLERS = ("programs={}",)
 """Settings with which the robot drives in DART, not in a plane without slip: many times slower."""
@@ -58,8 +60,6 @@ BRAKING_M_S2 = 6.0
 """Deceleration of the person: from 1.8 m/s in 0.3 s."""
 COMMAND_TICKS = 5
 """The robot is commanded at 20 Hz."""
-NEAR_M = 0.5
-"""Gaps that are larger are not looked at."""
 FOOT_M = 0.04
 """Radius about each joint of the feet."""
 AWAY = math.radians(70.0)
@@ -135,43 +135,45 @@ def _measure(job: Job, *, freezes: bool) -> tuple[Episode, str]:
         samples = collect(run, *topics, drive=rider.drive)
         sha256 = run.trajectory.sha256()
     truth, person, bodies, guarded = samples.values()
-    robots = [odom.pose.pose.to_planar() for odom in truth]
-    # a robot that moves meets the person where they were a tick ago
-    persons, feet = _before(person, truth), _before(bodies, truth)
-    gaps = [min(_gaps(scenario, *of_tick)) for of_tick in zip(robots, persons, feet, strict=True)]
-    touches = [gap < 0.0 for gap in gaps]
+    gaps = _gaps(scenario, truth, person, bodies)
+    touches = np.concatenate(([False], gaps <= 0.0))
     held = {state.header.stamp.ns: state.factor < 1.0 for state in reversed(guarded)}
+    places = [odom.pose.pose.to_planar() for odom in truth]
     episode = Episode(
-        sum(now and not before for before, now in zip([False, *touches], touches, strict=False)),
-        min(gaps),
-        sum(after.distance(before) for before, after in pairwise(robots)),
+        int(np.sum(touches[1:] & ~touches[:-1])),
+        float(gaps.min()),
+        sum(after.distance(before) for before, after in pairwise(places)),
         sum(held.values()) / scenario.sim.ticks,
     )
     return episode, sha256
 
 
-def _before(samples: Sequence[Any], ticks: Sequence[Any]) -> list[Any]:
-    """Return the newest of some samples before each of others; None before the first."""
-    times = [sample.header.stamp.ns for sample in samples]
-    found = (bisect_left(times, tick.header.stamp.ns) for tick in ticks)
-    return [samples[number - 1] if number else None for number in found]
-
-
 def _gaps(
-    scenario: Scenario, robot: Pose2D, person: m.Odometry | None, body: m.Skeleton | None
-) -> Iterator[float]:
-    """Yield the distance of the outline from each thing and from the person [m]."""
-    half = scenario.robot.footprint
-    yield NEAR_M
-    for thing in scenario.world.obstacles:
-        place = from_outline(_place(thing), _half(thing), robot.x, robot.y)
-        if place < NEAR_M + math.hypot(*half):
-            yield gap(robot, half, thing)
-    if person is not None:
-        x, y, _ = person.pose.pose.to_planar()
-        yield from_outline(robot, half, x, y) - scenario.world.person.radius_m
-    for foot in [] if body is None else [body.joints[joint] for joint in FEET]:
-        yield from_outline(robot, half, foot.x, foot.y) - FOOT_M
+    scenario: Scenario,
+    truth: Sequence[m.Odometry],
+    person: Sequence[m.Odometry],
+    bodies: Sequence[m.Skeleton],
+) -> Floats:
+    """Return the robot's distance to the nearest thing (n) [m]: 0 or less where it touches."""
+    robot = scenario.robot
+    poses = Poses(*np.array([odom.pose.pose.to_planar() for odom in truth]).T)
+    found = [gap_to_obstacle(robot, poses, thing) for thing in scenario.world.obstacles]
+    centres = [[odom.pose.pose.to_planar()[:2]] for odom in person]
+    feet = [[(body.joints[n].x, body.joints[n].y) for n in FEET] for body in bodies]
+    for samples, points, radius in (
+        (person, centres, scenario.world.person.radius_m),
+        (bodies, feet, FOOT_M),
+    ):
+        # a robot that moves meets the person where they were a tick ago
+        at = np.searchsorted(_times(samples), _times(truth)) - 1
+        around = np.array([np.full_like(points[0], np.nan), *points])[at + 1]
+        found += list((to_outline(poses, robot.footprint, around) - radius).T)
+    nearest: Floats = np.fmin.reduce(found)
+    return nearest
+
+
+def _times(samples: Sequence[Any]) -> list[int]:
+    return [sample.header.stamp.ns for sample in samples]
 
 
 EPISODE, FREEZES = (
@@ -328,24 +330,6 @@ def _half(thing: Box | Cylinder) -> tuple[float, float]:
     if isinstance(thing, Cylinder):
         return thing.size_m[0], thing.size_m[0]
     return thing.size_m[0] / 2.0, thing.size_m[1] / 2.0
-
-
-def gap(robot: Pose2D, half: tuple[float, float], thing: Box | Cylinder) -> float:
-    """Return the distance of an outline from a thing [m]; negative where they overlap."""
-    x, y = thing.position_m
-    if isinstance(thing, Cylinder):
-        return from_outline(robot, half, x, y) - thing.size_m[0]
-    other = _place(thing)
-    size = _half(thing)
-    # of two rectangles that are apart, a corner of one is nearest; overlapping ones are 0 or less
-    apart = [
-        from_outline(one, extent, corner.x, corner.y)
-        for one, extent, two, its in ((robot, half, other, size), (other, size, robot, half))
-        for corner in (
-            two.compose(Pose2D(a * its[0], b * its[1])) for a in (1, -1) for b in (1, -1)
-        )
-    ]
-    return -1e-6 if overlap(robot, half, other, size) and min(apart) > 0.0 else min(apart)
 
 
 def from_outline(robot: Pose2D, half: tuple[float, float], x: float, y: float) -> float:

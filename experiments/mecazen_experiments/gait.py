@@ -70,11 +70,8 @@ class WalkOnPath(NamedTuple):
         return np.stack((*_turned(joints, self.forward, 1.0, self.origin), joints[..., 2]), axis=-1)
 
 
-class Events(NamedTuple):
-    """Times [s] of what happens once in each stride: a row (strikes, offs) for each side."""
-
-    strikes: tuple[Floats, Floats]
-    offs: tuple[Floats, Floats]
+Events = tuple[Floats, Floats, Floats, Floats]
+"""Times [s] of what happens once in each stride: left and right strikes, left and right offs."""
 
 
 def lowpass(values: Floats, rate_hz: float, cutoff_hz: float) -> Floats:
@@ -137,7 +134,7 @@ def events(t: Floats, walk: WalkOnPath) -> Events:
     pelvis = walk.joints[:, 0, 0]
     strikes = [_peaks(t, walk.joints[:, heel, 0] - pelvis, least) for heel in HEELS]
     offs = [_peaks(t, pelvis - walk.joints[:, ball, 0], least) for ball in BALLS]
-    return Events((strikes[0], strikes[1]), (offs[0], offs[1]))
+    return strikes[0], strikes[1], offs[0], offs[1]
 
 
 def rhythm(found: Events, period: float) -> tuple[float, tuple[float, ...]] | None:
@@ -146,13 +143,12 @@ def rhythm(found: Events, period: float) -> tuple[float, tuple[float, ...]] | No
     All events of a steady walk are offset + k · stride time: one least-squares fit gives them.
     `period` is a first guess of it. None if an event is not there twice.
     """
-    trains = [*found.strikes, *found.offs]
-    if min(map(len, trains)) < 2:
+    if min(map(len, found)) < 2:
         return None
     rows, times = [], []
-    for kind, train in enumerate(trains):
+    for kind, train in enumerate(found):
         for time in train:
-            row = [0.0] * (len(trains) + 1)
+            row = [0.0] * (len(found) + 1)
             row[kind], row[-1] = 1.0, round((time - train[0]) / period)
             rows.append(row)
             times.append(time)
@@ -228,7 +224,7 @@ def true_gait(t: Floats, joints: Floats) -> Gait | None:
     if walk is None:
         return None
     period = float(np.median(np.diff(strikes[0])))
-    fitted = rhythm(Events((strikes[0], strikes[1]), (offs[0], offs[1])), period)
+    fitted = rhythm((strikes[0], strikes[1], offs[0], offs[1]), period)
     assert fitted is not None
     stride, offsets = fitted
     return gait(stride, offsets, float(np.mean(ways)) / stride, step_lengths(walk, rate_hz))

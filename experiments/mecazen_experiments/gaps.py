@@ -36,6 +36,13 @@ def height_of(robot: Robot) -> float:
     return max(parts)
 
 
+def to_outline(poses: Poses, half: tuple[float, float], points: Floats) -> Floats:
+    """Return the distances of points (n, k, 2) from a rectangle at poses (n): 0 within it."""
+    c, s = np.cos(poses.yaw)[:, None], np.sin(poses.yaw)[:, None]
+    dx, dy = points[..., 0] - poses.x[:, None], points[..., 1] - poses.y[:, None]
+    return np.maximum(to_rectangle(c * dx + s * dy, c * dy - s * dx, half), 0.0)
+
+
 def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> Floats:
     """Return the distance from a robot's footprint to a person's limbs (n) [m].
 
@@ -62,7 +69,7 @@ def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> 
 
     def distance(share: Floats) -> Floats:
         points = begins[..., :2] + share[..., None] * (ends - begins)[..., :2]
-        return _to_rectangle(poses, half, points)
+        return to_outline(poses, half, points)
 
     found = _minimum(distance, low, high) - radii
     found[above] = math.inf
@@ -79,7 +86,7 @@ def gap_to_obstacle(robot: Robot, poses: Poses, thing: Box | Cylinder) -> Floats
     half = robot.footprint
     if isinstance(thing, Cylinder):
         centre = np.broadcast_to((x, y), (len(poses.x), 1, 2))
-        return _to_rectangle(poses, half, centre)[:, 0] - thing.size_m[0]
+        return to_outline(poses, half, centre)[:, 0] - thing.size_m[0]
     place = Pose2D(x, y, math.radians(thing.yaw_deg))
     of_box = thing.size_m[0] / 2.0, thing.size_m[1] / 2.0
     # the shortest line between two rectangles begins at a corner of one of them
@@ -88,9 +95,7 @@ def gap_to_obstacle(robot: Robot, poses: Poses, thing: Box | Cylinder) -> Floats
     at = Poses(*(np.full(len(poses.x), value) for value in place))
     theirs = np.broadcast_to([(one.x, one.y) for one in corners], (len(poses.x), 4, 2))
     ours = np.stack([np.stack((one.x, one.y), axis=-1) for one in of_robot], axis=1)
-    both = np.concatenate(
-        (_to_rectangle(poses, half, theirs), _to_rectangle(at, of_box, ours)), axis=1
-    )
+    both = np.concatenate((to_outline(poses, half, theirs), to_outline(at, of_box, ours)), axis=1)
     nearest: Floats = both.min(axis=1)
     return nearest
 
@@ -98,13 +103,6 @@ def gap_to_obstacle(robot: Robot, poses: Poses, thing: Box | Cylinder) -> Floats
 def _corners(half: tuple[float, float]) -> list[tuple[float, float]]:
     length, width = half
     return [(length, width), (-length, width), (-length, -width), (length, -width)]
-
-
-def _to_rectangle(poses: Poses, half: tuple[float, float], points: Floats) -> Floats:
-    """Return the distances of points (n, k, 2) from a rectangle at poses (n): 0 within it."""
-    c, s = np.cos(poses.yaw)[:, None], np.sin(poses.yaw)[:, None]
-    dx, dy = points[..., 0] - poses.x[:, None], points[..., 1] - poses.y[:, None]
-    return np.maximum(to_rectangle(c * dx + s * dy, c * dy - s * dx, half), 0.0)
 
 
 def _minimum(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:

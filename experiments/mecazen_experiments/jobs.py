@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import json
 import math
 import pkgutil
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version as version_of
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from string import Template
+from typing import Any, NamedTuple, cast
 
 import msgspec
 from mecazen.config import Scenario
 from mecazen.config.people import Recorded
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import read_bytes
+from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Output
 from mecazen_people.paths import make_path
 from mecazen_tools.simulate import in_lockstep
 
-from mecazen_experiments.config import BaseCase, Case, Settings
+from mecazen_experiments.config import Case, Experiment, Settings, Sweep
 
 LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
 """Those that a result depends on."""
@@ -50,6 +54,10 @@ class Job(msgspec.Struct, frozen=True):
     settings: Settings
     key: Key
 
+    def load(self) -> Scenario:
+        """Return the scenario to simulate."""
+        return load_scenario(self.scenario, self.settings)
+
     def __str__(self) -> str:
         walk = f" / {self.walk}" if self.walk else ""
         return f"{self.row}{walk}, seed {self.key.seed}"
@@ -59,60 +67,106 @@ class Series(NamedTuple):
     """The runs of one row of a table."""
 
     row: str
-    case: BaseCase
+    case: Case
     jobs: tuple[Job, ...]
     labels: Mapping[str, str | float] = {}
-    """Properties that distinguish the row, by name."""
+    """The choices that distinguish the row, by axis."""
 
 
 def expand(
-    cases: Iterable[Case],
+    experiment: Experiment,
     seeds: Sequence[int],
     settings: Settings = (),
     sweeps: Mapping[str, tuple[str, ...]] | None = None,
     walks: Sequence[Path] = (),
 ) -> list[Series]:
-    """Return the runs of cases, and of each combination of their sweeps.
+    """Return the runs of each case, for each combination of the grid and the sweeps.
 
-    `settings` override those of every case. `sweeps`, values in TOML by key, replace its own. A
-    case whose person walks a recorded walk is run with each of `walks`.
+    The settings of an experiment may name values as `$NAME`: those that a case varies, drawn by
+    the seed, and the follower's place beside a person at the origin: `$bearing_deg`, `$x_m`, `$y_m`
+    and `$yaw_deg`. All rows of a case have the same values of a seed, so they compare in pairs.
 
-    Raises:
-        ConfigError: A scenario can't be loaded, or no case uses the walks that are given.
+    Args:
+        experiment: What to run.
+        seeds: A run of each.
+        settings: Override those of every case.
+        sweeps: Values in TOML by key; they replace those of the experiment.
+        walks: A case whose person walks a recorded walk is run with each of these.
     """
-    rows = []
-    for case in cases:
-        swept = {**case.sweeps, **(sweeps or {})}
+    todo = []
+    grid = [[(axis, name) for name in choices] for axis, choices in experiment.grid.items()]
+    for case, choice in product(experiment.cases, product(*grid)):
+        given = [*experiment.settings]
+        given += [one for axis, name in choice for one in experiment.grid[axis][name]]
+        swept = {**_values(experiment.sweep), **_values(case.sweep), **(sweeps or {})}
         for values in product(*swept.values()):
             changes = tuple(f"{key}={value}" for key, value in zip(swept, values, strict=True))
-            row = ", ".join((case.name, *changes))
-            rows.append(series(case, row, (*settings, *changes), seeds, walks))
-    if walks and not any(job.walk for row in rows for job in row.jobs):
+            row = ", ".join((case.name, *(name for _, name in choice), *changes))
+            labels = {"case": case.name, **dict(choice)}
+            labels |= {key: _scalar(value) for key, value in zip(swept, values, strict=True)}
+            fill = _filling(case, (*given, *case.settings), (*changes, *settings))
+            jobs: list[Job] = []
+            for some in [(seed,) for seed in seeds] if case.vary else [seeds]:
+                own = (*fill(some[0]), *changes, *settings)
+                jobs += jobs_of(row, case.scenario, own, some, walks)
+            todo.append(Series(row, case, tuple(jobs), labels))
+    if walks and not any(job.walk for row in todo for job in row.jobs):
         raise ConfigError("--walks: the person of no case has target.path.kind = 'recorded'")
-    return rows
+    return todo
 
 
-def series(
-    case: BaseCase, row: str, settings: Settings, seeds: Sequence[int], walks: Sequence[Path] = ()
-) -> Series:
-    """Return the runs of one row: each seed, of each walk where the case has one.
+def _values(sweep: Sweep) -> dict[str, tuple[str, ...]]:
+    """Return a sweep with its values in TOML, as `--sweep` gives them."""
+    return {
+        key: tuple(json.dumps(value, ensure_ascii=False) for value in values)
+        for key, values in sweep.items()
+    }
 
-    Raises:
-        ConfigError: The scenario can't be loaded.
-    """
-    settings = (*case.settings, *settings)
-    scenario = load_scenario(case.scenario, settings)
+
+def _scalar(value: str) -> str | float:
+    with suppress(ValueError):
+        return cast(float, json.loads(value))
+    return value
+
+
+def _filling(case: Case, settings: Settings, others: Settings) -> Callable[[int], Settings]:
+    """Return a function that returns settings with the values of a seed."""
+    if not any("$" in one for one in settings):
+        return lambda _: settings
+    plain = [one for one in settings if "$" not in one]
+    standoff = load_scenario(case.scenario, (*plain, *others)).follower.standoff
+    x, y, _ = standoff.goal(Pose2D())
+    bearing_deg, yaw_deg = math.degrees(standoff.bearing), math.degrees(standoff.heading)
+    place = {"bearing_deg": bearing_deg, "x_m": x, "y_m": y, "yaw_deg": yaw_deg}
+
+    def fill(seed: int) -> Settings:
+        chance = random.Random(f"{case.name} {seed}")  # noqa: S311
+        values = place | {name: chance.uniform(*limits) for name, limits in case.vary.items()}
+        try:
+            return tuple(Template(one).substitute(values) for one in settings)
+        except (KeyError, ValueError) as error:
+            known = ", ".join(values)
+            where = f"case {case.name!r}: set"
+            raise ConfigError(f"{where}: no value {error}; known: {known}") from None
+
+    return fill
+
+
+def jobs_of(
+    row: str, file: Path, settings: Settings, seeds: Sequence[int], walks: Sequence[Path] = ()
+) -> list[Job]:
+    """Return a job for each seed, of each walk where the scenario has one."""
+    scenario = load_scenario(file, settings)
     variants: Iterable[tuple[str | None, Settings, str]]
     if walks and isinstance(scenario.target.path, Recorded):
-        variants = [_with_walk(case.scenario, settings, walk) for walk in walks]
+        variants = [_with_walk(file, settings, walk) for walk in walks]
     else:
         variants = [(None, settings, fingerprint(scenario))]
-    jobs = [
-        Job(row, walk, case.scenario, (*changed, f"seed={seed}"), Key(sha256, seed, version()))
+    return [
+        Job(row, walk, file, (*changed, f"seed={seed}"), Key(sha256, seed, version()))
         for walk, changed, sha256 in variants
         for seed in seeds
     ]
-    return Series(row, case, tuple(jobs))
 
 
 def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Settings, str]:
@@ -136,9 +190,6 @@ def fingerprint(scenario: Scenario) -> str:
 
     It covers canonical JSON in which each file (a recorded walk, a user's program) is
     represented by its content instead of its name. Imports of such a program do not count.
-
-    Raises:
-        ConfigError: A program can't be found.
     """
     scenario = msgspec.structs.replace(
         in_lockstep(scenario),

@@ -1,140 +1,118 @@
-"""`mecazen experiment mocap`: from where is a gait captured how well?
-
-Somebody walks straight on, and the robot follows at each of its places by its own sensors.
-"""
+"""From where is a gait captured how well? Somebody walks straight on, and the robot follows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
-from typing import Annotated
 
-import msgspec
-from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D
-from mecazen.loading import load_table
-from mecazen.schema import AngleDeg, Positive, Section
-from mecazen.standoff import Standoff
+from rich.table import Table
 
 from mecazen_experiments.capture import capture
-from mecazen_experiments.config import BaseCase, Name, Runs, Settings, experiment_path
-from mecazen_experiments.jobs import Job, Series, series
-from mecazen_experiments.quality import Curves, Quality, numbers, quality
-from mecazen_experiments.run import Kind, Record, loaded, standoff_of
+from mecazen_experiments.jobs import Job, Series
+from mecazen_experiments.quality import MEASURED, Curves, Quality, numbers, quality
+from mecazen_experiments.report import Do, Kind, Record, Row, regroup
+from mecazen_experiments.tables import Column, table
 
+VIEW, GAIT = "view", "case"
+STANDOFF, SPEED = "follower.standoff_m", "target.path.speed_m_s"
+"""The axes of such an experiment."""
 SHOWN = 2.0, 1.0
 """Standoff [m] and speed [m/s] whose curves are shown, or the nearest that there are."""
 
-Values = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)]
-
-
-class MocapConfig(Section):
-    """An experiment of motion capture."""
-
-    scenario: Path
-    """The scenario's file, relative to this one."""
-    views: Annotated[dict[Name, AngleDeg], msgspec.Meta(min_length=1)]
-    """Bearings of the robot about the person, whom it faces: 0 is ahead of them, 90 on their
-    left [deg]."""
-    settings: Settings = msgspec.field(name="set", default=())
-    seeds: Runs = 2
-    standoffs_m: Values = (1.0, 1.5, 2.0, 3.0)
-    speeds_m_s: Values = (0.6, 1.0, 1.3)
-    gaits: Annotated[dict[Name, Settings], msgspec.Meta(min_length=1)] = msgspec.field(
-        default_factory=lambda: {"normal": ()}
+ANGLES: tuple[Column, ...] = (
+    *(
+        (f"{joint} \\[°]\n{stage}", f"{stage}_{joint}_deg", 1)
+        for joint in MEASURED
+        for stage in ("raw", "refined")
+    ),
+    *((f"{joint} \\[°]\ncentred", f"refined_{joint}_centred_deg", 1) for joint in MEASURED),
+    ("jitter \\[mm]\nraw", "raw_jitter_mm", 0),
+    ("refined", "refined_jitter_mm", 0),
+)
+GAIT_ERRORS: tuple[Column, ...] = (
+    ("stride\n\\[ms]", "stride_time_err_ms", 1),
+    ("stride\n\\[mm]", "stride_length_err_mm", 0),
+    ("cadence\n\\[%]", "cadence_err_percent", 2),
+    ("stance\n\\[%]", "stance_err_percent", 1),
+    ("asymm.\n\\[%]", "asymmetry_err_percent", 1),
+    *((f"{name}\nseen \\[%]", f"{name}_seen_percent", 0) for name in ("knee", "ankle", "foot")),
+    ("D_err\n\\[m]", "d_err_m", 3),
+    ("Θ_err\n\\[°]", "theta_err_deg", 1),
+    ("odometry\n\\[%]", "odometry_drift_percent", 1),
+)
+GAITS: tuple[Column, ...] = tuple(
+    (f"{heading}\n{stage}", f"{stage}_{name}", digits)
+    for heading, name, digits in (
+        ("step length\nasymm. \\[%]", "step_length_percent", 1),
+        ("step time\nasymm. \\[%]", "step_time_percent", 1),
+        ("stance\nasymm. \\[%]", "stance_percent", 1),
+        ("left knee\n\\[°]", "left_knee_deg", 0),
+        ("right knee\n\\[°]", "right_knee_deg", 0),
+        ("stride\n\\[m]", "stride_m", 2),
+        ("cadence\n\\[1/min]", "cadence", 0),
     )
-    """Settings of the walker's gait, by its name."""
-
-
-def configured(
-    file: str,
-    views: Sequence[str],
-    standoffs_m: Sequence[float],
-    speeds_m_s: Sequence[float],
-) -> MocapConfig:
-    """Return an experiment with some of its views, and with other standoffs and speeds.
-
-    Raises:
-        ConfigError: There is no such file, or no such view in it.
-    """
-    config = load_table(experiment_path(file), MocapConfig)
-    if unknown := [view for view in views if view not in config.views]:
-        raise ConfigError(f"--view {unknown[0]}: unknown; allowed: {', '.join(config.views)}")
-    return msgspec.structs.replace(
-        config,
-        views={view: config.views[view] for view in views or config.views},
-        standoffs_m=tuple(standoffs_m or config.standoffs_m),
-        speeds_m_s=tuple(speeds_m_s or config.speeds_m_s),
-    )
-
-
-def expand(config: MocapConfig, runs: int | None, settings: Settings) -> list[Series]:
-    """Return the runs of an experiment by place; `settings` override its own.
-
-    Raises:
-        ConfigError: The scenario can't be loaded.
-    """
-    case = BaseCase("mocap", config.scenario, config.settings)
-    seeds = range(1, (runs or config.seeds) + 1)
-    todo = []
-    places = product(
-        config.views.items(), config.standoffs_m, config.speeds_m_s, config.gaits.items()
-    )
-    for (view, bearing), distance, speed, (gait, of) in places:
-        # the robot faces the person
-        heading = math.remainder(bearing - 180.0, 360.0)
-        start = Standoff(distance, math.radians(bearing), 0.0).goal(Pose2D())
-        own = (
-            f"follower.bearing_deg={bearing}",
-            f"follower.heading_deg={heading}",
-            f"follower.standoff_m={distance}",
-            f"start={{ x_m = {start.x}, y_m = {start.y}, yaw_deg = {heading} }}",
-            f"target.path.speed_m_s={speed}",
-        )
-        name = f"{view}, {distance:g} m, {speed:g} m/s"
-        name += "" if gait == "normal" else f", {gait}"
-        labels: dict[str, str | float] = {
-            "view": view,
-            "bearing_deg": bearing,
-            "standoff_m": distance,
-            "speed_m_s": speed,
-            "gait": gait,
-        }
-        one = series(case, name, (*own, *of, *settings), seeds)
-        todo.append(one._replace(labels=labels))
-    return todo
+    for stage in ("true", "found")
+)
 
 
 def _measure(job: Job) -> tuple[Quality, str]:
-    scenario = loaded(job)
+    scenario = job.load()
     found = capture(scenario)
-    return quality(found, standoff_of(scenario))[0], found.trajectory_sha256
+    return quality(found, scenario.follower.standoff)[0], found.trajectory_sha256
 
 
-CAPTURE = Kind("mocap", Record[Quality], _measure, numbers)
-"""How well a gait is captured."""
+def tables(rows: Sequence[Row[Quality]]) -> list[Table]:
+    """Return the angles and the gait: by view and standoff over all speeds, and by speed.
+
+    If there are several gaits, the last table has what tells them from each other.
+    """
+    by_speed = sorted(rows, key=lambda row: row.labels[SPEED])
+
+    def place(row: Row[Quality]) -> dict[str, str | float]:
+        return {VIEW: row.labels[VIEW], "": f"{row.labels[STANDOFF]:g} m"}
+
+    groups = [
+        *regroup(CAPTURE, rows, place),
+        *regroup(CAPTURE, by_speed, lambda row: {VIEW: "all", "": f"{row.labels[SPEED]:g} m/s"}),
+    ]
+    heads = [VIEW, ""]
+    found = [
+        table(heads, ANGLES, groups, "Angles and jitter"),
+        table(heads, GAIT_ERRORS, groups, "Gait"),
+    ]
+    if len({row.labels[GAIT] for row in rows}) > 1:
+        by_gait = sorted(rows, key=lambda row: row.labels[GAIT])
+        both = regroup(CAPTURE, by_gait, lambda row: {n: row.labels[n] for n in (VIEW, GAIT)})
+        found.append(table(heads, GAITS, both, "Gaits"))
+    return found
 
 
-def shown(todo: Sequence[Series]) -> list[Job]:
-    """Return the first run of the place of each view whose curves are shown."""
+def draw(
+    folder: Path, todo: Sequence[Series], rows: Sequence[Row[Quality]], do: Do
+) -> Sequence[Path]:
+    """Draw the curves of each view at one place, and the errors of all."""
+    from mecazen_experiments import mocap_figures  # noqa: PLC0415  # slow to import
 
     def distance(one: Series) -> float:
-        return math.dist([float(one.labels[n]) for n in ("standoff_m", "speed_m_s")], SHOWN)
+        return math.dist([float(one.labels[name]) for name in (STANDOFF, SPEED)], SHOWN)
 
-    views = dict.fromkeys(one.labels["view"] for one in todo)
-    return [
-        min((one for one in todo if one.labels["view"] == view), key=distance).jobs[0]
-        for view in views
-    ]
+    shown, bearings = {}, {}
+    for view in dict.fromkeys(one.labels[VIEW] for one in todo):
+        nearest = min((one for one in todo if one.labels[VIEW] == view), key=distance)
+        place = f"{nearest.labels[STANDOFF]:g} m, {nearest.labels[SPEED]:g} m/s"
+        shown[nearest.jobs[0]] = f"{view}, {place}"
+        bearings[view] = nearest.jobs[0].load().follower.standoff.bearing
+    found = dict(do(curves, [*shown]))
+    titled = {title: found[job] for job, title in shown.items()}
+    return mocap_figures.draw(folder, titled, rows, bearings)
 
 
 def curves(job: Job) -> Curves:
-    """Simulate a job once more; return what is to be drawn.
+    """Simulate a job once more; return what is to be drawn."""
+    scenario = job.load()
+    return quality(capture(scenario), scenario.follower.standoff)[1]
 
-    Raises:
-        MecazenError: As `capture`, or the person does not walk.
-    """
-    scenario = loaded(job)
-    return quality(capture(scenario), standoff_of(scenario))[1]
+
+CAPTURE = Kind("mocap", Record[Quality], _measure, numbers, tables, draw)
+"""How well a gait is captured."""

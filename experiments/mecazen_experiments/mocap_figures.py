@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
 
+from mecazen_experiments.mocap import STANDOFF, VIEW
 from mecazen_experiments.quality import MEASURED, Curves, Quality
 from mecazen_experiments.report import Row
 from mecazen_experiments.table import Floats
@@ -30,9 +31,17 @@ LINES: dict[str, dict[str, Any]] = {
 }
 
 
-def draw(folder: Path, rows: Sequence[Row[Quality]], curves: Mapping[str, Curves]) -> list[Path]:
-    """Write both figures as PNG, and return the files; `curves` are by the name of the row."""
-    figures = {"mocap_cycles": cycles(curves), "mocap_views": views(rows)}
+def draw(
+    folder: Path,
+    curves: Mapping[str, Curves],
+    rows: Sequence[Row[Quality]],
+    bearings: Mapping[str | float, float],
+) -> list[Path]:
+    """Write both figures as PNG, and return the files.
+
+    `curves` are by the title of their column, `bearings` [rad] by view.
+    """
+    figures = {"mocap_cycles": cycles(curves), "mocap_views": views(rows, bearings)}
     files = []
     for name, figure in figures.items():
         files.append(folder / f"{name}.png")
@@ -59,11 +68,11 @@ def cycles(curves: Mapping[str, Curves]) -> Figure:
     return figure
 
 
-def views(rows: Sequence[Row[Quality]]) -> Figure:
+def views(rows: Sequence[Row[Quality]], bearings: Mapping[str | float, float]) -> Figure:
     """Return the knee's error by bearing and standoff about the person, raw and refined."""
     found = {stage: _mean_by_place(rows, f"{stage}_knee_deg") for stage in STAGES}
     most = max(value for of in found.values() for value in of.values())
-    standoffs = sorted({_place(row)[1] for row in rows})
+    standoffs = sorted({float(row.labels[STANDOFF]) for row in rows})
     # the rings of all standoffs are as wide
     edges = {standoff: (n + 1.0, n + 2.0) for n, standoff in enumerate(standoffs)}
     with style.context(STYLE):
@@ -72,13 +81,12 @@ def views(rows: Sequence[Row[Quality]]) -> Figure:
         for axes, stage in zip(both, STAGES, strict=True):
             assert isinstance(axes, PolarAxes)
             axes.set(title=f"knee, {stage}: RMSE [°]", theta_zero_location="N")
-            names = {_place(row)[0]: str(row.labels["view"]).replace("_", " ") for row in rows}
             axes.set_xticks([])
             axes.set_yticks([])
             axes.grid(visible=False)
             axes.spines["polar"].set_visible(False)
-            for (bearing, standoff), value in found[stage].items():
-                low, high = edges[standoff]
+            for (view, standoff), value in found[stage].items():
+                bearing, (low, high) = bearings[view], edges[standoff]
                 colour = _colour(value / most)
                 axes.bar(bearing, high - low, WEDGE_RAD, low, color=colour, edgecolor="white")
                 ink = "black" if value < 0.6 * most else "white"
@@ -88,7 +96,8 @@ def views(rows: Sequence[Row[Quality]]) -> Figure:
                 axes.text(math.radians(45.0), (low + high) / 2.0, f"{standoff:g} m", ha="center")
             axes.plot(0.0, 0.0, marker=(3, 0, 0), color="black", markersize=5.0)
             outer = max(high for _, high in edges.values())
-            for bearing, name in names.items():
+            for view, bearing in bearings.items():
+                name = str(view).replace("_", " ")
                 axes.text(bearing, outer + 1.0, name, ha="center", va="center")
             axes.set_ylim(0.0, outer + 1.1)
     return figure
@@ -121,18 +130,16 @@ def by_stride(phases: Floats, angles: Floats) -> Floats:
     return np.array(strides)
 
 
-def _mean_by_place(rows: Sequence[Row[Quality]], name: str) -> dict[tuple[float, float], float]:
-    """Return the mean of a score over all speeds, by bearing [rad] and standoff [m]."""
-    values: dict[tuple[float, float], list[float]] = {}
+def _mean_by_place(
+    rows: Sequence[Row[Quality]], name: str
+) -> dict[tuple[str | float, float], float]:
+    """Return the mean of a score over all speeds, by view and standoff [m]."""
+    values: dict[tuple[str | float, float], list[float]] = {}
     for row in rows:
         if name in row.means:
-            values.setdefault(_place(row), []).append(row.means[name].mean)
+            place = row.labels[VIEW], float(row.labels[STANDOFF])
+            values.setdefault(place, []).append(row.means[name].mean)
     return {place: fmean(of) for place, of in values.items()}
-
-
-def _place(row: Row[Quality]) -> tuple[float, float]:
-    """Return the bearing [rad] and the standoff [m] of a row."""
-    return math.radians(float(row.labels["bearing_deg"])), float(row.labels["standoff_m"])
 
 
 def _colour(share: float) -> tuple[float, float, float]:

@@ -63,11 +63,7 @@ class Curves(NamedTuple):
 
 
 def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
-    """Return the scores of a capture in which `wanted` was to be kept.
-
-    Raises:
-        ConfigError: Nobody walks.
-    """
+    """Return the scores of a capture in which `wanted` was to be kept."""
     first = first_motion(found.table)
     begin = math.inf if first is None else found.table["t_s"][first] + SETTLING_S
     found = found.since(begin)

@@ -18,7 +18,6 @@ joint's mean error by more than 0.4 deg.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -84,20 +83,6 @@ KNEE_STD_RAD = 0.03
 """How far a knee may be extended beyond straight."""
 
 
-class Cycle(NamedTuple):
-    """Joints as Fourier series of the gait cycle."""
-
-    stride: float
-    """Duration [s]."""
-    series: Floats
-    """Coefficients (1 + 2 · HARMONICS, 20, 3) [m]: of 1, then of cosines and sines."""
-
-    def at(self, t: Floats) -> Floats:
-        """Return the joints (n, 20, 3) about the walker's path at times t (n,) [s]."""
-        joints: Floats = np.einsum("nk,kji->nji", _basis(t, self.stride), self.series)
-        return joints
-
-
 def refine(seen: Motion) -> Floats | None:
     """Return the refined joints (n, 20, 3) [m] of `seen`, which has a level frame and a floor at 0.
 
@@ -108,9 +93,10 @@ def refine(seen: Motion) -> Floats | None:
     if walk is None:
         return None
     seen = unswapped(seen)
-    found = cycle(seen, walk)
-    bias = biases(found, np.median(seen.std[seen.reported], axis=0))
-    joints = found.at(seen.t)
+    stride, series = cycle(seen, walk)
+    phases = np.arange(PHASES) / PHASES * stride
+    bias = biases(_at(phases, stride, series), np.median(seen.std[seen.reported], axis=0))
+    joints = _at(seen.t, stride, series)
     # the mean of cycle and frame, each weighed by its variance
     gain = STRIDE_STD_M**2 / (STRIDE_STD_M**2 + seen.std[..., None] ** 2)
     strayed = np.where(seen.reported[:, None, None], gain * (walk.about(seen.joints) - joints), 0.0)
@@ -162,8 +148,11 @@ def unswapped(seen: Motion) -> Motion:
     return seen._replace(joints=seen.joints[at], std=seen.std[at], confidence=seen.confidence[at])
 
 
-def cycle(seen: Motion, walk: WalkOnPath) -> Cycle:
+def cycle(seen: Motion, walk: WalkOnPath) -> tuple[float, Floats]:
     """Return the gait cycle that fits the joints best, each weighed by its reported variance.
+
+    It is the stride's duration [s], and the joints as a Fourier series of it: the coefficients
+    (1 + 2 · HARMONICS, 20, 3) [m] of 1, then of cosines and sines.
 
     `seen` has left and right as they are, `walk` are the low-passed joints about the walker's path.
     The stride time is searched within a tenth of that of the strongest frequency.
@@ -200,15 +189,15 @@ def cycle(seen: Motion, walk: WalkOnPath) -> Cycle:
         method="bounded",
         options={"xatol": 1e-4},
     ).x
-    return Cycle(float(stride), fit(float(stride), range(len(JOINTS)))[0])
+    return float(stride), fit(float(stride), range(len(JOINTS)))[0]
 
 
-def biases(found: Cycle, std: Floats) -> Floats:
+def biases(joints: Floats, std: Floats) -> Floats:
     """Return what is wrong with each joint's place (20, 3) [m] all along the gait cycle.
 
     It is the most probable one, a priori normal with the reported deviations std (20,) [m].
+    `joints` (PHASES, 20, 3) [m] are those of the cycle.
     """
-    joints = found.at(np.arange(PHASES) / PHASES * found.stride)
     prior = np.maximum(std[FITTED, None], LEAST_STD_M)
     lengths = _lengths(joints).mean(axis=(0, 1))
     lowest = joints[:, SOLES, 2].min(axis=0)
@@ -238,6 +227,12 @@ def biases(found: Cycle, std: Floats) -> Floats:
 
     begin = np.concatenate((lengths, np.zeros(3 * len(FITTED))))
     return expand(least_squares(residuals, begin, x_scale="jac", ftol=1e-4).x)
+
+
+def _at(t: Floats, stride: float, series: Floats) -> Floats:
+    """Return the joints (n, 20, 3) of a cycle, about the walker's path, at times t (n,) [s]."""
+    joints: Floats = np.einsum("nk,kji->nji", _basis(t, stride), series)
+    return joints
 
 
 def _basis(t: Floats, stride: float) -> Floats:

@@ -1,19 +1,31 @@
-"""Rows of an experiment: the mean of each score with its interval, and every run."""
+"""Kinds of experiments, and their rows: the mean of each score with its interval, and every run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from itertools import groupby
-from typing import Generic, TypeVar
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
+from rich.table import Table
 
-from mecazen_experiments.config import BaseCase, Case
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.run import Kind, Record
 from mecazen_experiments.statistics import Interval, mean_interval
 
 T = TypeVar("T")
+
+
+class Record(msgspec.Struct, Generic[T], frozen=True):
+    """The scores of a run, and its cost."""
+
+    key: Key
+    trajectory_sha256: str
+    scores: T
+    wall_s: float
+    """From loading the scenario to the last score."""
+    peak_rss_mb: float
+    """The peak memory of the worker so far, in this run and those before it."""
 
 
 class RunReport(msgspec.Struct, Generic[T], frozen=True):
@@ -25,7 +37,7 @@ class RunReport(msgspec.Struct, Generic[T], frozen=True):
 
 
 class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
-    """A case, a place or a situation, and its runs."""
+    """A case in one combination of the grid and the sweeps, and its runs."""
 
     name: str
     means: dict[str, Interval]
@@ -40,6 +52,29 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     """Whether no mean is above its limit; None without limits."""
     d_err_ratio: float | None = None
     """Mean D_err relative to that of the case's reference."""
+
+
+Do = Callable[[Callable[[Job], Any], Sequence[Job]], Generator[tuple[Job, Any], None, None]]
+"""Does some work for each job, and yields the results as they are done."""
+
+
+class Kind(NamedTuple, Generic[T]):
+    """A kind of experiment: how a run is measured, and how the scores of several are shown."""
+
+    name: str
+    """In the store."""
+    record: type[Record[T]]
+    measure: Callable[[Job], tuple[T, str]]
+    """Simulates a job; returns its scores and the hash of its trajectory."""
+    numbers: Callable[[T], Mapping[str, float | None]]
+    """Returns the scores by name; None where there is nothing to measure."""
+    tables: Callable[[Sequence[Row[T]]], Sequence[Table]] = lambda _: ()
+    draw: Callable[[Path, Sequence[Series], Sequence[Row[T]], Do], Sequence[Path]] | None = None
+    """Writes figures into a folder, and returns the files."""
+    sums: Sequence[str] = ()
+    """Scores that are added over runs; others are averaged."""
+    least: Sequence[str] = ()
+    """Scores of which the smallest counts."""
 
 
 def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -> Row[T]:
@@ -78,22 +113,27 @@ def regroup(
     ]
 
 
-def relate(rows: Sequence[Row[T]], cases: Sequence[BaseCase]) -> list[Row[T]]:
+def relate(rows: Sequence[Row[T]], todo: Sequence[Series]) -> list[Row[T]]:
     """Return rows with their D_err relative to that of the reference of each one's case."""
     d_err = {row.name: row.means.get("d_err_m") for row in rows}
-    return [_related(row, case, d_err) for row, case in zip(rows, cases, strict=True)]
+    related = []
+    for row, (_, case, *_) in zip(rows, todo, strict=True):
+        own, other = d_err[row.name], d_err.get(case.reference or "")
+        if own is None or other is None:
+            related.append(row)
+            continue
+        ratio, meets = own.mean / other.mean, row.within_limits
+        if case.max_ratio is not None:
+            meets = meets is not False and ratio <= case.max_ratio
+        related.append(msgspec.structs.replace(row, d_err_ratio=ratio, within_limits=meets))
+    return related
 
 
-def _related(row: Row[T], case: BaseCase, d_err: Mapping[str, Interval | None]) -> Row[T]:
-    if not isinstance(case, Case) or case.reference is None:
-        return row
-    own, other = d_err[row.name], d_err.get(case.reference)
-    if own is None or other is None:
-        return row
-    ratio, meets = own.mean / other.mean, row.within_limits
-    if case.max_ratio is not None:
-        meets = meets is not False and ratio <= case.max_ratio
-    return msgspec.structs.replace(row, d_err_ratio=ratio, within_limits=meets)
+def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool | None:
+    """Return whether no mean is above its limit; one that is missing is not within it."""
+    if not limits:
+        return None
+    return all(name in means and means[name].mean <= limit for name, limit in limits.items())
 
 
 def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[RunReport[T], ...]:
@@ -103,29 +143,12 @@ def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[RunRep
 def _row(
     kind: Kind[T], name: str, runs: tuple[RunReport[T], ...], labels: Mapping[str, str | float]
 ) -> Row[T]:
-    values = columns(kind.numbers(run.record.scores) for run in runs)
-    means = {
-        score: mean_interval(of)
-        for score, of in values.items()
-        if score not in (*kind.sums, *kind.least)
-    }
-    sums = {score: sum(values.get(score, ())) for score in kind.sums}
-    least = {score: min(values.get(score, ()), default=None) for score in kind.least}
-    return Row(name, means, runs, labels, sums, least)
-
-
-def columns(scores: Iterable[Mapping[str, float | None]]) -> dict[str, list[float]]:
-    """Return the values of each score, of those runs that have it."""
-    found: dict[str, list[float]] = {}
-    for numbers in scores:
-        for name, value in numbers.items():
+    values: dict[str, list[float]] = {}
+    for run in runs:
+        for score, value in kind.numbers(run.record.scores).items():
             if value is not None:
-                found.setdefault(name, []).append(value)
-    return found
-
-
-def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool | None:
-    """Return whether no mean is above its limit; one that is missing is not within it."""
-    if not limits:
-        return None
-    return all(name in means and means[name].mean <= limit for name, limit in limits.items())
+                values.setdefault(score, []).append(value)
+    sums = {score: sum(values.pop(score, ())) for score in kind.sums}
+    least = {score: min(values.pop(score, ()), default=None) for score in kind.least}
+    means = {score: mean_interval(of) for score, of in values.items()}
+    return Row(name, means, runs, labels, sums, least)

@@ -1,26 +1,25 @@
-"""A run: a job simulated, observed and scored. A kind of experiment says by which scores."""
+"""A run: a job simulated, observed and scored by a kind of experiment."""
 
 from __future__ import annotations
 
 import gc
+import json
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-import msgspec
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
 from mecazen.loading import load_scenario
-from mecazen.standoff import Standoff
 from mecazen_tools.simulate import InProcess, result
 
-from mecazen_experiments.jobs import Job, Key, check_version
-from mecazen_experiments.scores import Scores, score
+from mecazen_experiments.jobs import Job, check_version
+from mecazen_experiments.report import Kind, Record
 from mecazen_experiments.table import Table
 
 T = TypeVar("T")
@@ -40,34 +39,6 @@ class Observed(NamedTuple):
     samples: Samples
 
 
-class Record(msgspec.Struct, Generic[T], frozen=True):
-    """The scores of a run, and its cost."""
-
-    key: Key
-    trajectory_sha256: str
-    scores: T
-    wall_s: float
-    """From loading the scenario to the last score."""
-    peak_rss_mb: float
-    """The peak memory of the worker so far, in this run and those before it."""
-
-
-class Kind(NamedTuple, Generic[T]):
-    """A kind of experiment: how a run is measured, and what is made of the scores of several."""
-
-    name: str
-    """In the store."""
-    record: type[Record[T]]
-    measure: Callable[[Job], tuple[T, str]]
-    """Simulates a job; returns its scores and the hash of its trajectory."""
-    numbers: Callable[[T], Mapping[str, float | None]]
-    """Returns the scores by name; None where there is nothing to measure."""
-    sums: Sequence[str] = ()
-    """Scores that are added over runs; others are averaged."""
-    least: Sequence[str] = ()
-    """Scores of which the smallest counts."""
-
-
 def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Observed:
     """Simulate a scenario, and keep all samples of some topics.
 
@@ -75,9 +46,6 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
         scenario: What to simulate.
         topics: The topics.
         drive: Returns the payloads to put in each tick but the last.
-
-    Raises:
-        MecazenError: The run failed.
     """
     with closing(InProcess(scenario)) as run:
         samples = collect(run, *topics, drive=drive)
@@ -101,31 +69,14 @@ def _keep(samples: list[Any], message: Any, _: object) -> None:
 
 
 def observe_bodies(scenario: Scenario, *topics: Topic[Any]) -> Observed:
-    """Simulate a scenario that has a body tracker; see `observe`.
-
-    Raises:
-        MecazenError: It has none, or the run failed.
-    """
+    """Simulate a scenario that has a body tracker; see `observe`."""
     if "tracker" not in scenario.features:
         raise ConfigError("no body tracker: this experiment needs sensor.kind = 'body' or 'fused'")
     return observe(scenario, TARGET_SKELETON, SKELETONS, *topics)
 
 
-def loaded(job: Job) -> Scenario:
-    """Return the scenario of a job.
-
-    Raises:
-        ConfigError: It can't be loaded.
-    """
-    return load_scenario(job.scenario, job.settings)
-
-
 def record(kind: Kind[T], job: Job) -> Record[T]:
-    """Simulate a job and score it.
-
-    Raises:
-        MecazenError: The run failed, or this process has another version of the code.
-    """
+    """Simulate a job and score it."""
     check_version(job)
     # reference cycles hold the last run's DART world, of many megabytes
     gc.collect()
@@ -138,27 +89,20 @@ def record(kind: Kind[T], job: Job) -> Record[T]:
     return kind.record(job.key, sha256, scores, wall_s, int(found[1]) * 1024 / 1e6)
 
 
-def standoff_of(scenario: Scenario) -> Standoff:
-    """Return the place that the follower is to keep."""
-    return scenario.follower.standoff
-
-
-def _following(job: Job) -> tuple[Scores, str]:
-    scenario = loaded(job)
-    seen = observe(scenario)
-    return score(seen.table, standoff_of(scenario)), seen.trajectory_sha256
-
-
-def _numbers(scores: Scores) -> Mapping[str, float | None]:
-    settled = msgspec.structs.asdict(scores.settled)
-    return msgspec.structs.asdict(scores.whole) | {f"settled_{n}": v for n, v in settled.items()}
-
-
-FOLLOWING = Kind("following", Record[Scores], _following, _numbers)
-"""How well the robot follows: distance, angle, smoothness, estimate."""
-
-
 def tabulate(job: Job) -> Table:
     """Simulate a job and return every tick of it; raises as `observe`."""
     check_version(job)
-    return observe(loaded(job)).table
+    return observe(job.load()).table
+
+
+def film(job: Job, folder: Path) -> Path:
+    """Simulate a job, and record all of it; return the file. Raises as `observe`."""
+    check_version(job)
+    name = re.sub(r"[^\w.=+-]+", "_", job.row.replace(", ", "-"))
+    file = folder / f"{name}.mcap"
+    recorded = (
+        f"services={json.dumps([*job.load().services, 'recorder'])}",
+        f"recorder.file={json.dumps(str(file))}",
+    )
+    observe(load_scenario(job.scenario, (*job.settings, *recorded)))
+    return file

@@ -28,9 +28,6 @@ def mean_interval(values: Sequence[float]) -> Interval:
 
     Bias-corrected and accelerated (BCa), Efron (1987), Better Bootstrap Confidence Intervals:
     the distribution need not be normal or symmetric.
-
-    Raises:
-        ValueError: There is no value.
     """
     if not values:
         raise ValueError("there are no values to take the mean of")
@@ -47,11 +44,5 @@ def paired_difference(a: Mapping[int, float], b: Mapping[int, float]) -> Interva
     """Return the mean of b - a, each by seed, over the seeds that both have.
 
     Common effects of a seed, such as its noise, cancel in the difference.
-
-    Raises:
-        ValueError: No seed is in both.
     """
-    seeds = sorted(a.keys() & b.keys())
-    if not seeds:
-        raise ValueError("no seed is in both")
-    return mean_interval([b[seed] - a[seed] for seed in seeds])
+    return mean_interval([b[seed] - a[seed] for seed in sorted(a.keys() & b.keys())])

@@ -12,7 +12,7 @@ import msgspec
 from mecazen.errors import MecazenError
 
 from mecazen_experiments.jobs import Key
-from mecazen_experiments.run import Kind, Record
+from mecazen_experiments.report import Kind, Record
 
 BUSY_S = 60.0
 """Time to wait for the write of another command, which takes milliseconds."""
@@ -40,9 +40,6 @@ class Store:
 
     Each record is a transaction: it is stored whole or not at all. The first of a key stays;
     another would be equal.
-
-    Raises:
-        MecazenError: From any method: the file can't be used.
     """
 
     def __init__(self, path: Path) -> None:

@@ -62,11 +62,7 @@ class Table:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Table:
-        """Return the rows of a trajectory as columns; there is at least one row.
-
-        Raises:
-            ConfigError: It is of several robots.
-        """
+        """Return the rows of a trajectory as columns; there is at least one row."""
         if trajectory.columns != COLUMNS:
             raise ConfigError("robots: an experiment scores one robot, and there are several")
         columns: dict[str, npt.NDArray[Any]] = {

@@ -6,61 +6,85 @@ Capture": following by the raw observation (without) and by the Kalman filter (w
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
-import msgspec
 from mecazen.errors import ConfigError
+from rich.table import Table
 
-from mecazen_experiments.report import Row
+from mecazen_experiments.following import FOLLOWING
+from mecazen_experiments.jobs import Series
+from mecazen_experiments.report import Do, Row
+from mecazen_experiments.run import tabulate
 from mecazen_experiments.scores import Scores
 from mecazen_experiments.statistics import Interval, paired_difference
+from mecazen_experiments.tables import show
 
-NAME = "table2"
-"""The name of the experiment."""
 VIEWS = ("back", "side")
-PAPER = ("without", "with")
+PAPER_VARIANTS = ("without", "with")
 """The variants that the paper has; the third, best, is ours."""
-CASES = tuple(f"{view} {variant}" for view in VIEWS for variant in PAPER)
-"""Those of the paper."""
+CASES = tuple(f"{view} {variant}" for view in VIEWS for variant in (*PAPER_VARIANTS, "best"))
 PAIRS = (("with", "without"), ("best", "with"))
 """Each variant that should gain, and over which."""
 MEASURES = {"d_err_m": ("D_err", "m", 3), "theta_err_deg": ("Θ_err", "°", 2)}
 """The paper's symbol of each score, its unit, and the digits to show."""
 
 
-class Gain(msgspec.Struct, frozen=True):
-    """By how much one variant's error is below another's, seed by seed."""
+def gain(rows: Mapping[str, Row[Scores]], better: str, than: str, score: str) -> Interval:
+    """Return by how much one case's error is below another's, seed by seed."""
 
-    view: str
-    score: str
-    variant: str
-    over: str
-    difference: Interval
-
-
-def gains(rows: Iterable[Row[Scores]]) -> list[Gain]:
-    """Return the gains of each variant, from the rows of all six cases.
-
-    Raises:
-        ConfigError: A case is missing, or has no errors to compare.
-    """
-    by_name = {row.name: row for row in rows}
-    for name in (*CASES, *(f"{view} best" for view in VIEWS)):
-        if name not in by_name:
-            raise ConfigError(f"{NAME}: needs a case named {name!r}")
-        if any(score not in by_name[name].means for score in MEASURES):
-            raise ConfigError(f"{NAME}: no person walks in the case {name!r}")
-
-    def errors(view: str, variant: str, score: str) -> dict[int, float]:
-        records = [run.record for run in by_name[f"{view} {variant}"].runs]
+    def errors(case: str) -> dict[int, float]:
+        records = [run.record for run in rows[case].runs]
         return {record.key.seed: getattr(record.scores.whole, score) for record in records}
 
-    return [
-        Gain(
-            *(view, score, variant, over),
-            paired_difference(errors(view, variant, score), errors(view, over, score)),
-        )
-        for view in VIEWS
-        for score in MEASURES
-        for variant, over in PAIRS
-    ]
+    return paired_difference(errors(better), errors(than))
+
+
+def tables(rows: Sequence[Row[Scores]]) -> tuple[Table, Table]:
+    """Return the paper's table with ours, and the gains of each variant."""
+    by_name = {row.name: row for row in rows}
+    for name in CASES:
+        if name not in by_name:
+            raise ConfigError(f"kind = 'paper' needs a case named {name!r}")
+        if any(score not in by_name[name].means for score in MEASURES):
+            raise ConfigError(f"kind = 'paper': no person walks in the case {name!r}")
+    compared = Table(
+        "",
+        *(f"{who}\n{variant}" for variant in PAPER_VARIANTS for who in ("paper", "ours")),
+        "ours\nbest",
+        title="Table II",
+        caption="ours: means over the seeds, below each its 95 % interval",
+        show_lines=True,
+    )
+    gained = Table(
+        "",
+        *(f"{variant}\nover {over}" for variant, over in PAIRS),
+        title="Gains",
+        caption="reduction of the error, paired by seed, with its 95 % interval",
+        show_lines=True,
+    )
+    for view in VIEWS:
+        for score, (symbol, unit, digits) in MEASURES.items():
+            name = f"{symbol} {view} \\[{unit}]"
+            cells = []
+            for variant in PAPER_VARIANTS:
+                row = by_name[f"{view} {variant}"]
+                published = row.published.get(score)
+                cells += ["-" if published is None else f"{published:g}"]
+                cells += [show(row.means[score], digits)]
+            compared.add_row(name, *cells, show(by_name[f"{view} best"].means[score], digits))
+            gains = [gain(by_name, f"{view} {a}", f"{view} {b}", score) for a, b in PAIRS]
+            gained.add_row(name, *(show(one, digits) for one in gains))
+    return compared, gained
+
+
+def draw(folder: Path, todo: Sequence[Series], _: Sequence[Row[Scores]], do: Do) -> Sequence[Path]:
+    """Draw the trajectories and the errors of the paper's four cases, each with its first seed."""
+    from mecazen_experiments import figures  # noqa: PLC0415  # slow to import
+
+    jobs = [one.jobs[0] for one in todo if not one.row.endswith("best")]
+    return figures.draw({job.row: table for job, table in do(tabulate, jobs)}, folder)
+
+
+PAPER = FOLLOWING._replace(tables=tables, draw=draw)
+"""How well the robot follows, beside the paper's figures."""

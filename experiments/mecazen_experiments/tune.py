@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import msgspec
 import optuna
 from mecazen.errors import MecazenError
+from rich.table import Table
 
-from mecazen_experiments.config import Range, TunedCase, Tuning
+from mecazen_experiments.config import Experiment, Range, TunedCase, Tuning
 from mecazen_experiments.executor import Progress, RunsFailedError
-from mecazen_experiments.jobs import Job, Key, series
-from mecazen_experiments.report import Row, summarise
-from mecazen_experiments.run import FOLLOWING, Record
+from mecazen_experiments.following import FOLLOWING
+from mecazen_experiments.jobs import Job, Key, expand
+from mecazen_experiments.report import Record, Row, summarise
 from mecazen_experiments.scores import Scores
 
 SEED = 1
@@ -47,9 +48,6 @@ def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
     """Search with the training seeds; return the best on the held-out ones.
 
     `do` does runs and returns their records, see `mecazen_experiments.executor.run_all`.
-
-    Raises:
-        MecazenError: Every trial failed, or a run of the best does on a held-out seed.
     """
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=SEED))
@@ -96,11 +94,7 @@ def suggest(tuning: Tuning, choose: Callable[..., float]) -> dict[str, dict[str,
 def cost(
     tuning: Tuning, rows: Sequence[Row[Scores]], settings: Mapping[str, Mapping[str, float]]
 ) -> float:
-    """Return the cost to minimise: see `match_cost`, `limits_cost` and `preference`.
-
-    Raises:
-        MecazenError: A row has no such score.
-    """
+    """Return the cost to minimise: see `match_cost`, `limits_cost` and `preference`."""
     costs = map(match_cost if tuning.objective == "match" else limits_cost, rows)
     preferences = [
         preference(settings[case.name][key], within.prefer)
@@ -146,6 +140,17 @@ def _run(
     todo = []
     for case in cases:
         overrides = tuple(f"{key}={value!r}" for key, value in settings[case.name].items())
-        todo.append(series(case, case.name, overrides, seeds))
+        todo += expand(Experiment(cases=(case,)), seeds, overrides)
     records = do([job for one in todo for job in one.jobs])
     return [summarise(FOLLOWING, one, records) for one in todo]
+
+
+def table(found: Best) -> Table:
+    """Return the settings that a search has found."""
+    costs = f"cost {found.training_cost:.4g} in training, {found.held_out_cost:.4g} held out"
+    failed = f"{found.failed_trials} of {found.trials} trials failed"
+    shown = Table("case", "setting", "value", caption=f"{found.objective}: {costs}; {failed}")
+    for case, settings in found.settings.items():
+        for key, value in settings.items():
+            shown.add_row(case, key, f"{value:g}")
+    return shown

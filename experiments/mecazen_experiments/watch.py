@@ -47,11 +47,7 @@ class Watched(NamedTuple):
 
 
 def watch(scenario: Scenario) -> Watched:
-    """Simulate a scenario with one robot and a body tracker.
-
-    Raises:
-        MecazenError: As `observe_bodies`.
-    """
+    """Simulate a scenario with one robot and a body tracker."""
     found = observe_bodies(scenario, PEOPLE)
     table = found.table
     bodies, crowds, frames = (

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 from harness import ROOT, command
+from mecazen_tools.cli.app import app
 
 GUARD_S = 300
 """Far beyond what anything here takes: only a hang gets there."""
@@ -22,6 +23,11 @@ seeds = 4
 name = "short"
 scenario = "short.toml"
 """
+
+
+def experiment(*arguments: object) -> None:
+    """Run `mecazen experiment` in this process."""
+    app(["experiment", *map(str, arguments)], standalone_mode=False)
 
 
 class Folder(NamedTuple):

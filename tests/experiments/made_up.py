@@ -8,9 +8,9 @@ import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.standoff import Standoff
 from mecazen_experiments.config import Case
+from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.report import summarise
-from mecazen_experiments.run import FOLLOWING, Record
+from mecazen_experiments.report import Record, summarise
 from mecazen_experiments.scores import Score, Scores, score
 from mecazen_experiments.table import Poses, Table
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST

@@ -6,14 +6,14 @@ from typing import Any
 
 import msgspec
 import pytest
+from experiments.conftest import experiment
 from harness import error_of
 from mecazen.errors import MecazenError
-from mecazen_tools.cli.app import app
 
 SIX = """
 [[cases]]
 name = "{view} {variant}"
-scenario = "../../short.toml"
+scenario = "short.toml"
 set = ["follower.view={follower}", "follower.estimator={estimator}", "target.path.kind=circle"]
 published = {{ d_err_m = 0.22, theta_err_deg = 12.2 }}
 """
@@ -36,10 +36,6 @@ def _in_folder(folder, monkeypatch):
     monkeypatch.chdir(folder.path)
 
 
-def experiment(*arguments: object) -> None:
-    app(["experiment", *map(str, arguments)], standalone_mode=False)
-
-
 def report(file: str) -> Any:
     return msgspec.json.decode(Path(file).read_bytes())
 
@@ -50,7 +46,7 @@ def write_table2(folder: Any) -> None:
         for view, follower in (("back", "back"), ("side", "side_left"))
         for variant, estimator in (("without", "none"), ("with", "kf_cv"), ("best", "kf_cv"))
     ]
-    folder.write("configs/experiments/table2.toml", "".join(cases))
+    folder.write("paper.toml", "kind = 'paper'" + "".join(cases))
 
 
 def test_several_experiments_make_one_table(folder, capsys):
@@ -102,17 +98,9 @@ def test_a_search_is_free_the_second_time(capsys, folder):
     assert "follower.standoff_m" in capsys.readouterr().out
 
 
-def test_table2_is_the_experiment_of_that_name(folder, capsys):
-    write_table2(folder)
-    experiment("table2", "--runs", 2, "--jobs", 1, "--json", "out.json")
-    assert [len(row["runs"]) for row in report("out.json")["rows"]] == [2] * 6
-    assert len(report("out.json")["gains"]) == 8
-    out = capsys.readouterr().out
-    for words in ("Table II", "D_err back [m]", "Θ_err side [°]", "12.2", "Gains"):
-        assert words in out
-
-
-def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys, monkeypatch):
+def test_the_paper_s_table_is_printed_and_its_figures_drawn_of_four_cases(
+    folder, capsys, monkeypatch
+):
     write_table2(folder)
     drawn = {}
 
@@ -121,11 +109,15 @@ def test_figures_are_drawn_of_the_paper_s_four_cases(folder, capsys, monkeypatch
         return [out / "figure.svg"]
 
     monkeypatch.setattr("mecazen_experiments.figures.draw", draw)
-    experiment("figures", "--out", "new/folder", "--seed", 2)
+    options = ("--runs", 2, "--jobs", 1, "--json", "out.json", "--figures", "new/folder")
+    experiment("run", "paper.toml", *options)
+    assert [len(row["runs"]) for row in report("out.json")["rows"]] == [2] * 6
     assert drawn.keys() == {"back without", "back with", "side without", "side with"}
     assert {len(table) for table in drawn.values()} == {200}  # of 2 s, a tick each 10 ms
     assert Path("new/folder").is_dir()
-    assert capsys.readouterr().out == "new/folder/figure.svg\n"
+    out = capsys.readouterr().out
+    for words in ("Table II", "D_err back [m]", "Θ_err side [°]", "12.2", "Gains", "figure.svg\n"):
+        assert words in out
 
 
 @pytest.fixture(autouse=True)
@@ -151,7 +143,11 @@ WRONG = [
         ("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1", "--jobs", 2),
         ("--jobs", "--scheduler"),
     ),
-    (("figures", "--out", "short.toml"), ("--out short.toml",)),
+    (("run", "short_experiment.toml", "--only", "case=x"), ("--only case=x", "allowed: short")),
+    (("run", "short_experiment.toml", "--only", "view=x"), ("--only view=x", "case=NAME")),
+    (("run", "short_experiment.toml", "--films", "short.toml"), ("--films short.toml",)),
+    (("run", "short_experiment.toml", "--figures", "new"), ("--figures", "'following'")),
+    (("run", "short_experiment.toml", "mocap"), ("short_experiment.toml and mocap", "kinds")),
 ]
 
 

@@ -3,7 +3,7 @@
 import pytest
 from harness import ROBOTS
 from mecazen_experiments import fuzz
-from mecazen_experiments.run import Record
+from mecazen_experiments.report import Record
 
 
 def ridden(seed, *settings):

@@ -23,12 +23,7 @@ def test_angles_of_straight_legs_are_the_thigh_s():
 def test_events_are_where_the_feet_are_farthest_from_the_pelvis():
     t, joints = pendulum()
     found = events(t, about_path(joints, RATE_HZ))
-    for train, phase in (
-        (found.strikes[0], 0.0),
-        (found.strikes[1], 0.5),
-        (found.offs[0], 0.5),
-        (found.offs[1], 0.0),
-    ):
+    for train, phase in zip(found, (0.0, 0.5, 0.5, 0.0), strict=True):
         wrong = (train / STRIDE_S - phase + 0.5) % 1.0 - 0.5
         assert len(train) >= 8
         assert abs(wrong).max() * STRIDE_S < 0.005

@@ -7,14 +7,18 @@ import pytest
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen_experiments import jobs
-from mecazen_experiments.config import Case
-from mecazen_experiments.jobs import Job, expand, fingerprint, version
+from mecazen_experiments.config import Case, Experiment
+from mecazen_experiments.jobs import Job, fingerprint, version
 
 WALK = "t_s,x_m,y_m\n0,0,0\n1,0.5,0\n2.003,1,0\n"
 
 
 def case(folder: Any, name: str = "short", **more: Any) -> Case:
     return Case(name, folder.path / "short.toml", **more)
+
+
+def expand(cases, *arguments: Any, **options: Any) -> list[jobs.Series]:
+    return jobs.expand(Experiment(cases=tuple(cases)), *arguments, **options)
 
 
 def key_of(folder: Any, *settings: str) -> str:
@@ -44,6 +48,30 @@ def test_sweeps_run_every_combination_over_all_settings(folder):
     scenario = load_scenario(rows[3].jobs[0].scenario, rows[3].jobs[0].settings)
     assert (scenario.seed, scenario.start.x_m, scenario.sim.tick_s) == (5, -2.0, 0.02)
     assert len({row.jobs[0].key for row in rows}) == 4
+
+
+def test_a_grid_runs_every_choice_and_names_it(folder):
+    view = {"left": ("follower.view=side_left",), "back": ("follower.view=back",)}
+    place = ("start={ x_m = $x_m, y_m = $y_m, yaw_deg = $yaw_deg }", "follower.standoff_m=2.0")
+    swept = {"sim.tick_s": (0.01, 0.02)}
+    experiment = Experiment(cases=(case(folder),), settings=place, grid={"view": view}, sweep=swept)
+    rows = jobs.expand(experiment, [1])
+    assert [row.row for row in rows][1:3] == [
+        "short, left, sim.tick_s=0.02",
+        "short, back, sim.tick_s=0.01",
+    ]
+    assert rows[2].labels == {"case": "short", "view": "back", "sim.tick_s": 0.01}
+    scenarios = [load_scenario(row.jobs[0].scenario, row.jobs[0].settings) for row in rows]
+    left, back = scenarios[0].start, scenarios[2].start
+    # beside a person at the origin, whom the robot faces from their left
+    assert (left.x_m, left.y_m, left.yaw_deg) == pytest.approx((0.0, 2.0, -90.0), abs=1e-12)
+    assert (back.x_m, back.y_m, back.yaw_deg) == pytest.approx((-2.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_a_value_that_nothing_gives_is_named(folder):
+    wrong = case(folder, settings=("sim.duration_s=$none",), vary={"speed": (0.5, 1.0)})
+    with pytest.raises(ConfigError, match=r"'short'.*'none'.*bearing_deg, .*speed"):
+        expand([wrong], [1])
 
 
 def test_every_kind_of_value_can_be_swept(folder):

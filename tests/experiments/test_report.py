@@ -1,8 +1,8 @@
 """Rows of a report: means over runs and walks, and limits."""
 
 import pytest
+from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.report import relate, summarise, summarise_walks, within
-from mecazen_experiments.run import FOLLOWING
 from mecazen_experiments.statistics import Interval
 
 from experiments import made_up
@@ -56,7 +56,7 @@ def test_a_row_is_related_to_its_reference(max_ratio, expected):
     case = {"reference": "clean", "max_ratio": max_ratio}
     fault, more = made_up.series("fault", {(None, 1): 0.2}, **case)
     rows = [summarise(FOLLOWING, clean, records), summarise(FOLLOWING, fault, more)]
-    first, second = relate(rows, [clean.case, fault.case])
+    first, second = relate(rows, [clean, fault])
     assert (first.d_err_ratio, first.within_limits) == (None, None)
     assert second.d_err_ratio == pytest.approx(2.0)
     assert second.within_limits is expected

@@ -6,9 +6,9 @@ from contextlib import closing
 import pytest
 from mecazen.loading import load_table
 from mecazen_experiments.config import Experiment, experiment_path
-from mecazen_experiments.executor import LocalWorkers, run_all
+from mecazen_experiments.executor import local_workers, run_all
+from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import expand
-from mecazen_experiments.run import FOLLOWING
 from mecazen_experiments.store import Store
 
 RUNS = 30
@@ -28,11 +28,11 @@ SEEDS = (1,)
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """The scores of every case of Table II for a seed or several."""
-    cases = load_table(experiment_path("table2"), Experiment).cases
-    series = {one.row: one for one in expand(cases, SEEDS)}
+    experiment = load_table(experiment_path("table2"), Experiment)
+    series = {one.row: one for one in expand(experiment, SEEDS)}
     jobs = [job for one in series.values() for job in one.jobs]
     with closing(Store(tmp_path_factory.mktemp("results") / "runs.sqlite")) as store:
-        records = run_all(FOLLOWING, jobs, store, LocalWorkers())
+        records = run_all(FOLLOWING, jobs, store, local_workers())
     return {row: [records[job.key].scores.whole for job in one.jobs] for row, one in series.items()}
 
 

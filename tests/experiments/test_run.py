@@ -4,9 +4,9 @@ from harness import SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.keys import CLOCK, ODOM
 from mecazen.loading import load_scenario
-from mecazen_experiments.config import Case
-from mecazen_experiments.jobs import series
-from mecazen_experiments.run import FOLLOWING, observe, observe_bodies, record
+from mecazen_experiments.following import FOLLOWING
+from mecazen_experiments.jobs import jobs_of
+from mecazen_experiments.run import observe, observe_bodies, record
 from mecazen_tools.simulate import simulate
 
 BACK = SCENARIOS / "back.toml"
@@ -38,7 +38,7 @@ def test_bodies_are_observed_only_where_a_tracker_reports_them():
 
 
 def test_a_record_has_the_scores_of_the_run_and_its_cost():
-    (job,) = series(Case("short", BACK), "short", SHORT, (3,)).jobs
+    (job,) = jobs_of("short", BACK, SHORT, (3,))
     found = record(FOLLOWING, job)
     assert found.key == job.key
     assert 0.0 < found.scores.whole.d_err_m < 0.2

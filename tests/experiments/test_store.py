@@ -9,8 +9,9 @@ from contextlib import closing
 import pytest
 from harness import error_of
 from mecazen.errors import MecazenError
+from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Key
-from mecazen_experiments.run import FOLLOWING, Record
+from mecazen_experiments.report import Record
 from mecazen_experiments.scores import Score, Scores
 from mecazen_experiments.store import Store
 
@@ -21,34 +22,18 @@ def record(seed: int, d_err_m: float | None = 0.1, wall_s: float = 1.0) -> Recor
     return Record(Key("scenario", seed, "version"), "sha", scores, wall_s, 123.4)
 
 
-def test_a_record_comes_back_equal_in_the_next_command(tmp_path):
+def test_a_record_comes_back_equal_under_its_whole_key_and_the_first_stays(tmp_path):
     file = tmp_path / "store.sqlite"
-    with closing(Store(file)) as store:
-        store.add(FOLLOWING, record(1))
-        store.add(FOLLOWING, record(2, None))
+    with closing(Store(file)) as one, closing(Store(file)) as other:  # two commands
+        one.add(FOLLOWING, record(1))
+        other.add(FOLLOWING, record(1, wall_s=2.0))
+        other.add(FOLLOWING, record(2, None))
     with closing(Store(file)) as store:
         found = store.find(FOLLOWING, [record(seed).key for seed in (1, 2, 3)])
-    assert found == {record(1).key: record(1), record(2).key: record(2, None)}
-
-
-def test_every_part_of_the_key_counts(tmp_path):
-    with closing(Store(tmp_path / "store.sqlite")) as store:
-        store.add(FOLLOWING, record(1))
         others = [Key("other", 1, "version"), Key("scenario", 1, "other")]
         assert store.find(FOLLOWING._replace(name="other"), [record(1).key]) == {}
         assert store.find(FOLLOWING, others) == {}
-
-
-def test_two_commands_share_a_file_and_the_first_record_stays(tmp_path):
-    file = tmp_path / "store.sqlite"
-    with closing(Store(file)) as one, closing(Store(file)) as other:
-        one.add(FOLLOWING, record(1, wall_s=1.0))
-        other.add(FOLLOWING, record(1, wall_s=2.0))
-        other.add(FOLLOWING, record(2))
-        assert one.find(FOLLOWING, [record(1).key, record(2).key]) == {
-            record(1).key: record(1),
-            record(2).key: record(2),
-        }
+    assert found == {record(1).key: record(1), record(2).key: record(2, None)}
 
 
 KILLED = """
@@ -73,15 +58,10 @@ def test_a_command_that_is_killed_while_it_writes_leaves_what_it_had_written(tmp
         assert store.find(FOLLOWING, [record(2).key]) == {record(2).key: record(2)}
 
 
-@pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite"])
+@pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite", "other.sqlite"])
 def test_what_can_t_be_a_store_is_one_line(tmp_path, name):
     (tmp_path / "text.sqlite").write_text("no database, but long enough to look like one" * 10)
-    assert name in error_of(MecazenError, lambda: Store(tmp_path / name))
-
-
-def test_a_store_of_something_else_is_one_line(tmp_path):
-    file = tmp_path / "other.sqlite"
-    with closing(sqlite3.connect(file)) as database:
+    with closing(sqlite3.connect(tmp_path / "other.sqlite")) as database:
         database.execute("create table records (name)")
-    with closing(Store(file)) as store, pytest.raises(MecazenError, match=r"other\.sqlite"):
-        store.find(FOLLOWING, [record(1).key])
+    find = lambda: Store(tmp_path / name).find(FOLLOWING, [record(1).key])  # noqa: E731
+    assert name in error_of(MecazenError, find)

@@ -1,33 +1,23 @@
-"""Tables of experiments as a terminal shows them."""
+"""Tables of rows: labels, and means, sums and least values of scores."""
 
 import msgspec
-from mecazen_experiments.table2 import gains
-from mecazen_experiments.tables import cases, table2
+from mecazen_experiments.tables import table
 
 from experiments import made_up
 
 
-def test_the_table_has_means_intervals_and_marks():
-    good = made_up.row("good [red]", 0.1, 0.1, limits={"d_err_m": 0.2})
-    bad = made_up.row("bad", 0.1, 0.1, limits={"d_err_m": 0.05})
-    text = made_up.shown(cases([good, bad]))
-    for word in ("good [red]", "0.1000", "0.1000 … 0.1000", "1.00", "D_err [m]", "✓", "✗"):
-        assert word in text
-
-
-def test_a_single_run_has_no_interval():
-    text = made_up.shown(cases([made_up.row("one", 0.1)]))
-    assert "0.1000" in text
-    assert "0.1000 … 0.1000" not in text
-
-
-def test_the_table_has_the_ratio_to_the_reference():
-    row = msgspec.structs.replace(made_up.row("fault", 0.2), d_err_ratio=2.0)
-    assert "2.00" in made_up.shown(cases([row]))
-
-
-def test_the_table_has_the_paper_s_figures_beside_ours():
-    rows = made_up.six_rows()
-    text = made_up.shown(*table2(rows, gains(rows)))
-    for word in ("D_err back [m]", "Θ_err side [°]", "0.22", "12.2", "0.300", "3.00", "0.175"):
-        assert word in text
+def test_a_row_shows_its_labels_and_each_score_as_it_was_summarised():
+    row = msgspec.structs.replace(
+        made_up.row("door, back", 0.1, 0.2),
+        labels={"case": "[door]", "view": "back"},
+        sums={"contacts": 3.0},
+        least={"gap": -0.25, "none": None},
+    )
+    columns = [("touched", "contacts", 0), ("gap", "gap", 2), ("far", "none", 2)]
+    columns += [("D_err", "d_err_m", 3), ("NEES", "nees", 2)]
+    text = made_up.shown(table(["situation", "view"], columns, [row]))
+    cells = next(line for line in text.splitlines() if "door" in line).split("│")[1:-1]
+    assert [cell.strip() for cell in cells] == (
+        ["[door]", "back", "2", "3", "-0.25", "", "0.150", "-"]
+    )
+    assert "0.100 … 0.200" in text

@@ -10,7 +10,7 @@ from mecazen.loading import load_scenario
 from mecazen_experiments.config import Range, TunedCase, Tuning
 from mecazen_experiments.executor import RunsFailedError
 from mecazen_experiments.jobs import Job, Key
-from mecazen_experiments.run import Record
+from mecazen_experiments.report import Record
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
 
 from experiments import made_up

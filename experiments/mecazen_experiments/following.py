@@ -1,0 +1,55 @@
+"""How well the robot follows: distance, angle, smoothness, estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+from rich.table import Table
+
+from mecazen_experiments.jobs import Job
+from mecazen_experiments.report import Kind, Record, Row
+from mecazen_experiments.run import observe
+from mecazen_experiments.scores import Scores, score
+from mecazen_experiments.tables import Column, table
+
+COLUMNS: tuple[Column, ...] = (
+    *(
+        (f"{part}\n{heading}", f"{prefix}{name}", digits)
+        for part, prefix in (("whole", ""), ("settled", "settled_"))
+        for heading, name, digits in (
+            ("D_err \\[m]", "d_err_m", 4),
+            ("Θ_err \\[°]", "theta_err_deg", 2),
+        )
+    ),
+    ("estimate\nyaw \\[°]", "estimate_yaw_err_deg", 2),
+    ("NEES", "nees", 2),
+    ("lost \\[s]", "lost_s", 2),
+)
+
+
+def _measure(job: Job) -> tuple[Scores, str]:
+    scenario = job.load()
+    seen = observe(scenario)
+    return score(seen.table, scenario.follower.standoff), seen.trajectory_sha256
+
+
+def _numbers(scores: Scores) -> Mapping[str, float | None]:
+    settled = msgspec.structs.asdict(scores.settled)
+    return msgspec.structs.asdict(scores.whole) | {f"settled_{n}": v for n, v in settled.items()}
+
+
+def _ratio(row: Row[Scores]) -> str:
+    return "" if row.d_err_ratio is None else f"{row.d_err_ratio:.2f}"
+
+
+def _mark(row: Row[Scores]) -> str:
+    return {None: "", True: "[green]✓[/]", False: "[red]✗[/]"}[row.within_limits]
+
+
+def cases(rows: Sequence[Row[Scores]]) -> list[Table]:
+    """Return the table of the cases, with their references and limits."""
+    return [table(["case"], COLUMNS, rows, more={"of the\nreference": _ratio, "limits": _mark})]
+
+
+FOLLOWING = Kind("following", Record[Scores], _measure, _numbers, cases)
