@@ -49,35 +49,6 @@ TOGETHER = 'processes=[["physics","controller","target"]]'
 THERE, BACK = "bench/there", "bench/back"
 
 
-class Probe:
-    """Puts commands, each with a speed of its own, and detects when the wheels receive it."""
-
-    def __init__(self, bus: ZenohBus, wheel_radius: float) -> None:
-        self._bus = bus
-        self._radius = wheel_radius
-        self._received = -1
-        self._received_s = 0.0
-        bus.subscribe(keys.JOINT_COMMAND, self._on_joint_command, every=True)
-
-    def measure(self, number: int, timeout_s: float) -> float | None:
-        """Return the time from put to answer of command `number` [s], or None without one."""
-        # backwards: away from the person
-        twist = Twist.planar(Twist2D(x=-SPEED - number * SPEED_STEP))
-        begin = time.perf_counter()
-        self._bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
-        while self._received != number:
-            left_s = begin + timeout_s - time.perf_counter()
-            if left_s <= 0.0:
-                return None
-            self._bus.spin_once(left_s)
-        return self._received_s - begin
-
-    def _on_joint_command(self, joints: JointState, _: Stamp | None) -> None:
-        number = round((-joints.velocity[0] * self._radius - SPEED) / SPEED_STEP)
-        if number != self._received:
-            self._received, self._received_s = number, time.perf_counter()
-
-
 def run(puts: int = PUTS) -> list[Group]:
     """Drive the scenario `teleop` from outside, without its guard, idle and under load."""
     cores = len(os.sched_getaffinity(0))
@@ -171,13 +142,31 @@ def drive(scenario: Scenario, puts: int) -> list[float | None]:
     """
     pause = random.Random(1)  # noqa: S311
     with closing(ZenohBus(scenario.bus)) as bus:
-        probe = Probe(bus, scenario.robot.wheels.radius_m)
+        answers: dict[int, float] = {}  # when the wheels first had the speed of each command
+
+        def receive(joints: JointState, _: Stamp | None) -> None:
+            rim = -joints.velocity[0] * scenario.robot.wheels.radius_m
+            answers.setdefault(round((rim - SPEED) / SPEED_STEP), time.perf_counter())
+
+        def measure(number: int, timeout_s: float) -> float | None:
+            # backwards: away from the person
+            twist = Twist.planar(Twist2D(x=-SPEED - number * SPEED_STEP))
+            begin = time.perf_counter()
+            bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
+            while number not in answers:
+                left_s = begin + timeout_s - time.perf_counter()
+                if left_s <= 0.0:
+                    return None
+                bus.spin_once(left_s)
+            return answers[number] - begin
+
+        bus.subscribe(keys.JOINT_COMMAND, receive, every=True)
         failure = "teleop does not answer cmd_vel"
-        spin_until(bus, lambda: probe.measure(0, 0.1) is not None, failure)
+        spin_until(bus, lambda: measure(0, 0.1) is not None, failure)
         latencies = []
         for number in range(1, puts + 1):
             spin(bus, pause.uniform(*PAUSE_S))
-            latencies.append(probe.measure(number, ANSWER_S))
+            latencies.append(measure(number, ANSWER_S))
     return latencies
 
 

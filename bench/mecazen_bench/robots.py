@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain, cycle, repeat
 from random import Random
 
 from mecazen.config import PhysicsConfig
@@ -40,91 +41,79 @@ MOTIONS = (
 LINEAR: Goal = (None, 1.1)
 REAL_TIME: Goal = (1.0, None)
 
-Drive = Callable[[int], list[WheelCommand]]
-"""Commands of all robots, by the number of the block."""
+Commands = Iterator[list[WheelCommand]]
+"""Commands of all robots: to warm up, and of the reversal and the measured part of each block."""
 
 
-class Robots:
-    """Some robots that drive."""
-
-    def __init__(self, starts: Sequence[Pose2D], drive: Drive, dt_s: float = MAX_DT_S) -> None:
-        self.count = len(starts)
-        self.spent_s: list[float] = []
-        """Processor time of one robot's tick, a mean for each block."""
-        self._drive, self._steps = drive, round(TICK_S / dt_s)
-        nexus = robot("nexus")
-        self._world = Simulation([(nexus, start) for start in starts], PhysicsConfig(dt_s=dt_s))
-        self._advance(WARM_UP_TICKS)
-
-    def measure(self) -> None:
-        self._advance(REVERSAL_TICKS)
-        begin = time.thread_time()
-        self._advance(BLOCK_TICKS)
-        self.spent_s.append((time.thread_time() - begin) / BLOCK_TICKS / self.count)
-
-    def _advance(self, ticks: int) -> None:
-        commands = self._drive(len(self.spent_s))
-        for _ in range(ticks):
-            self._world.advance(commands, self._steps)
+def _apart(count: int) -> Iterator[float]:
+    starts = [Pose2D(0.0, APART_M * number) for number in range(count)]
+    motions = [[sign * v for v in motion] for motion in MOTIONS for sign in (1.0, -1.0)]
+    legs = ([WheelCommand(motion)] * count for motion in cycle(motions))
+    first = next(legs)
+    return _spent_s(starts, chain([first] * 3, (leg for leg in legs for _ in range(2))))
 
 
-def _there_and_back(count: int) -> Drive:
-    def drive(block: int) -> list[WheelCommand]:
-        leg, is_back = divmod(block, 2)
-        motion = [-v if is_back else v for v in MOTIONS[leg % len(MOTIONS)]]
-        return [WheelCommand(motion)] * count
-
-    return drive
+def _head_on() -> Iterator[float]:
+    starts = [Pose2D(), Pose2D(0.6, 0.0, math.pi)]
+    return _spent_s(starts, repeat([WheelCommand(MOTIONS[0])] * 2))
 
 
-def _head_on(block: int) -> list[WheelCommand]:
-    del block
-    return [WheelCommand(MOTIONS[0])] * 2
-
-
-def _crowd() -> Robots:
-    """Return robots on a grid, which drive anywhere: they come close to each other, and push."""
+def _crowd() -> Iterator[float]:
+    """Measure robots on a grid, which drive anywhere: they come close to each other, and push."""
     random = Random(1)  # noqa: S311 - not for secrets
     row = math.isqrt(CROWD)
     places = [(number + 0.5) * CROWD_M / row for number in range(row)]
     starts = [Pose2D(x, y, random.uniform(-math.pi, math.pi)) for x in places for y in places]
 
-    def drive(block: int) -> list[WheelCommand]:
-        del block
-        return [
-            WheelCommand([random.uniform(-CROWD_RAD_S, CROWD_RAD_S) for _ in WHEELS])
-            for _ in range(CROWD)
-        ]
+    def speeds() -> list[float]:
+        return [random.uniform(-CROWD_RAD_S, CROWD_RAD_S) for _ in WHEELS]
 
-    return Robots(starts, drive, CROWD_DT_S)
+    commands = ([WheelCommand(speeds()) for _ in starts] for _ in repeat(None))
+    return _spent_s(starts, commands, CROWD_DT_S)
+
+
+def _spent_s(
+    starts: Sequence[Pose2D], commands: Commands, dt_s: float = MAX_DT_S
+) -> Iterator[float]:
+    """Yield the processor time of one robot's tick, a mean for each block [s]."""
+    nexus = robot("nexus")
+    world = Simulation([(nexus, start) for start in starts], PhysicsConfig(dt_s=dt_s))
+
+    def advance(ticks: int) -> None:
+        wanted = next(commands)
+        for _ in range(ticks):
+            world.advance(wanted, round(TICK_S / dt_s))
+
+    advance(WARM_UP_TICKS)
+    while True:
+        advance(REVERSAL_TICKS)
+        begin = time.thread_time()
+        advance(BLOCK_TICKS)
+        yield (time.thread_time() - begin) / BLOCK_TICKS / len(starts)
 
 
 def run(blocks: int = BLOCKS) -> list[Group]:
     """Measure robots apart, two that push each other, and a crowd."""
-    cases = {
-        f"{count} apart": Robots(
-            [Pose2D(0.0, APART_M * number) for number in range(count)], _there_and_back(count)
-        )
-        for count in COUNTS
-    }
-    cases["2 head on"] = Robots([Pose2D(), Pose2D(0.6, 0.0, math.pi)], _head_on)
-    cases[f"{CROWD} in a crowd"] = _crowd()
+    cases = {f"{count} apart": (count, _apart(count)) for count in COUNTS}
+    cases["2 head on"] = 2, _head_on()
+    cases[f"{CROWD} in a crowd"] = CROWD, _crowd()
+    spent: dict[str, list[float]] = {name: [] for name in cases}
     for _ in range(blocks):
-        for case in cases.values():
-            case.measure()
-    seconds = {name: statistics.median(case.spent_s) for name, case in cases.items()}
+        for name, (_, case) in cases.items():
+            spent[name].append(next(case))
+    seconds = {name: statistics.median(each) for name, each in spent.items()}
     rows = {
         name: {
-            "µs/robot and tick": Figure(spent * 1e6, "less"),
+            "µs/robot and tick": Figure(one_s * 1e6, "less"),
             "relative to one robot": Figure(
-                spent / seconds["1 apart"], LINEAR if name.endswith("apart") else "less"
+                one_s / seconds["1 apart"], LINEAR if name.endswith("apart") else "less"
             ),
             "× real time": Figure(
-                TICK_S / spent / cases[name].count,
+                TICK_S / one_s / cases[name][0],
                 "more" if name.endswith("apart") else REAL_TIME,
             ),
         }
-        for name, spent in seconds.items()
+        for name, one_s in seconds.items()
     }
     how = (
         f"processor time in one process, physics only, nexus at {MAX_DT_S * 1e3:g} ms; the crowd "

@@ -47,7 +47,7 @@ class RunsFailedError(MecazenError):
 class Workers(NamedTuple):
     """Processes that do jobs."""
 
-    count: int
+    at_once: int
     """The number of jobs that may be running when a worker dies."""
     do_once: Callable[[Callable[[Job], Any], Sequence[Job]], Outcomes[Any]]
     """Yields outcomes; none of jobs that were not finished when a worker died."""
@@ -158,7 +158,7 @@ def do_all(
                     failures.append((job, outcome))
                 else:
                     yield job, outcome
-        begun, rest = waiting[: workers.count], waiting[workers.count :]
+        begun, rest = waiting[: workers.at_once], waiting[workers.at_once :]
         tries.update(begun)
         if rest:
             batches.appendleft(rest)

@@ -102,7 +102,7 @@ def expand(
         for values in product(*swept.values()):
             changes = tuple(f"{key}={value}" for key, value in zip(swept, values, strict=True))
             row = ", ".join((case.name, *(name for _, name in choice), *changes))
-            labels = {"case": case.name, **dict(choice)}
+            labels: dict[str, str | float] = {"case": case.name, **dict(choice)}
             labels |= {key: _scalar(value) for key, value in zip(swept, values, strict=True)}
             fill = _filling(case, (*given, *case.settings), (*changes, *settings))
             jobs: list[Job] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol, cast
+from typing import cast
 
 from mecazen.config.follower import PidControl
 from mecazen.drive import Drive
@@ -20,45 +20,33 @@ from msgspec.structs import replace
 
 from mecazen_gym.follow import Array, FollowEnv, Observation
 
-
-class Policy(Protocol):
-    """Takes each observation of one episode, from the start, and returns an action."""
-
-    def __call__(self, observation: Array) -> Array:
-        """Return the action."""
+Policy = Callable[[Array], Array]
+"""Takes each observation of one episode, from the start, and returns an action."""
 
 
-class Random:
-    """Any action, each as likely as any other."""
-
-    def __init__(self, env: FollowEnv, seed: int) -> None:
-        self._space = env.action_space
-        self._space.seed(seed)
-
-    def __call__(self, observation: Array) -> Array:
-        """Return the action."""
-        del observation
-        return self._space.sample()
+def random(env: FollowEnv, seed: int) -> Policy:
+    """Return any action, each as likely as any other."""
+    space = env.action_space
+    space.seed(seed)
+    return lambda _: space.sample()
 
 
-class Pid:
-    """The follower's three PIDs on the place beside the person as last seen: no estimator.
+def pid(env: FollowEnv, _: int) -> Policy:
+    """Drive by the follower's three PIDs to the place beside the person as last seen.
 
-    There is no velocity to feed forward either. It stops once no person is seen for `lost_after_s`.
+    There is no estimator, so no velocity to feed forward. It stops once no person is seen for
+    `lost_after_s`.
     """
+    law = PoseController(PidControl(feed_forward=False))
 
-    def __init__(self, env: FollowEnv, seed: int) -> None:
-        del seed
-        self._law = PoseController(PidControl(feed_forward=False))
-        self._env = env
-
-    def __call__(self, observation: Array) -> Array:
-        """Return the action."""
+    def act(observation: Array) -> Array:
         seen = Observation(*observation.tolist())
-        if seen.age_s > self._env.follower.lost_after_s:
-            return self._env.action(self._law.stop())
-        goal = self._env.follower.standoff.goal(seen.person)
-        return self._env.action(self._law.command(goal, Twist2D(), Pose2D(), self._env.period_s))
+        if seen.age_s > env.follower.lost_after_s:
+            return env.action(law.stop())
+        goal = env.follower.standoff.goal(seen.person)
+        return env.action(law.command(goal, Twist2D(), Pose2D(), env.period_s))
+
+    return act
 
 
 class Follower:
@@ -95,8 +83,8 @@ class Follower:
 
 
 POLICIES: dict[str, Callable[[FollowEnv, int], Policy]] = {
-    "random": Random,
-    "pid": Pid,
+    "random": random,
+    "pid": pid,
     "follower": Follower,
 }
 """Each is made for an episode, with a seed of its own."""
