@@ -74,12 +74,6 @@ def test_a_value_that_nothing_gives_is_named(folder):
         expand([wrong], [1])
 
 
-def test_every_kind_of_value_can_be_swept(folder):
-    sweep = {"bus.multicast_scouting": (True, False), "follower.view": ("back", "front")}
-    rows = expand([case(folder, sweep=sweep)], [1])
-    assert len({row.jobs[0].key for row in rows}) == 4
-
-
 def test_a_recorded_case_runs_each_walk_to_its_end(folder):
     walks = [folder.write(f"walks/{name}.csv", WALK) for name in ("eth_1", "eth_2")]
     walker = case(folder, settings=(recorded(walks[0]), "target.path.start_after_s=1"))
@@ -111,30 +105,29 @@ def test_the_fingerprint_is_of_what_is_simulated(folder):
     assert key_of(folder, "robot.rollers.mass_kg=0.03") != key_of(folder)
 
 
-def test_the_fingerprint_has_what_a_walk_says_and_not_its_name(folder):
-    walk, copy = folder.write("a.csv", WALK), folder.write("deep/b.csv", WALK)
-    other = folder.write("c.csv", WALK.replace("0.5", "0.6"))
-    assert key_of(folder, recorded(walk)) == key_of(folder, recorded(copy))
-    assert key_of(folder, recorded(walk)) != key_of(folder, recorded(other))
+def test_the_fingerprint_has_what_a_walk_and_a_program_say_and_not_their_names(folder, monkeypatch):
+    def of(name, text, setting):
+        return key_of(folder, setting(folder.write(name, text)))
 
+    def program(file):
+        return f'programs.follower="{file}:A"'
 
-def test_the_fingerprint_has_what_a_program_says_and_not_its_name(folder, monkeypatch):
-    texts = {"a.py": "A = 1", "deep/b.py": "A = 1", "c.py": "A = 2", "a_module.py": "A = 1"}
-    for name, text in texts.items():
-        folder.write(name, text)
-    first, copy, other = (
-        key_of(folder, f'programs.follower="{folder.path}/{name}:A"')
-        for name in ("a.py", "deep/b.py", "c.py")
-    )
-    assert first == copy
-    assert first != other
+    other = WALK.replace("0.5", "0.6")
+    for suffix, one, two, setting in (
+        ("csv", WALK, other, recorded),
+        ("py", "A = 1", "A = 2", program),
+    ):
+        first = of(f"a.{suffix}", one, setting)
+        assert first == of(f"deep/b.{suffix}", one, setting)
+        assert first != of(f"c.{suffix}", two, setting)
+    folder.write("a_module.py", "A = 1")
     monkeypatch.syspath_prepend(folder.path)
-    assert key_of(folder, 'programs.follower="a_module:A"') == first
+    assert key_of(folder, program("a_module")) == first
     with pytest.raises(ConfigError, match="no_module"):
-        key_of(folder, 'programs.follower="no_module:A"')
+        key_of(folder, program("no_module"))
 
 
-def test_the_version_changes_with_any_source(folder, monkeypatch):
+def test_the_version_changes_with_any_source_and_library(folder, monkeypatch):
     def hashed():
         return version.__wrapped__()
 
@@ -146,12 +139,9 @@ def test_the_version_changes_with_any_source(folder, monkeypatch):
     assert before != version()
     source.write_text("A = 2")
     assert hashed() != before
-
-
-def test_the_version_changes_with_a_library(monkeypatch):
-    before = version()
+    source.write_text("A = 1")
     monkeypatch.setattr(jobs, "version_of", lambda name: "0.1" if name == "dartpy" else "1")
-    assert version.__wrapped__() != before
+    assert hashed() != before
 
 
 def test_a_worker_with_another_version_refuses(folder):

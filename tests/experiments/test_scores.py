@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 from experiments.made_up import BACK, TICK_S, beside, covariances, line, run, twist, whole
 from harness import SCENARIOS
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.standoff import Standoff
 from mecazen_experiments.scores import Score, Scores, nees, score
 from mecazen_experiments.table import Poses, Table, wrap
 from mecazen_tools.simulate import simulate
-from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE
 from scipy import stats
 
 SIDE_LEFT = Standoff(1.0, math.pi / 2, -math.pi / 2)
@@ -41,18 +37,10 @@ def test_a_constant_offset_is_mean_rms_percentile_and_maximum():
     assert found.min_distance_m == pytest.approx(1.1)
 
 
-def test_errors_to_both_sides_do_not_cancel():
-    person = line(101)
-    off = np.where(np.arange(101) % 2, 0.1, -0.1)
-    robot = Poses(person.x - 1.0 + off, person.y, np.radians(50.0 * off))
-    found = whole(run(101, target=person, robot=robot))
-    assert found.d_err_m == pytest.approx(0.1)
-    assert found.theta_err_deg == pytest.approx(5.0)
-
-
-def test_of_errors_of_0_to_100_cm_each_measure_is_its_own():
+def test_of_errors_of_0_to_100_cm_to_both_sides_each_measure_is_its_own():
     person = line(102)
     cm = np.clip(np.arange(102.0) - 1.0, 0.0, None)  # tick 0 is before the first motion
+    cm[::2] *= -1.0
     robot = Poses(person.x - 1.0 - cm / 100.0, person.y, np.radians(cm))
     found = whole(run(102, target=person, robot=robot))
     rms = math.sqrt(sum(k * k for k in range(101)) / 101)
@@ -143,13 +131,6 @@ def test_a_turn_on_the_spot_is_motion():
     assert found.d_err_m == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_run_that_ends_before_it_settles_has_no_settled_measures():
-    person = line(100)
-    found = score(run(100, target=person, robot=person), BACK)
-    assert found.whole.d_err_m == pytest.approx(1.0)
-    assert found.settled == Score()
-
-
 @pytest.mark.parametrize("target", [(), (1.0, 2.0, 3.0)], ids=["nobody", "standing"])
 def test_without_a_person_who_moves_there_are_no_measures(target):
     table = run(100, robot=(0.0, 0.0, 0.0), target=target, **twist("robot", 0.0))
@@ -158,7 +139,10 @@ def test_without_a_person_who_moves_there_are_no_measures(target):
 
 def test_what_was_not_reported_has_no_measure():
     person = line(100)
-    found = whole(run(100, target=person, robot=person, **twist("robot", 0.0)))
+    found, settled = msgspec.structs.astuple(
+        score(run(100, target=person, robot=person, **twist("robot", 0.0)), BACK)
+    )
+    assert settled == Score()  # 1 s
     reported = {name for name, value in msgspec.to_builtins(found).items() if value is not None}
     of_robot_and_person = {"acceleration_rms_m_s2", "jerk_rms_m_s3", "bearing_err_deg"}
     assert reported == of_robot_and_person | {"goal_err_m", "min_distance_m", *DISTANCES, *ANGLES}
@@ -222,36 +206,6 @@ def test_of_a_real_run_every_measure_can_be_said(real):
     for part in (found.whole, found.settled):
         assert all(math.isfinite(value) for value in msgspec.structs.astuple(part))
     assert msgspec.json.decode(msgspec.json.encode(found), type=Scores) == found
-
-
-def moved(table, world, odom):
-    """The run with world and odom each moved by a pose."""
-    columns = {name: table[name] for name in COLUMNS}
-    for who, by in {"robot": world, "target": world, "odom": odom, "estimate": odom}.items():
-        by_each = Poses(*(np.full(len(table), number) for number in by))
-        poses = by_each.compose(table.poses(who))
-        columns |= {f"{who}_{name}": column for name, column in zip(POSE, poses, strict=True)}
-    matrix = np.empty((len(table), 3, 3))
-    for name, i, j in zip(COVARIANCE, *np.triu_indices(3), strict=True):
-        matrix[:, i, j] = matrix[:, j, i] = table[f"estimate_{name}"]
-    c, s = math.cos(odom.yaw), math.sin(odom.yaw)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Table(columns | covariances(turn @ matrix @ turn.T), table.tick_s)
-
-
-frames = st.builds(
-    Pose2D, st.floats(-100.0, 100.0), st.floats(-100.0, 100.0), st.floats(-math.pi, math.pi)
-)
-
-
-@settings(max_examples=20)
-@given(world=frames, odom=frames)
-def test_where_world_and_odom_lie_does_not_matter(real, world, odom):
-    table = real[0]
-    found = msgspec.structs.astuple(whole(moved(table, world, odom)))
-    # Coordinates of 200 m are rounded at 3e-14. NEES divides errors of 0.03 m by their
-    # variance, the drift a difference of 1 cm by the path: 1e-12 of each.
-    assert found == pytest.approx(msgspec.structs.astuple(whole(table)), rel=1e-9)
 
 
 # --- estimation ----------------------------------------------------------------------------
@@ -332,13 +286,6 @@ def test_ticks_without_an_estimate_are_left_out():
     assert found.nees == pytest.approx(1.0)
 
 
-def test_without_a_covariance_there_is_an_error_but_no_nees():
-    found = whole(estimated(50, (0.1, 0.0, 0.0), np.zeros((3, 3))))
-    assert found.estimate_position_err_m == pytest.approx(0.1)
-    assert found.nees is None
-    assert found.nees_p95 is None
-
-
 def test_nees_is_said_only_where_the_covariance_is_positive_definite():
     good, none, saddle = np.eye(2), np.zeros((2, 2)), np.diag([-1.0, -1.0])
     found = nees(np.ones((3, 2)), np.array([good, none, saddle]))
@@ -366,17 +313,5 @@ def test_drift_is_the_share_of_the_path_by_which_the_odometry_is_off_at_the_end(
     odom = (3.0, 0.98 * way, math.pi / 2)  # 2 % short, in a frame of its own
     found = whole(run(ticks, target=line(ticks), robot=(way, 0.0, 0.0), odom=odom))
     assert found.odometry_drift_percent == pytest.approx(2.0)
-
-
-def test_an_odometry_that_is_off_in_yaw_at_the_start_alone_has_no_drift():
-    ticks = 100
-    robot = Poses(*(0.01 * np.arange(ticks) * k for k in (1.0, 0.5, 0.3)))
-    odom = Poses(*(np.full(ticks, number) for number in Pose2D(1.0, 2.0, 2.0))).compose(robot)
-    found = whole(run(ticks, target=line(ticks), robot=robot, odom=odom))
-    assert found.odometry_drift_percent == pytest.approx(0.0, abs=1e-9)
-
-
-def test_of_a_path_below_10_cm_there_is_no_drift():
-    way = 0.001 * np.arange(100)
-    found = whole(run(100, target=line(100), robot=(way, 0.0, 0.0), odom=(0.5 * way, 0.0, 0.0)))
-    assert found.odometry_drift_percent is None
+    near = whole(run(100, target=line(100), robot=(0.1 * way[:100], 0.0, 0.0), odom=(0.0,) * 3))
+    assert near.odometry_drift_percent is None  # of less than 10 cm

@@ -102,20 +102,11 @@ def assert_same(found, expected):
 
 
 @given(pairs)
-def test_compose_is_that_of_each_pose(pairs):
+def test_compose_and_between_are_those_of_each_pose_and_of_one_for_all(pairs):
     left, right = zip(*pairs, strict=True)
     assert_same(many(left).compose(many(right)), [a.compose(b) for a, b in pairs])
-
-
-@given(pairs)
-def test_between_is_that_of_each_pose(pairs):
-    left, right = zip(*pairs, strict=True)
     assert_same(many(left).between(many(right)), [a.between(b) for a, b in pairs])
-
-
-@given(st.lists(poses, min_size=1, max_size=5), poses)
-def test_compose_with_one_pose_takes_it_for_all(left, right):
-    assert_same(many(left).compose(right), [pose.compose(right) for pose in left])
+    assert_same(many(left).compose(right[0]), [pose.compose(right[0]) for pose in left])
 
 
 def test_wrap_brings_angles_to_between_minus_and_plus_half_a_turn():
