@@ -42,11 +42,7 @@ File = Annotated[Path, typer.Argument(metavar="FILE.json", show_default=False)]
 
 
 def benchmark(name: str) -> Callable[[], list[Group]]:
-    """Return the function of a benchmark.
-
-    Raises:
-        MecazenError: There is no such benchmark.
-    """
+    """Return the function of a benchmark."""
     if name not in BENCHMARKS:
         raise MecazenError(f"--only {name}: no such benchmark; there are {', '.join(BENCHMARKS)}")
     module, _, function = BENCHMARKS[name].partition(":")

@@ -25,11 +25,7 @@ MESH_RINGS, MESH_SEGMENTS = 10, 11
 
 
 class GazeboEngine(Engine):
-    """A robot in Gazebo's default engine, in a process of its own.
-
-    Raises:
-        MecazenError: The program has ended; it has written why.
-    """
+    """A robot in Gazebo's default engine, in a process of its own."""
 
     def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
         super().__init__(f"Gazebo, {shape}", robot, dt_s)

@@ -167,11 +167,7 @@ def _median(values: Sequence[float], goal: Goal) -> Figure:
 
 
 def compare(before: Results, after: Results) -> tuple[str, int]:
-    """Return a table of the figures in both results, and the number of those that became worse.
-
-    Raises:
-        ResultsError: No figure is in both.
-    """
+    """Return a table of the figures in both results, and the number of those that became worse."""
     earlier = dict(before.named())
     rows, worse = [], 0
     for name, figure in after.named():
@@ -202,11 +198,7 @@ def default_path(machine: str, only: Sequence[str], folder: Path = FOLDER) -> Pa
 
 
 def write(results: Results, path: Path) -> None:
-    """Write the file, and create its folder.
-
-    Raises:
-        ResultsError: It can't be written.
-    """
+    """Write the file, and create its folder."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -215,11 +207,7 @@ def write(results: Results, path: Path) -> None:
 
 
 def read(path: Path) -> Results:
-    """Return what `write` has written.
-
-    Raises:
-        ResultsError: There is no such file, or its content is something else.
-    """
+    """Return what `write` has written."""
     try:
         found = msgspec.json.decode(path.read_bytes(), type=Results)
     except OSError as error:
@@ -232,11 +220,7 @@ def read(path: Path) -> Results:
 
 
 def updated(document: str, folder: Path = FOLDER) -> str:
-    """Return a document with its blocks generated from the results in `folder`.
-
-    Raises:
-        ResultsError: A results file can't be used.
-    """
+    """Return a document with its blocks generated from the results in `folder`."""
     return BLOCK.sub(lambda found: f"{found[1]}{_block(found[2], folder)}{found[3]}", document)
 
 

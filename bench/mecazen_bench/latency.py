@@ -135,11 +135,7 @@ def _busy_processes(count: int) -> Iterator[None]:
 
 
 def drive(scenario: Scenario, puts: int) -> list[float | None]:
-    """Return the time from put to answer of each command [s], or None without an answer.
-
-    Raises:
-        MecazenError: There is no answer at all.
-    """
+    """Return the time from put to answer of each command [s], or None without an answer."""
     pause = random.Random(1)  # noqa: S311
     with closing(ZenohBus(scenario.bus)) as bus:
         answers: dict[int, float] = {}  # when the wheels first had the speed of each command

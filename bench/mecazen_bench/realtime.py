@@ -68,11 +68,7 @@ def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
 
 
 def run(window_s: float = WINDOW_S) -> list[Group]:
-    """Run the scenario `back` as a user does, without the viewer.
-
-    Raises:
-        MecazenError: It does not start.
-    """
+    """Run the scenario `back` as a user does, without the viewer."""
     settings = private_router()
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
     with ProcessPoolExecutor(1, get_context("spawn"), set_priority) as receiver:

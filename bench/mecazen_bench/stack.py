@@ -51,11 +51,7 @@ def running(
     *settings: str,
     services: Sequence[str] | None = None,
 ) -> Iterator[Stack]:
-    """Run a router and a scenario's services, or some of them, isolated from any other run.
-
-    Raises:
-        MecazenError: A process has ended.
-    """
+    """Run a router and a scenario's services, or some of them, isolated from any other run."""
     path = SCENARIOS / f"{name}.toml"
     settings = (*settings, *private_router())
     scenario = load_scenario(path, settings)
@@ -89,11 +85,7 @@ def spin(bus: Bus, seconds: float) -> None:
 
 
 def spin_until(bus: Bus, condition: Callable[[], object], failure: str) -> None:
-    """Deliver what arrives until a condition holds.
-
-    Raises:
-        MecazenError: It does not hold in time; with `failure`.
-    """
+    """Deliver what arrives until a condition holds."""
     end = time.perf_counter() + START_S
     while not condition():
         if time.perf_counter() > end:

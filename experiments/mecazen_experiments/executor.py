@@ -91,10 +91,6 @@ def cluster_workers(address: str) -> Iterator[Workers]:
 
     The scheduler gives the job of a worker that dies to another, and gives it up after its
     `allowed-failures`. joblib's backend for Dask would wait forever for such a job.
-
-    Raises:
-        ConfigError: The address is not as `tcp://192.0.2.1:8786`, or Dask is not installed.
-        MecazenError: Nothing answers there, or there are no workers.
     """
     try:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415  # an extra
@@ -141,10 +137,6 @@ def do_all(
 
     When a worker dies, others may end with it. Jobs that may have been running are tried again
     after the rest, one at a time, so that it is clear whose worker dies.
-
-    Raises:
-        RunsFailedError: Some could not be done; all others were.
-        MecazenError: There are no workers any more.
     """
     failures: list[tuple[Job, MecazenError]] = []
     batches = deque([list(jobs)])
@@ -176,11 +168,7 @@ def run_all(
     workers: Workers,
     progress: Progress = lambda *_: None,
 ) -> dict[Key, Record[T]]:
-    """Return the record of every job; each is stored as soon as it exists, and not made again.
-
-    Raises:
-        MecazenError: As `do_all`, or the store can't be used.
-    """
+    """Return the record of every job; each is stored as soon as it exists, and not made again."""
     wanted = {job.key: job for job in jobs}
     records = store.find(kind, wanted)
     progress(len(records), len(wanted))
