@@ -86,11 +86,6 @@ def test_a_copy_is_a_new_environment_with_the_same_options(make, copied):
         copy_of_it.close()
 
 
-def test_what_draws_instead_is_said_where_a_picture_is_asked_for(make):
-    with pytest.raises(NotImplementedError, match="mecazen view"):
-        make().unwrapped.render()
-
-
 def test_nothing_goes_on_after_it_is_closed(make):
     env = make()
     env.reset()
@@ -239,11 +234,10 @@ def test_what_can_not_be_used_is_said_in_one_line(options, said):
 
 
 @pytest.mark.filterwarnings("ignore:.*possible render_modes")  # Gymnasium's own
-def test_a_render_mode_is_refused():
+def test_pictures_and_a_seed_that_the_scenario_can_not_have_are_refused(make):
     with pytest.raises(ConfigError, match=r"^render_mode = 'human': .* draws no pictures"):
         gymnasium.make(NAME, render_mode="human")
-
-
-def test_a_seed_that_the_scenario_can_not_have_is_refused(make):
+    with pytest.raises(NotImplementedError, match="mecazen view"):
+        make().unwrapped.render()
     with pytest.raises(ConfigError, match="seed"):
         make().reset(seed=2**32)
