@@ -107,7 +107,7 @@ class Simulation:
         for robot in loaded.names:
             for topic in self._graph.topics:
                 self._listen(topic, robot)
-        self._begin()
+        self._run.begin()
 
     def __repr__(self) -> str:
         """Return scenario, time and seed."""
@@ -158,7 +158,7 @@ class Simulation:
         self._run.reset(seed)
         self._held.clear()
         self._latest = dict.fromkeys(self._latest)
-        self._begin()
+        self._run.begin()
         return self.state
 
     def step(self) -> State:
@@ -332,9 +332,6 @@ class Simulation:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _begin(self) -> None:
-        self._run.begin()
 
     def _step(self) -> None:
         for topic, command in self._held.items():
