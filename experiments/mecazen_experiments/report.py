@@ -54,6 +54,11 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     """Mean D_err relative to that of the case's reference."""
 
 
+def no_tables(_: Sequence[Row[Any]]) -> Sequence[Table]:
+    """Show nothing: what a command shows in its own way."""
+    return ()
+
+
 Do = Callable[[Callable[[Job], Any], Sequence[Job]], Generator[tuple[Job, Any], None, None]]
 """Does some work for each job, and yields the results as they are done."""
 
@@ -68,7 +73,7 @@ class Kind(NamedTuple, Generic[T]):
     """Simulates a job; returns its scores and the hash of its trajectory."""
     numbers: Callable[[T], Mapping[str, float | None]]
     """Returns the scores by name; None where there is nothing to measure."""
-    tables: Callable[[Sequence[Row[T]]], Sequence[Table]] = lambda _: ()
+    tables: Callable[[Sequence[Row[T]]], Sequence[Table]] = no_tables
     draw: Callable[[Path, Sequence[Series], Sequence[Row[T]], Do], Sequence[Path]] | None = None
     """Writes figures into a folder, and returns the files."""
     sums: Sequence[str] = ()

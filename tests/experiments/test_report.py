@@ -1,7 +1,11 @@
 """Rows of a report: means over runs and walks, and limits."""
 
+import pickle
+
 import pytest
+from mecazen_experiments import budget, fuzz
 from mecazen_experiments.following import FOLLOWING
+from mecazen_experiments.kinds import KINDS
 from mecazen_experiments.report import relate, summarise, summarise_walks, within
 from mecazen_experiments.statistics import Interval
 
@@ -60,3 +64,8 @@ def test_a_row_is_related_to_its_reference(max_ratio, expected):
     assert (first.d_err_ratio, first.within_limits) == (None, None)
     assert second.d_err_ratio == pytest.approx(2.0)
     assert second.within_limits is expected
+
+
+@pytest.mark.parametrize("kind", [*KINDS.values(), fuzz.EPISODE, fuzz.FREEZES, budget.BOUND])
+def test_every_kind_can_be_sent_to_a_worker(kind):
+    assert pickle.loads(pickle.dumps(kind)).name == kind.name  # noqa: S301 - our own
