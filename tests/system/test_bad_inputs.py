@@ -22,7 +22,7 @@ BAD = [
     (("simulate", "back", "--sett", "a=1"), ("--sett", "--set")),
     (("simulate", "nowhere"), ("nowhere", "back", "side", "teleop")),
     (("simulate", "./nowhere.toml"), ("nowhere.toml", "no such")),
-    (("simulate", "back", "--seed", "-1"), ("seed", ">= 0")),
+    (("simulate", "back", "--seed", "-1"), ("--seed", "equal to 0")),
     (("simulate", "back", "--duration", "0"), ("sim.duration_s", "> 0")),
     (("simulate", "back", "--trajectory", "no/such/run.csv"), ("--trajectory", "no such folder")),
     (("simulate", "back", "--plot", "run.gif"), ("run.gif", ".png, .svg, .pdf")),
