@@ -9,9 +9,10 @@ from mecazen_hardware.board import Board
 from mecazen_hardware.dry import DryLink
 from mecazen_hardware.link import Link
 from mecazen_hardware.port import Port
+from mecazen_hardware.robomaster_ep import RobomasterEp
 from mecazen_hardware.rosmaster_x3 import RosmasterX3
 
-BOARDS: dict[str, type[Board]] = {"rosmaster_x3": RosmasterX3}
+BOARDS: dict[str, type[Board]] = {"rosmaster_x3": RosmasterX3, "robomaster_ep": RobomasterEp}
 
 
 def open_link(config: HardwareConfig, robot: Robot) -> Link | DryLink:

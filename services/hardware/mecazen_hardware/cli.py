@@ -16,7 +16,7 @@ from mecazen.robot import WHEELS, Robot
 from mecazen.runtime.__main__ import run as run_service
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
 
-from mecazen_hardware import checklist
+from mecazen_hardware import checklist, fuzzing
 from mecazen_hardware.board import Voltage, WheelAngles
 from mecazen_hardware.boards import open_link
 from mecazen_hardware.errors import HardwareError
@@ -102,6 +102,20 @@ def run(
     """
     overrides = [*(settings or ()), *(["hardware.dry_run=true"] if dry_run else [])]
     run_service("hardware", load(scenario, overrides))
+
+
+@app.command()
+def fuzz(
+    frames: Annotated[int, typer.Option(min=1, help="Number of frames.")] = 1_000_000,
+    seed: Annotated[int, typer.Option(help="Seed of the damage.")] = 1,
+) -> None:
+    """Feed the receiver of the X3 with damaged frames, and count what it makes of them.
+
+    Example: mecazen hardware fuzz --frames 1000000
+    """
+    found = fuzzing.fuzz(frames, seed)
+    for name, value in msgspec.to_builtins(found).items():
+        typer.echo(f"{name.replace('_', ' ')}: {value}")
 
 
 @app.command()

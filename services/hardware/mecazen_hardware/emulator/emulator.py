@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import time
 from collections import deque
@@ -18,6 +19,8 @@ MAX_LAG_MS = 1000
 """Delay by which the emulator is late before its time falls behind the wall clock."""
 TOGETHER_MS = 2.0
 """Pause of the emulator after which bytes that it reads together need not have come together."""
+PRIORITY = 2
+"""Real-time priority: above the driver's, since a board needs no processor of its host."""
 JUMP_COUNTS = 5000
 BROWN_V = 9.0
 
@@ -70,6 +73,8 @@ class Emulator:
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Run in real time until `stop` returns true."""
+        with suppress(PermissionError):  # the other processes of a stack have it as well
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
         self._begin_s = time.monotonic() - self._ms / 1000.0
         while not stop():
             due_ms = int(1000.0 * (time.monotonic() - self._begin_s))
