@@ -9,12 +9,12 @@ import pytest
 from harness import Command, assert_one_line, mecazen
 from mecazen import keys
 from mecazen.description import RobotDescription, serve_description
-from mecazen.messages import String
+from mecazen.messages import Odometry, String
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from recorder.conftest import Net
-from recorder.ticks import stamp_of, tick
+from recorder.ticks import odometry, stamp_of, tick
 
 PER_TICK = len(tick(0))
 
@@ -175,3 +175,48 @@ def test_rerun_and_json_do_not_go_together(tmp_path):
     done = mecazen("record", "-o", tmp_path / "a.mcap", "--rrd", "--encoding", "json")
     assert done.returncode == 2
     assert "--encoding cdr" in done.stderr
+
+
+def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, tmp_path):
+    names = ("one", "two")
+    toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
+    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
+    for name in names:
+        serve_description(net.bus, name, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    recorder = record(net, first)
+    for number in range(10):
+        for name in names:
+            odom = keys.of_robot(keys.ODOM, name)
+            net.bus.publisher(odom).put(odometry(number), stamp_of(number))
+    net.bus.put_bytes("two/odom", b"{", JSON_ENCODING)
+    net.bus.put_bytes("two/camera", b"\xff", "image/png")
+    assert "21 samples, 1 refused or dropped" in finish(net, recorder, first, 21)
+    expected = samples(first)
+    assert [(s.key, s.kind) for s in expected[-3:]] == [
+        ("one/odom", Odometry),
+        ("two/odom", Odometry),
+        ("two/camera", None),
+    ]
+    assert {name: of.urdf for name, of in Recording(first).descriptions().items()} == {
+        name: f"<robot name='{name}'/>" for name in names
+    }
+    assert Recording(first).descriptions()["two"].meshes == ROBOT.meshes
+
+    recorder = record(net, second)
+    net.run("replay", first, "--speed", 100)
+    finish(net, recorder, second, 21)
+    assert samples(second) == expected
+    shown = mecazen("info", first).stdout
+    assert "two/odom" in shown
+    assert "robots one, two" in shown
+    alone = net.run("replay", first, "--robot", "two")
+    assert_one_line(alone, 2, "--through")
+
+
+def test_some_keys_are_recorded_once_each(net, tmp_path):
+    path = tmp_path / "some.mcap"
+    recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
+    net.publish(range(5))
+    finish(net, recorder, path, 10)
+    assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 5

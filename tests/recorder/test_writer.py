@@ -127,3 +127,14 @@ def test_a_json_schema_has_the_message_at_its_root_and_all_that_it_refers_to(kin
     assert tuple(table["properties"]) == kind.__struct_fields__
     references = [part.partition(b'"')[0] for part in data.split(b'"$ref":"#/$defs/')[1:]]
     assert {name.decode() for name in references} <= set(table["$defs"])
+
+
+def test_when_the_disk_is_full_at_the_end_expect_what_was_synced(tmp_path, monkeypatch):
+    writer = RecordingWriter(tmp_path / "a.mcap", "cdr")
+    writer.write("cmd_vel", Twist(), stamp_of(0), 0)
+    writer._sync()
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(RecordingError, match="No space left; what was recorded before can be read"):
+        writer.close()
+    writer.close()  # as a service does that has failed
+    assert [sample.key for sample in Recording(tmp_path / "a.mcap").samples()] == ["cmd_vel"]

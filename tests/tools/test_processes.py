@@ -343,3 +343,9 @@ def test_when_the_parent_is_killed_expect_its_forks_to_end_and_to_be_started_aga
     line = await_line(restarting, "toy", "has ended with the parent of all processes")
     assert line.text.endswith("; it is started again at once")
     assert await_work(restarting, "toy") != pid
+
+
+def test_when_every_parent_ends_at_once_expect_one_line(supervisor, monkeypatch):
+    monkeypatch.setattr(processes.Parent, "start", lambda *_: None)
+    with pytest.raises(ProcessError, match=r"^the parent of all processes has ended$"):
+        start(supervisor, "toy")
