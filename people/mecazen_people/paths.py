@@ -57,7 +57,7 @@ def make_path(path: config.Walk) -> Path:
         case config.Standing():
             return Placed(SteadyWalk(Arcs([(0.0, 0.0)]), 1.0), start)
         case config.Recorded():
-            track = RecordedMotion(read_track(path.file))
+            track = RecordedMotion(read_track(path.file), path.smoothing_s)
             first = track.at(0.0).pose
             return Placed(track, start.compose(first.between(Pose2D())), path.start_after_s)
         case config.Script():

@@ -29,7 +29,6 @@ STANDING_M_S, WALKING_M_S = 0.1, 0.2
 MAX_YAW_RATE = 3.0
 """Maximum yaw rate of a walking person [rad/s]."""
 
-_WINDOW_S = 0.8  # of the moving average, two periods at 2.5 Hz: filters errors of single samples
 _STEP_S = 0.04  # between knots of heading and distance
 _CORRECTION = 5.0  # gain on the lag of the heading [1/s]
 
@@ -46,17 +45,21 @@ class RecordedMotion:
     """The motion of a recorded track, from time 0 on, in the frame of the recording.
 
     Cubics in time interpolate the samples: the person stands still between equal samples and
-    walks evenly over a gap. The position is the moving average of that curve over 0.8 s, since
-    samples of tracked people jump by decimetres. The first and the last sample keep their place.
+    walks evenly over a gap. The position is the moving average of that curve, since samples of
+    tracked people jump by decimetres. The first and the last sample keep their place.
 
     The heading is the direction of motion. It is held while the person stands, and its rate is
     limited: a person who stops and leaves in another direction turns while setting off, and the
     twist has a lateral component until then. The heading of a track without motion is 0.
+
+    Args:
+        samples: The track.
+        smoothing: Window of the moving average [s].
     """
 
-    def __init__(self, samples: Sequence[Sample]) -> None:
+    def __init__(self, samples: Sequence[Sample], smoothing: float) -> None:
         self.duration = samples[-1].t - samples[0].t
-        self._half = min(_WINDOW_S, self.duration) / 2
+        self._half = min(smoothing, self.duration) / 2
         # extended by point reflection about both ends, so that the average keeps the ends
         first, last = samples[0], samples[-1]
         before = [_opposite(sample, first) for sample in reversed(samples[1:])]

@@ -17,6 +17,7 @@ from mecazen_people.paths import make_path
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, RecordedMotion, Sample, read_track
 from people.differences import differences
 
+SMOOTHING_S = 0.8
 REPOSITORY = Path(__file__).parents[2]
 WALKS = REPOSITORY / "configs" / "walks"
 PEDESTRIANS = REPOSITORY.parent / "shared" / "data" / "pedestrians"
@@ -39,7 +40,7 @@ def walk_and_stand(*legs: tuple[float, float, float]) -> RecordedMotion:
             x += 0.4 * speed * math.cos(direction)
             y += 0.4 * speed * math.sin(direction)
             samples.append(Sample(t, x, y))
-    return RecordedMotion(samples)
+    return RecordedMotion(samples, SMOOTHING_S)
 
 
 def every(track: RecordedMotion, dt: float = 0.01) -> list[float]:
@@ -47,7 +48,7 @@ def every(track: RecordedMotion, dt: float = 0.01) -> list[float]:
 
 
 def test_steady_walk_is_a_steady_walk():
-    track = RecordedMotion([line(0.4 * k) for k in range(20)])
+    track = RecordedMotion([line(0.4 * k) for k in range(20)], SMOOTHING_S)
     for t in (0.0, 0.1, 3.3, 7.6):
         pose, twist, distance = track.at(t)
         # Differences of integrals over up to 20 s: some rounding of 100.
@@ -57,7 +58,7 @@ def test_steady_walk_is_a_steady_walk():
 
 
 def test_person_stands_at_the_ends_of_the_recording():
-    track = RecordedMotion([line(5.0 + 0.4 * k) for k in range(6)])
+    track = RecordedMotion([line(5.0 + 0.4 * k) for k in range(6)], SMOOTHING_S)
     assert track.duration == pytest.approx(2.0)
     for t, end in ((-1.0, 5.0), (9.0, 7.0)):
         assert track.at(t).pose[:2] == pytest.approx(line(end)[1:])
@@ -65,7 +66,7 @@ def test_person_stands_at_the_ends_of_the_recording():
 
 
 def test_gap_in_time_is_walked_evenly():
-    track = RecordedMotion([line(0.4 * k) for k in range(20) if not 5 <= k < 15])
+    track = RecordedMotion([line(0.4 * k) for k in range(20) if not 5 <= k < 15], SMOOTHING_S)
     assert track.at(4.0).pose[:2] == pytest.approx(line(4.0)[1:])
     assert track.at(4.0).twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
 
@@ -76,7 +77,7 @@ def test_heading_on_a_circle_is_the_tangent():
         Sample(t, radius * math.sin(rate * t), -radius * math.cos(rate * t))
         for t in (0.4 * k for k in range(40))
     ]
-    track = RecordedMotion(samples)
+    track = RecordedMotion(samples, SMOOTHING_S)
     for t in every(track, 0.1)[20:-20]:  # the ends are straighter: see `Track`
         pose, twist, _ = track.at(t)
         assert wrap(pose.yaw - rate * t) == pytest.approx(0.0, abs=1e-3)
@@ -105,13 +106,15 @@ def test_who_walks_back_the_way_they_came_turns_around():
 def test_jitter_of_a_standing_person_does_not_turn_them():
     jitter = [(0.02, 0.0), (-0.02, 0.01), (0.0, -0.02), (0.01, 0.02), (-0.01, 0.0)]
     standing = [Sample(4.0 + 0.4 * k, 4.0 + jitter[k % 5][0], jitter[k % 5][1]) for k in range(50)]
-    track = RecordedMotion([*(Sample(0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing])
+    track = RecordedMotion(
+        [*(Sample(0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing], SMOOTHING_S
+    )
     headings = {track.at(5.0 + 0.1 * k).pose.yaw for k in range(180)}
     assert len(headings) == 1
 
 
 def test_track_that_never_moves_keeps_its_heading():
-    track = RecordedMotion([Sample(0.4 * k, 3.0, 4.0) for k in range(5)])
+    track = RecordedMotion([Sample(0.4 * k, 3.0, 4.0) for k in range(5)], SMOOTHING_S)
     assert track.at(1.0).pose == pytest.approx((3.0, 4.0, 0.0))
     assert track.at(1.0).twist == Twist2D()
     assert track.at(1.0).distance == 0.0
@@ -129,7 +132,7 @@ def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(steps):
     samples = [Sample(0.0, 0.0, 0.0)]
     for dt, dx, dy in steps:
         samples.append(Sample(samples[-1].t + dt, samples[-1].x + dx, samples[-1].y + dy))
-    track = RecordedMotion(samples)
+    track = RecordedMotion(samples, SMOOTHING_S)
     for t0, t1 in pairwise(every(track, 0.02)):
         before, after = track.at(t0), track.at(t1)
         turned = abs(wrap(after.pose.yaw - before.pose.yaw))
@@ -150,7 +153,7 @@ def pedestrians() -> list[object]:
 @pytest.mark.parametrize("file", pedestrians())
 def test_recorded_person_moves_as_people_do(file):
     samples = read_track(file)
-    track = RecordedMotion(samples)
+    track = RecordedMotion(samples, SMOOTHING_S)
     off = [math.dist(track.at(s.t - samples[0].t).pose[:2], (s.x, s.y)) for s in samples]
     # The samples of tracked people are good to about a decimetre, and jump by five.
     assert max(off) < 0.25

@@ -93,6 +93,8 @@ class Recorded(_Walk, tag="recorded", kw_only=True):
 
     file: Path
     """CSV with the columns `t_s`, `x_m`, `y_m`."""
+    smoothing_s: Positive = 0.8
+    """Window of the moving average [s]; at least two periods of the recording."""
 
 
 class ScriptStep(Section):
