@@ -142,6 +142,15 @@ def test_a_heading_that_stays_reversed_is_believed(first):
     assert abs(wrap(estimate.pose.yaw - yaw)) < math.radians(6.0)
 
 
+def test_a_person_who_walks_forwards_is_not_turned_about_by_a_sensor_that_shows_them_backwards():
+    seen = Seen()
+    for number in range(SETTLED + round(2.0 / FRAME_S)):
+        pose = person_at(number)
+        yaw = 0.0 if number < SETTLED else math.pi
+        estimate = seen.frame(number, pose._replace(yaw=yaw))
+    assert abs(estimate.pose.yaw) < math.radians(6.0)
+
+
 def test_frames_without_a_heading_do_not_keep_a_reversed_heading_alive():
     seen, blind = Seen(), tuple(map(tuple, np.diag([0.01, 0.01, NO_HEADING]).tolist()))
     for number in range(SETTLED + 2 * round(DOUBT_S / FRAME_S)):

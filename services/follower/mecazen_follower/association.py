@@ -31,6 +31,8 @@ CONFIRMED = 4
 DOUBT_S = 0.3
 """Time after which detections that contradict the track in every frame replace it [s]; they must
 also last for `CONFIRMED` frames."""
+WALKING_M_S = 0.1
+"""Forward speed above which a reversed heading is the sensor's error, however long it lasts."""
 FORGET_S = 1.0
 """Time after which another person who is not seen is forgotten [s]."""
 OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
@@ -219,7 +221,8 @@ class Association:
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
             self._flipped = Contradiction()
             return seen, False
-        self._flipped = self._flipped.again(time)
+        if forward_speed(person) < WALKING_M_S:  # people walk forwards: else the sensor is wrong
+            self._flipped = self._flipped.again(time)
         if self._flipped.lasts(time):
             return self._restart(seen)
         turned = seen.pose._replace(yaw=wrap(seen.pose.yaw + math.pi))
@@ -253,6 +256,12 @@ class Contradiction(NamedTuple):
     def lasts(self, time: float) -> bool:
         """Return whether it is too long for chance."""
         return self.frames >= CONFIRMED and time - self.since >= DOUBT_S
+
+
+def forward_speed(person: Estimate) -> float:
+    """Return the speed along the heading [m/s]."""
+    yaw, velocity = person.pose.yaw, person.velocity
+    return velocity.x * math.cos(yaw) + velocity.y * math.sin(yaw)
 
 
 def is_flipped(innovation: float, variance: float) -> bool:
