@@ -81,13 +81,16 @@ def test_a_board_that_answers_sends_all_kinds_of_reports_and_takes_every_frame()
         until(lambda: not any(emulator.firmware.goal))
 
 
-def test_frames_that_follow_too_soon_are_not_sent():
+def test_of_frames_that_follow_too_soon_the_newest_is_sent_once_the_board_can_take_it():
     with emulated() as emulator:
         link = open_link(config(emulator), ROBOT)
         try:
-            assert link.drive(FORWARD) is not None
-            assert link.drive(FORWARD) is None
-            assert link.unsent == 1
+            sent = link.sent
+            for speed in (2.0, 4.0, 6.0, 8.0):
+                link.drive(WheelSpeeds(*[speed] * 4))
+            until(lambda: link.sent == sent + 2)
+            until(lambda: emulator.firmware.goal == pytest.approx([8.0 * 32.5] * 4, abs=1.0))
+            assert emulator.firmware.lost == 0
         finally:
             link.close()
 

@@ -102,8 +102,7 @@ def test_a_robot_on_tcp_is_driven_and_stopped():
     link = open_link(config, ROBOT)
     try:
         assert robot.heard[0] == b"command"
-        wanted = WheelSpeeds(10 * RPM, 20 * RPM, 30 * RPM, 40 * RPM)
-        until(lambda: link.drive(wanted) is not None)  # one command after the other
+        link.drive(WheelSpeeds(10 * RPM, 20 * RPM, 30 * RPM, 40 * RPM))
         until(lambda: robot.rpm == [20, 10, 40, 30])
         time.sleep(link.board.SPACING_S)
         link.poll()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
@@ -12,7 +12,8 @@ from mecazen.schema import NonNegative, Positive, Section
 class HardwareConfig(Section):
     """The board of a robot, its port, and when its motors are stopped."""
 
-    board: Literal["rosmaster_x3", "robomaster_ep"] = "rosmaster_x3"
+    board: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")] = "rosmaster_x3"
+    """An installed board, by its name."""
     port: Annotated[str, msgspec.Meta(min_length=1)] = "/dev/ttyUSB0"
     """A serial port, or `socket://HOST:PORT`."""
     dry_run: bool = False

@@ -1,27 +1,43 @@
-"""The boards that are known by name, and how a driver opens the link to one."""
+"""The installed boards, by name, and how a driver opens the link to one."""
 
 from __future__ import annotations
 
 from mecazen.config import HardwareConfig
+from mecazen.errors import ConfigError
+from mecazen.programs import installed
 from mecazen.robot import Robot
 
 from mecazen_hardware.board import Board
 from mecazen_hardware.dry import DryLink
 from mecazen_hardware.link import Link
 from mecazen_hardware.port import Port
-from mecazen_hardware.robomaster_ep import RobomasterEp
-from mecazen_hardware.rosmaster_x3 import RosmasterX3
 
-BOARDS: dict[str, type[Board]] = {"rosmaster_x3": RosmasterX3, "robomaster_ep": RobomasterEp}
+BOARDS = "mecazen.boards"
+"""The group of entry points by which installed packages name their boards."""
+
+
+def make_board(config: HardwareConfig, robot: Robot) -> Board:
+    """Return the protocol of a board.
+
+    Raises:
+        ConfigError: No such board is installed.
+    """
+    known = installed(BOARDS)
+    if config.board not in known:
+        names = ", ".join(sorted(known))
+        raise ConfigError(f"hardware.board: no board {config.board!r}; installed: {names}")
+    kind: type[Board] = known[config.board].load()
+    return kind(config, robot)
 
 
 def open_link(config: HardwareConfig, robot: Robot) -> Link | DryLink:
     """Return the link to the board of a scenario, which has answered.
 
     Raises:
+        ConfigError: No such board is installed.
         HardwareError: The port can't be opened, or the board does not answer as it should.
     """
-    board = BOARDS[config.board](config, robot)
+    board = make_board(config, robot)
     if config.dry_run:
         return DryLink(board)
     port = Port(config.port, board.BAUD)

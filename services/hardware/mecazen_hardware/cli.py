@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 import msgspec
 import typer
 from mecazen.config import HardwareConfig
-from mecazen.errors import ConfigError
-from mecazen.loading import given_file, load_table, named_file
+from mecazen.loading import given_file, load_table
 from mecazen.robot import WHEELS, Robot
 from mecazen.runtime.__main__ import run as run_service
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
@@ -29,21 +28,28 @@ LINK = Path("/tmp/mecazen-board")  # noqa: S108  # a name of ours, whose owner i
 """The emulated board's port, whose own name is not known in advance."""
 LISTEN_S = 1.0
 
-BoardName = Literal["rosmaster_x3", "robomaster_ep"]
-BoardOption = Annotated[BoardName, typer.Option(help="The board.")]
+BoardOption = Annotated[
+    str, typer.Option(metavar="NAME", help="The board: rosmaster_x3, robomaster_ep, or your own.")
+]
 PortOption = Annotated[
     str | None,
     typer.Option(metavar="PORT", help="Its port.", show_default="the first USB adapter"),
 ]
+RobotOption = Annotated[
+    str | None,
+    typer.Option(metavar="ROBOT", help="Its robot file.", show_default="the board's"),
+]
 
 
 @app.command()
-def probe(port: PortOption = None, board: BoardOption = "rosmaster_x3") -> None:
+def probe(
+    port: PortOption = None, board: BoardOption = "rosmaster_x3", robot: RobotOption = None
+) -> None:
     """Find a board, and show its version, battery and encoders; no motor turns.
 
     Example: mecazen hardware probe --port /dev/ttyUSB0
     """
-    link, _ = _open(port, board)
+    link, _ = _open(port, board, robot)
     with closing(link):
         link.read()
         time.sleep(LISTEN_S)
@@ -63,6 +69,7 @@ def probe(port: PortOption = None, board: BoardOption = "rosmaster_x3") -> None:
 def check(
     port: PortOption = None,
     board: BoardOption = "rosmaster_x3",
+    robot: RobotOption = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing: the wheels are off the ground.")
     ] = False,
@@ -73,9 +80,9 @@ def check(
     """
     if not yes:
         typer.confirm("Are all wheels off the ground, and is a hand on the switch?", abort=True)
-    link, robot = _open(port, board)
+    link, known = _open(port, board, robot)
     with closing(link):
-        found = checklist.turn_each(link, robot.wheels.max_speed_rad_s, typer.echo)
+        found = checklist.turn_each(link, known.wheels.max_speed_rad_s, typer.echo)
     problems = 0
     for one in found:
         problem = one.problem
@@ -119,6 +126,24 @@ def fuzz(
 
 
 @app.command()
+def latency(
+    duration_s: Annotated[float, typer.Option("--duration", min=1.0, help="Seconds.")] = 60.0,
+    tick_s: Annotated[float, typer.Option("--tick", min=0.001, help="Control period [s].")] = 0.01,
+) -> None:
+    """Measure from a command to its frame on the line, and from a report to joint_states.
+
+    Example: mecazen hardware latency --duration 60
+    """
+    from mecazen_hardware.emulator.latency import measure  # noqa: PLC0415  # as in `emulate`
+
+    for name, found in measure(given_file("teleop", "scenario"), duration_s, tick_s).items():
+        typer.echo(
+            f"{name}: p50 {found.p50_ms} ms, p99 {found.p99_ms} ms, largest {found.max_ms} ms, "
+            f"of {found.samples}"
+        )
+
+
+@app.command()
 def emulate(
     board: Annotated[Literal["rosmaster_x3"], typer.Argument(help="The board.")],
     scenario: ScenarioArgument = "teleop",
@@ -158,7 +183,7 @@ def emulate(
     cli.emulate(given_file(scenario, "scenario"), settings or (), link, fault or (), duration_s)
 
 
-def _open(port: str | None, board: BoardName) -> tuple[Link, Robot]:
+def _open(port: str | None, board: str, robot: str | None) -> tuple[Link, Robot]:
     """Return the link to a board at a port, or at the first USB adapter, and its robot file.
 
     Raises:
@@ -169,11 +194,7 @@ def _open(port: str | None, board: BoardName) -> tuple[Link, Robot]:
         if not found:
             raise HardwareError("no USB adapter here: plug the board in, or name its --port")
         port = found[0].device
-    robot = load_table(named_file(board, "robot"), Robot)
-    try:
-        config = msgspec.convert({"board": board, "port": port}, HardwareConfig)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"--port {port}: {error}") from None
-    link = open_link(config, robot)
+    known = load_table(given_file(robot or board, "robot"), Robot)
+    link = open_link(HardwareConfig(board=board, port=port), known)
     assert isinstance(link, Link)  # it is no dry run
-    return link, robot
+    return link, known

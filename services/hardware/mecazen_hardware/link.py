@@ -1,6 +1,7 @@
-"""The link to a board: its port, a thread that reads, and the process that stops the motors.
+"""The link to a board: its port, threads that read and write, and the keeper of the motors.
 
-`read` and `write` never wait. A thread keeps the newest report of each kind with its arrival.
+`read` and `drive` never wait. One thread keeps the newest report of each kind with its arrival.
+Another one writes a frame that came too soon after the last.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from mecazen_hardware import keeper
 from mecazen_hardware.board import Board, Identity, Report
 from mecazen_hardware.errors import HardwareError
 
-SILENCE_S = 0.4
+SILENCE_S = 0.3
 """Time without a frame of the driver after which the keeper stops the motors [s]."""
 ANSWER_S = 2.0
 """How long a board may take until it has answered and sent each kind of report [s]."""
@@ -62,18 +63,25 @@ class Link:
     def __init__(self, board: Board, port: Bytes, fd: int | None) -> None:
         self.board, self.port = board, port
         self.sent = self.unsent = 0
-        """Numbers of frames that were written, and that found no room or came too soon."""
-        self.stopped_s = -float("inf")
+        """Numbers of frames that were written, and that found no room."""
         self._written_s = 0.0
         self._failure: HardwareError | None = None
+        self._output = threading.Condition()
+        """Guards the port's output."""
+        self._waiting: tuple[bytes, bytes] | None = None
+        """The newest frame that came too soon, and its sign for the keeper."""
         self._news = threading.Condition()
         self._reports: list[tuple[Report, float]] = []
         self._newest: dict[type[Report], tuple[Report, float]] = {}
         self._closing = False
         self._keeper: subprocess.Popen[bytes] | None = None
         self._heartbeat: int | None = None
-        self._thread = threading.Thread(target=self._read, name="board", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=run, name="board", daemon=True)
+            for run in (self._read, self._write_late)
+        ]
+        for thread in self._threads:
+            thread.start()
         try:
             if fd is not None:
                 self._keep(fd)
@@ -98,17 +106,25 @@ class Link:
         found = self._newest.get(kind)  # type: ignore[arg-type]  # a kind of report
         return None if found is None else found[0]  # type: ignore[return-value]  # by its key
 
-    def drive(self, speeds: WheelSpeeds) -> WheelSpeeds | None:
+    def drive(self, speeds: WheelSpeeds) -> WheelSpeeds:
         """Send wheel speeds [rad/s]; return what the board makes of them.
 
-        None: the last frame is too recent, or the port has no room.
+        A frame that follows the last one too soon waits for its turn; a newer one replaces it.
 
         Raises:
             HardwareError: The port has gone.
             ValueError: A speed is not finite.
         """
         frame, sent = self.board.drive(speeds)
-        return sent if self._send(frame, keeper.DRIVE if any(sent) else keeper.STOP) else None
+        sign = keeper.DRIVE if any(sent) else keeper.STOP
+        self._refuse_failure()
+        with self._output:
+            if self._wait_s > 0.0:
+                self._waiting = frame, sign
+                self._output.notify_all()
+            else:
+                self._write(frame, sign)
+        return sent
 
     def stop(self) -> None:
         """Stop all motors, which takes some milliseconds.
@@ -120,18 +136,26 @@ class Link:
             self.ask(frame)
 
     def ask(self, frame: bytes, sign: bytes = keeper.STOP) -> None:
-        """Send a frame as soon as the board can take one.
+        """Send a frame as soon as the board can take one, in the place of any that waits.
 
         Raises:
             HardwareError: The port has gone.
         """
-        time.sleep(max(self._written_s + self.board.SPACING_S - time.monotonic(), 0.0))
-        self._send(frame, sign)
+        self._refuse_failure()
+        with self._output:
+            self._waiting = None
+            time.sleep(max(self._wait_s, 0.0))
+            self._write(frame, sign)
 
     def poll(self) -> None:
-        """Ask a board for its next reports, if it sends none by itself."""
+        """Ask a board for its next reports, if it sends none by itself.
+
+        Raises:
+            HardwareError: The port has gone.
+        """
         if frame := self.board.poll():
-            self._write(frame)
+            with self._output:
+                self._write(frame)
 
     def close(self) -> None:
         """Stop the motors, and close the port."""
@@ -143,20 +167,26 @@ class Link:
         except HardwareError:
             pass  # the port has just gone; who closes does so for a better reason
         finally:
-            self._closing = True
+            with self._output:
+                self._closing = True
+                self._output.notify_all()
             if self._heartbeat is not None:
                 os.close(self._heartbeat)  # the keeper stops the motors once more, and ends
             if self._keeper is not None:
                 self._keeper.wait()
-            self._thread.join()
+            for thread in self._threads:
+                thread.join()
             self.port.close()
 
-    def _send(self, frame: bytes, sign: bytes) -> bool:
-        self._refuse_failure()
-        if time.monotonic() - self._written_s < self.board.SPACING_S:
-            self.unsent += 1
-            return False
-        if self._heartbeat is not None:
+    @property
+    def _wait_s(self) -> float:
+        """Time until the board can take a frame [s]."""
+        return self._written_s + self.board.SPACING_S - time.monotonic()
+
+    def _write(self, frame: bytes, sign: bytes = b"") -> None:
+        """Write a frame, and let the keeper know; the caller holds the output."""
+        self._waiting = None
+        if self._heartbeat is not None and sign:
             try:
                 os.write(self._heartbeat, sign)
             except BrokenPipeError:
@@ -164,15 +194,26 @@ class Link:
                     f"{self.port.name}: the process that stops the motors in an emergency was "
                     "killed; start again"
                 ) from None
-        return self._write(frame)
-
-    def _write(self, frame: bytes) -> bool:
         self._written_s = time.monotonic()
-        if not self.port.write(frame):
+        if self.port.write(frame):
+            self.sent += 1
+        else:
             self.unsent += 1
-            return False
-        self.sent += 1
-        return True
+
+    def _write_late(self) -> None:
+        """Write the frame that waits once the board can take it."""
+        with self._output:
+            while not self._closing:
+                if self._waiting is None:
+                    self._output.wait()
+                elif (wait_s := self._wait_s) > 0.0:
+                    self._output.wait(wait_s)
+                else:
+                    try:
+                        self._write(*self._waiting)
+                    except HardwareError as failure:
+                        self._failure = failure
+                        return
 
     def _refuse_failure(self) -> None:
         if self._failure is not None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from mecazen.config import Scenario
+from mecazen.config.physics import MAX_DT_S
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.graph import TABLE
 from mecazen.keys import (
@@ -25,6 +27,7 @@ from mecazen.node import Inputs, Node, Outputs, Tick, World
 from mecazen.programs import installed_nodes
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
+from msgspec.structs import replace
 
 from mecazen_hardware.driver import Driver
 
@@ -111,7 +114,9 @@ class HardwareWorld(World):
         physics = installed_nodes().get("physics")
         if physics is None:
             raise RefusedError("the description of the robot is made by mecazen-physics")
-        world: World = physics.load()(self.scenario)
+        sim = self.scenario.sim  # of any period, of which physics would need whole steps
+        within = replace(self.scenario.physics, dt_s=sim.tick_s / math.ceil(sim.tick_s / MAX_DT_S))
+        world: World = physics.load()(replace(self.scenario, physics=within))
         return world
 
     def diagnostics(self) -> Mapping[str, object]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import select
-import stat
+import termios
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -102,7 +102,7 @@ def _open(name: str, baud: int) -> serial.SerialBase:
 def _errno_of(error: BaseException) -> int | None:
     """Return the number of the system's error that an error of pyserial comes from."""
     cause = error.__context__
-    return cause.errno if isinstance(cause, OSError) else None
+    return int(cause.args[0]) if isinstance(cause, OSError | termios.error) else None
 
 
 def _reason(name: str, number: int | None, error: Exception) -> str:
@@ -119,7 +119,7 @@ def _reason(name: str, number: int | None, error: Exception) -> str:
         return "in use by another program: one driver at a time"
     if number in (errno.ECONNREFUSED, errno.ETIMEDOUT, errno.EHOSTUNREACH, errno.ENETUNREACH):
         return "no robot answers there: is its Wi-Fi joined, and the robot on?"
-    if not name.startswith(SOCKET) and not stat.S_ISCHR(Path(name).stat().st_mode):
+    if number == errno.ENOTTY:
         return "not a serial port"
     return f"can't be opened: {error}"
 

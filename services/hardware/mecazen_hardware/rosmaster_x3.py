@@ -124,9 +124,9 @@ class RosmasterX3(Board):
     """The X3 drives by a twist: it has no command for the speed of each wheel."""
 
     CYCLE_S: ClassVar[float] = 0.041
-    SPACING_S: ClassVar[float] = 0.003
+    SPACING_S: ClassVar[float] = 0.0022
     """The board has one buffer of 20 bytes, which it reads every millisecond and then clears. The
-    longest frame takes 1 ms on the line, so after 2 ms it may just be unread."""
+    longest frame takes 1.04 ms on the line, and may wait there for 1 ms."""
     KINDS = (WheelAngles, Inertial, Voltage)
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:

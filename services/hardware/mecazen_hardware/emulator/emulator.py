@@ -58,7 +58,7 @@ class Emulator:
         self._to_host = Faults(faults.chances, seed=2)
         self._events = sorted(faults.events.items(), key=lambda event: event[1])
         self._delay_ms = round(1000.0 * faults.delay_s)
-        self._is_silent = False
+        self._is_silent = self._apart = False
         self._ms = self._world_ms = 0
         self._arrived: deque[tuple[int, bytes, bool]] = deque()
         self._incoming: deque[tuple[int, bool]] = deque()
@@ -96,11 +96,13 @@ class Emulator:
     def _look(self) -> None:
         """Take what the host has sent since the last look."""
         now_s = time.monotonic()
-        waits = bool(self._incoming or self._arrived)  # what was late makes the next late
-        apart = waits or 1000.0 * (now_s - self._looked_s) > TOGETHER_MS
+        late = 1000.0 * (now_s - self._looked_s) > TOGETHER_MS
         self._looked_s = now_s
         if not self.line.is_open or not (data := self.line.read()):
             return
+        # what was read late makes late what follows it
+        waits = bool(self._incoming or self._arrived or self.firmware.is_full)
+        self._apart = apart = late or (self._apart and waits)
         # by the wall clock: what comes while the emulator catches up did not come at once
         arrived_ms = max(int(1000.0 * (now_s - self._begin_s)), self._ms) + self._delay_ms
         self._arrived.append((arrived_ms, self._to_board.pass_on(data), apart))

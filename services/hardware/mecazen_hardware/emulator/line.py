@@ -55,6 +55,11 @@ class Line:
         """Send bytes to the host, behind those that are still on the line."""
         self._out.extend(data)
 
+    @property
+    def waiting(self) -> int:
+        """Number of bytes that are still on the line."""
+        return len(self._out)
+
     def millisecond(self) -> None:
         """Pass on what the line carries in a millisecond."""
         self._room = min(self._room + BYTES_PER_MS, 2 * BYTES_PER_MS)
