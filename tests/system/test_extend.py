@@ -4,9 +4,13 @@ import re
 import shlex
 
 import pytest
-from harness import ROOT, mecazen
+from harness import ROOT, load_robot, mecazen
+from mecazen.config import HardwareConfig
 from mecazen.keys import ODOM
+from mecazen.kinematics import WheelSpeeds
 from mecazen.loading import load_scenario
+from mecazen.programs import imported
+from mecazen_hardware.board import Identity
 from mecazen_tools.simulate import InProcess
 
 TEXT = (ROOT / "docs" / "extend.md").read_text()
@@ -36,6 +40,15 @@ def test_a_command_of_the_page_works(folder, line):
     short = SHORT if words[0] == "simulate" else ()
     done = mecazen(*words, *short, folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_board_of_the_page_takes_speeds_and_reports_them(folder):
+    board = imported(f"{folder / 'my_board.py'}:MyBoard")(HardwareConfig(), load_robot())
+    sent, made = board.drive(WheelSpeeds(1.0, 2.0, 3.0, 400.0))
+    assert max(made) == load_robot().wheels.max_speed_rad_s
+    name, speeds = board.feed(b"mine 1\n" + sent + b"no number\n1 2 3")
+    assert (name, board.frames, board.refused) == (Identity("mine 1"), 1, 1)
+    assert list(speeds.speeds) == pytest.approx(list(made), abs=1e-3)
 
 
 def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(folder):

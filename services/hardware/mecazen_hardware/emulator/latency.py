@@ -32,8 +32,9 @@ _MOTION = re.compile(b"\xff\xfc\x0a\x12\x01(..)", re.DOTALL)
 """A frame that commands a twist, with its speed forward."""
 RIM_MM = 1000.0 * 0.204203 / math.tau
 """Speed of the rim [mm/s] per rad/s, as the firmware has it."""
-STEP_RAD, STEP_MS = 1.0, 246
-"""Angle by which the wheels jump, and the time between two jumps: six cycles of the board."""
+STEP_RAD, STEP_MS = 1.0, 250
+"""Angle by which the wheels jump, and the time between two jumps: six cycles of the board, in
+whole cycles of its encoders."""
 SEEN_RAD_S = 5.0
 """Speed from which on `joint_states` shows a jump."""
 
