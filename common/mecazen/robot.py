@@ -44,6 +44,29 @@ class Wheels(Section):
     max_speed_rad_s: Positive
 
 
+class Motors(Section):
+    """The behaviour of real motors: how the wheels follow their commands.
+
+    A command passes the delay, the dead band, the gain and the supply, and then the lag.
+    """
+
+    delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
+    """Transport delay of commands."""
+    time_constant_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
+    """Time constant of the first-order lag."""
+    dead_band_rad_s: NonNegative = 0.0
+    """Commanded speed that static friction takes away: a wheel stands up to it."""
+    gains: tuple[Positive, Positive, Positive, Positive] = (1.0, 1.0, 1.0, 1.0)
+    """Speed over commanded speed of each wheel, in the order of `WHEELS`."""
+    coulomb_nm: NonNegative = 0.0
+    """Friction of motor and gear at any speed; the motors' effort includes it."""
+    viscous_nms: NonNegative = 0.0
+    """Friction of motor and gear for each rad/s."""
+    sag_per_nm: Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)] = 0.0
+    """Share of the supply's voltage, and so of the speeds, that each N·m of the motors' summed
+    torques costs."""
+
+
 class Rollers(Section):
     """The rollers of each wheel, all alike."""
 
@@ -109,6 +132,8 @@ class Robot(Section):
     camera: Camera
     lidar: Attachment
     payload: Payload | None = None
+    motors: Motors | None = None
+    """None: ideal motors, which follow their commands at once."""
 
     def __post_init__(self) -> None:
         wheel, roller = self.wheels, self.rollers

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from mecazen import messages as m
-from mecazen.config.sensors import BatteryConfig, ImuConfig
-from mecazen_physics.instruments import Battery, Imu
+from mecazen.config.sensors import BatteryConfig, EncodersConfig, ImuConfig
+from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.state import RobotState
 
 EXACT = ImuConfig(
@@ -81,7 +81,7 @@ def test_the_same_seed_gives_the_same_samples_and_another_gives_others():
 
 
 def test_the_battery_has_its_voltage_within_the_noise():
-    battery = Battery(BatteryConfig(voltage_v=24.0), 1, seed=1)
+    battery = Battery(BatteryConfig(voltage_v=24.0), 0.0, 1, seed=1)
     found = [battery.measure(moving(), m.Time(1)) for _ in range(500)]
     voltages = [sample.voltage for sample in found]
     assert np.mean(voltages) == pytest.approx(24.0, abs=5 * 0.02 / math.sqrt(500))
@@ -89,3 +89,18 @@ def test_the_battery_has_its_voltage_within_the_noise():
     assert found[0].present
     assert found[0].header.stamp == m.Time(1)
     assert voltages[0] == float(np.float32(voltages[0]))  # exact in ROS's 32 bits
+
+
+def test_the_battery_sags_under_the_load_of_the_motors():
+    battery = Battery(BatteryConfig(voltage_v=10.0, voltage_std_v=0.0), 0.05, 1, seed=1)
+    loaded = moving()._replace(joint_effort=[1.0, -1.0, 0.5, -0.5])
+    assert battery.measure(loaded, m.Time()).voltage == pytest.approx(8.5)
+
+
+def test_encoders_give_whole_counts_and_their_change_within_a_tick():
+    count = 2.0 * math.pi / 1000
+    encoders = Encoders(EncodersConfig(counts_per_turn=1000), 0.01)
+    assert encoders.measure((0.0, 2.5 * count)) == ((0.0, 2 * count), (0.0, 0.0))
+    positions, velocities = encoders.measure((-0.5 * count, 4.9 * count))
+    assert positions == (-count, 4 * count)
+    assert velocities == (-count / 0.01, 2 * count / 0.01)

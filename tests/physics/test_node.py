@@ -23,7 +23,7 @@ from mecazen.config import (
     SimConfig,
     StartConfig,
 )
-from mecazen.config.sensors import ImuConfig
+from mecazen.config.sensors import EncodersConfig, ImuConfig
 from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
@@ -386,3 +386,18 @@ def test_a_rate_of_an_instrument_that_divides_no_tick_rate_is_refused():
     sensors = SensorsConfig(imu=ImuConfig(rate_hz=30.0))
     with pytest.raises(ConfigError, match=r"sensors\.imu\.rate_hz = 30"):
         Driven(sensor=SensorConfig(also=("imu",)), sensors=sensors)
+
+
+def test_encoders_quantise_the_wheels_and_leave_the_rollers_exact():
+    exact, counted = (
+        Driven(),
+        Driven(sensors=SensorsConfig(encoders=EncodersConfig(counts_per_turn=500))),
+    )
+    for driven in (exact, counted):
+        driven.drive(20, [3.0] * 4)
+    step = 2.0 * math.pi / 500
+    for true, read in zip(exact.joints().position[:4], counted.joints().position[:4], strict=True):
+        assert read / step == pytest.approx(round(read / step), abs=1e-9)
+        assert 0.0 <= true - read < step
+    assert exact.joints().position[4:] == counted.joints().position[4:]
+    assert counted.wheels[0] == pytest.approx(3.0, abs=step / 0.01)

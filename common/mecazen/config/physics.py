@@ -44,6 +44,8 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     drive: Literal["velocity", "effort"] = "velocity"
     """A commanded wheel speed is held by an ideal servo within the motor's torque
     ("velocity") or by a PID controller in the physics loop ("effort")."""
+    motors: Literal["robot", "ideal"] = "robot"
+    """Motors of the robot file, if it has a table `motors`, or ideal ones in any case."""
     pid: Pid = Pid()
     """Gains of the drive "effort"."""
     watchdog_s: Positive = 0.5

@@ -175,6 +175,14 @@ class BatteryConfig(Section):
     """White noise of the measurement."""
 
 
+class EncodersConfig(Section):
+    """The encoders of the wheels."""
+
+    counts_per_turn: Annotated[int, msgspec.Meta(ge=0, le=1 << 24)] = 0
+    """Resolution at the wheel; positions are whole counts, velocities their change in a tick. 0:
+    exact."""
+
+
 class SensorsConfig(Section):
     """The robot's sensors."""
 
@@ -186,3 +194,4 @@ class SensorsConfig(Section):
     depth: DepthConfig = DepthConfig()
     imu: ImuConfig = ImuConfig()
     battery: BatteryConfig = BatteryConfig()
+    encoders: EncodersConfig = EncodersConfig()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from mecazen import messages as m
-from mecazen.config.sensors import BatteryConfig, ImuConfig
+from mecazen.config.sensors import BatteryConfig, EncodersConfig, ImuConfig
 from numpy.random import PCG64, Generator
 
 from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.motor_model import supply
 from mecazen_physics.state import RobotState, Vector, unrotate
 
 NOT_MEASURED = (-1.0, *(0.0,) * 8)
@@ -75,24 +77,52 @@ class Imu:
         )
 
 
+class Encoders:
+    """The encoders of the wheels: whole counts, and their change within a tick.
+
+    Args:
+        config: Their resolution; not exact.
+        tick_s: Duration of a tick [s].
+    """
+
+    def __init__(self, config: EncodersConfig, tick_s: float) -> None:
+        self._step = 2.0 * math.pi / config.counts_per_turn
+        self._tick_s = tick_s
+        self._last: tuple[int, ...] | None = None
+        """Counts at the last tick."""
+
+    def measure(self, positions: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return positions [rad] and velocities [rad/s] of the wheels; call it in each tick."""
+        counts = tuple(math.floor(position / self._step) for position in positions)
+        last, self._last = self._last or counts, counts
+        changes = (new - old for new, old in zip(counts, last, strict=True))
+        return (
+            tuple(count * self._step for count in counts),
+            tuple(change * self._step / self._tick_s for change in changes),
+        )
+
+
 class Battery:
-    """The battery, and the measurement of its voltage.
+    """The battery, which sags under the load of the motors, and the measurement of its voltage.
 
     Args:
         config: Its voltage and the noise.
+        sag_per_nm: Share of the voltage that each N·m of the motors' summed torques costs.
         period: Ticks from one sample to the next.
         seed: Seed of the noise.
     """
 
-    def __init__(self, config: BatteryConfig, period: int, seed: int) -> None:
+    def __init__(self, config: BatteryConfig, sag_per_nm: float, period: int, seed: int) -> None:
         self.period = period
+        self._sag_per_nm = sag_per_nm
         self._config = config
         self._random = Generator(PCG64((seed, 2)))
 
     def measure(self, state: RobotState, time: m.Time) -> m.BatteryState:
         """Return the sample of a state; call it once in each period."""
         config = self._config
-        voltage = config.voltage_v + config.voltage_std_v * float(self._random.standard_normal())
+        noise = config.voltage_std_v * float(self._random.standard_normal())
+        voltage = config.voltage_v * supply(self._sag_per_nm, state) + noise
         return m.BatteryState(
             header=m.Header(stamp=time, frame_id="base_link"),
             voltage=float(np.float32(voltage)),

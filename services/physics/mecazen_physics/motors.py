@@ -11,10 +11,13 @@ from typing import Any
 from mecazen.config import PhysicsConfig
 from mecazen.config.physics import Pid
 from mecazen.robot import WHEELS, Robot
+from mecazen.robot import Motors as RealMotors
 from mecazen.watchdog import WheelCommand
+from msgspec.structs import replace
 
 from mecazen_physics import model
 from mecazen_physics.body import RobotBody
+from mecazen_physics.motor_model import MotorModel, friction, supply
 from mecazen_physics.state import RobotState
 
 TORQUE_HEADROOM = 0.8
@@ -53,7 +56,8 @@ class Motors:
     """The four motors of a robot.
 
     Speeds and torques beyond the motor's limits are taken as the limits, and a wheel at its
-    highest speed is not driven further by a torque.
+    highest speed is not driven further by a torque. With a table `motors` in the robot file, they
+    follow commands as real motors do, and the torque at a wheel is what friction leaves.
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig) -> None:
@@ -64,6 +68,12 @@ class Motors:
         self._torque_per_change = model.driven_inertia(robot) / physics.dt_s
         """Torque [N·m] for each rad/s by which a wheel's speed changes in one step."""
         self._pids: list[WheelPid] = []
+        real = robot.motors if physics.motors == "robot" else None
+        self._real = real
+        self._speeds = self._torques = None
+        if real is not None:
+            self._speeds = MotorModel(real, physics.dt_s)
+            self._torques = MotorModel(replace(real, dead_band_rad_s=0.0), physics.dt_s)
         if physics.drive == "effort":
             self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
 
@@ -85,6 +95,8 @@ class Motors:
             what is to be called before each step, if anything.
         """
         speeds = state.joint_velocity[: len(WHEELS)]
+        if self._real is not None:
+            return self._apply_real(self._real, command, body, state, steps)
         if command.is_effort:
             gain = steps * self._dt / self._hub_inertia
             changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
@@ -105,6 +117,49 @@ class Motors:
         for wheel, speed in zip(body.wheels, target, strict=True):
             wheel.setCommand(0, speed)
         return ranges, None
+
+    def _apply_real(
+        self,
+        real: RealMotors,
+        command: WheelCommand,
+        body: RobotBody,
+        state: RobotState,
+        steps: int,
+    ) -> tuple[list[tuple[float, float]], Push]:
+        """Give real motors a command; see `apply`."""
+        supplied = supply(real.sag_per_nm, state)
+        speeds, wheels = state.joint_velocity[: len(WHEELS)], body.wheels
+        limit = self._max_torque if command.is_effort else self._max_speed
+        motors = self._torques if command.is_effort else self._speeds
+        assert motors is not None
+        motors.give([min(max(value, -limit), limit) for value in command.values])
+        bounds = motors.bounds()
+        if command.is_effort:
+            gain = steps * self._dt / self._hub_inertia
+            changes = [gain * max(-low, high) for low, high in bounds]
+            ranges = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
+        else:
+            ranges = [
+                (min(s, low), max(s, high)) for s, (low, high) in zip(speeds, bounds, strict=True)
+            ]
+        if not command.is_effort and not self._pids:
+            body.use("servo")
+
+            def follow() -> None:
+                for wheel, speed in zip(wheels, motors.step(supplied), strict=True):
+                    wheel.setCommand(0, speed)
+
+            return ranges, follow
+        body.use("torque")
+
+        def push() -> None:
+            values = motors.step(supplied)
+            if command.is_effort:
+                self._push(wheels, values)
+            else:
+                self._control(wheels, values)
+
+        return ranges, push
 
     def _steps_within_headroom(self, target: Sequence[float], state: RobotState) -> float:
         """Return in how many steps the wheels reach `target` [rad/s] within the headroom."""
@@ -132,7 +187,12 @@ class Motors:
             speed = wheel.getVelocity(0)
             upper = limit if speed < fastest else 0.0
             lower = -limit if speed > -fastest else 0.0
-            wheel.setCommand(0, min(max(torque, lower), upper))
+            given = min(max(torque, lower), upper)
+            wheel.setCommand(0, given - self.friction(speed))
+
+    def friction(self, speed: float) -> float:
+        """Return the torque that friction of motor and gear takes at a wheel's speed [rad/s]."""
+        return 0.0 if self._real is None else friction(self._real, speed)
 
 
 def _ramp(

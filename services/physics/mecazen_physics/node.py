@@ -46,7 +46,7 @@ from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
 from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
 
-from mecazen_physics.instruments import Battery, Imu
+from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
@@ -88,6 +88,11 @@ class PhysicsWorld(World):
         self.instruments = {
             name: _instruments(part, seed_of(seed, name)) for name, part in self.parts.items()
         }
+        self.encoders = {
+            name: Encoders(part.sensors.encoders, part.sim.tick_s)
+            for name, part in self.parts.items()
+            if part.sensors.encoders.counts_per_turn
+        }
         self.reported: dict[str, ReportedPerson] = {}
         """Persons by name."""
         self.walking: dict[str, MovingPerson] = {}
@@ -118,7 +123,7 @@ class PhysicsWorld(World):
     def _outputs(self, name: str, tick: Tick) -> Outputs:
         """Return a robot's joints, its true pose, and what its instruments measure."""
         state = self.robots[name].state
-        outputs = _messages(self.robots[name], tick)
+        outputs = _messages(self.robots[name], tick, self.encoders.get(name))
         for topic, instrument in self.instruments[name].items():
             if tick.number % instrument.period == 0:
                 outputs[topic] = instrument.measure(state, tick.time)
@@ -220,23 +225,35 @@ def _instruments(part: Scenario, seed: int) -> dict[Topic[Any], Imu | Battery]:
         found[IMU] = Imu(part.sensors.imu, period, part.sim.tick_s, seed)
     if "battery" in part.features:
         period = part.ticks_per("sensors.battery.rate_hz")
-        found[BATTERY_STATE] = Battery(part.sensors.battery, period, seed)
+        found[BATTERY_STATE] = Battery(part.sensors.battery, _sag_per_nm(part), period, seed)
     return found
 
 
-def _messages(robot: SimulatedRobot, tick: Tick) -> dict[Topic[Any], Message]:
+def _sag_per_nm(part: Scenario) -> float:
+    motors = part.robot.motors if part.physics.motors == "robot" else None
+    return motors.sag_per_nm if motors else 0.0
+
+
+def _messages(
+    robot: SimulatedRobot, tick: Tick, encoders: Encoders | None
+) -> dict[Topic[Any], Message]:
     """Return a robot's joints and its true pose."""
     state, now = robot.state, tick.time
     x, y, z = state.position
     qx, qy, qz, qw = state.orientation
     pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    positions, velocities = tuple(state.joint_position), tuple(state.joint_velocity)
+    if encoders is not None:
+        count = len(WHEELS)
+        counted, changes = encoders.measure(positions[:count])
+        positions, velocities = counted + positions[count:], changes + velocities[count:]
     twist = Twist(linear=Vector3(*state.linear), angular=Vector3(*state.angular))
     return {
         JOINT_STATES: JointState(
             header=Header(stamp=now, frame_id="base_link"),
             name=robot.joint_names,
-            position=tuple(state.joint_position),
-            velocity=tuple(state.joint_velocity),
+            position=positions,
+            velocity=velocities,
             effort=tuple(state.joint_effort),
         ),
         GROUND_TRUTH: Odometry(

@@ -18,7 +18,7 @@ from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.ridges import RidgeContacts
 from mecazen_physics.scene import Scene
-from mecazen_physics.state import RobotState, check_converged
+from mecazen_physics.state import BASE_DOFS, RobotState, check_converged
 
 NEARBY_M = 1.0
 """The obstacles nearby are found again after this way: a map may have hundreds."""
@@ -237,4 +237,8 @@ class SimulatedRobot:
     def _read(self) -> RobotState:
         friction = self._robot.rollers.bearing_friction_nms
         time = self._steps * self._dt
-        return RobotState.of(time, self.body.read(), self.body.torques(), friction)
+        motion, torques = self.body.read(), self.body.torques()
+        if self._robot.motors is not None:
+            speeds = motion.velocity[BASE_DOFS:]
+            torques = [t + self._motors.friction(s) for t, s in zip(torques, speeds, strict=False)]
+        return RobotState.of(time, motion, torques, friction)
