@@ -23,10 +23,10 @@ from mecazen_experiments.identify.identification import (
     best_geometry,
     folds,
     group,
-    identified_robot,
     identify,
 )
 from mecazen_experiments.identify.models import (
+    TURNS,
     Nominal,
     families,
     full,
@@ -35,9 +35,10 @@ from mecazen_experiments.identify.models import (
     rollers_gain,
 )
 from mecazen_experiments.identify.runs import Run, checked
+from mecazen_experiments.identify.simulated import identified_robot, simulated
 from mecazen_experiments.identify.wheels import check_wheels, gains
 from mecazen_experiments.identify.windows import Moments, cut, total
-from mecazen_physics.rollers import lateral_gain, yaw_gain
+from mecazen_physics.rollers import lateral_gain
 
 SAMPLE = ROOT / "examples" / "optiodom"
 """16 runs of the OptiOdom data."""
@@ -208,11 +209,15 @@ def test_one_radius_fits_circles_and_squares_once_missing_time_is_made_up_for(sa
     )
 
 
-def test_an_identified_robot_can_be_simulated_and_has_the_identified_gains(found, tmp_path):
-    robot = identified_robot(OMNI4, best_geometry(found), found.roller_count)
+def test_an_identified_robot_turns_in_the_simulation_as_identified(found, sample, tmp_path):
+    best = best_geometry(found)
+    robot = identified_robot(OMNI4, best.parameters, found.roller_count, sample[0])
     assert lateral_gain(robot) == pytest.approx(rollers_gain(6), abs=1e-4)
-    lever = best_geometry(found).parameters["lever_m"].value
-    assert robot.lever / yaw_gain(robot) == pytest.approx(lever, rel=1e-4)
+    run = sample[4]  # not the one by which the lever is set
+    lever, radius = (best.parameters[name].value for name in ("lever_m", "radius_m"))
+    expected = (run.wheels[-1] - run.wheels[0]) @ TURNS * radius / 4.0 / lever
+    # the yaw gain depends on the rollers' phases: 1.5 % at most
+    assert simulated(robot, run)[-1, 2] == pytest.approx(expected, rel=0.005)
     from mecazen_experiments.identify.report import robot_file
 
     (tmp_path / "robot.toml").write_text(robot_file(robot, found))
@@ -354,7 +359,7 @@ def test_csv_columns_are_taken_by_name_and_can_be_mapped(tmp_path):
     table = np.column_stack([run.times, run.poses, run.wheels, run.times])
     file = tmp_path / "drive.csv"
     np.savetxt(file, table, delimiter=",", header=",".join(names), comments="")
-    (read_again,) = read([file], "csv", ["time_s=t"])
+    (read_again,), _ = read([file], "csv", ["time_s=t"])
     assert read_again.wheels == pytest.approx(run.wheels)
     with pytest.raises(ConfigError, match=r"drive\.csv: no column 'time_s'; its columns are t"):
         read([file], "csv")
@@ -362,7 +367,7 @@ def test_csv_columns_are_taken_by_name_and_can_be_mapped(tmp_path):
         read([file], "csv", ["time=t"])
     with pytest.raises(ConfigError, match="--columns must be NAME=COLUMN"):
         read([file], "csv", ["time"])
-    with pytest.raises(ConfigError, match="--format bag: unknown; allowed: optiodom, csv"):
+    with pytest.raises(ConfigError, match="--format bag: unknown; allowed: mcap, optiodom, csv"):
         read([file], "bag")
 
 

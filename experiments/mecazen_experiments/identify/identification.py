@@ -6,11 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
-from mecazen.errors import ConfigError
 from mecazen.robot import Robot
-from mecazen_physics.rollers import yaw_gain
 from scipy.optimize import minimize_scalar
 
 from mecazen_experiments.identify.fit import (
@@ -31,6 +28,7 @@ from mecazen_experiments.identify.models import (
     lateral,
     rollers,
 )
+from mecazen_experiments.identify.motors import MotorLog, identify_motors
 from mecazen_experiments.identify.runs import Array, Run, gap_lines
 from mecazen_experiments.identify.wheels import check_wheels, gains
 from mecazen_experiments.identify.windows import Moments, cut, total
@@ -96,9 +94,14 @@ class Identification:
     models: tuple[ModelResult, ...]
     rollers: tuple[RollerResult, ...]
     sessions: tuple[SessionResult, ...]
-    lateral_gain: Interval
-    """Mean over sessions."""
+    motors: Mapping[str, Estimate]
+    """Parameters of the motors, if commands are recorded."""
     notes: tuple[str, ...]
+
+    @property
+    def lateral_gain(self) -> Interval:
+        """Lateral over forward gain: mean over sessions."""
+        return mean_gain(self.sessions)
 
     @property
     def roller_count(self) -> int:
@@ -110,8 +113,8 @@ class Identification:
         return next(one for one in self.models if one.name == name)
 
 
-def identify(robot: Robot, runs: Sequence[Run]) -> Identification:
-    """Return what runs show of a robot.
+def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -> Identification:
+    """Return what runs, and logs of its motors, show of a robot.
 
     Raises:
         ConfigError: Columns of the wheels are swapped, or in another unit.
@@ -145,7 +148,7 @@ def identify(robot: Robot, runs: Sequence[Run]) -> Identification:
                 ambiguities,
             )
         )
-    by_session = [_session(runs, offset.value, one, nominal) for one in sessions(runs)]
+    by_session = session_results(runs, offset.value, nominal)
     return Identification(
         robot.name,
         len(runs),
@@ -153,40 +156,10 @@ def identify(robot: Robot, runs: Sequence[Run]) -> Identification:
         offset,
         tuple(results),
         tuple(hypotheses),
-        tuple(by_session),
-        mean_interval([one.lateral_gain for one in by_session]),
+        by_session,
+        identify_motors(logs) if logs else {},
         tuple(gap_lines(runs)),
     )
-
-
-def identified_robot(robot: Robot, found: ModelResult, count: int) -> Robot:
-    """Return the robot file with the identified radius, lever and number of rollers.
-
-    The lever is scaled by wheelbase and track alike. Rollers turn the robot by `yaw_gain` more than
-    the ideal kinematics of the file, so the file's lever is larger than the identified one.
-
-    Raises:
-        ConfigError: Such a robot can't be simulated.
-    """
-    radius = found.parameters["radius_m"].value
-    lever = found.parameters["lever_m"].value
-    wheels, scale = robot.wheels, lever / robot.lever
-    try:
-        for _ in range(3):  # the gain hardly depends on the lever: this converges at once
-            changed = msgspec.structs.replace(
-                robot,
-                wheels=msgspec.structs.replace(
-                    wheels,
-                    radius_m=round(radius, 6),
-                    wheelbase_m=round(wheels.wheelbase_m * scale, 6),
-                    track_m=round(wheels.track_m * scale, 6),
-                ),
-                rollers=msgspec.structs.replace(robot.rollers, count=count),
-            )
-            scale = lever * yaw_gain(changed) / robot.lever
-    except ValueError as error:
-        raise ConfigError(f"the identified robot: {error}") from None
-    return changed
 
 
 def sessions(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -286,6 +259,18 @@ def _hypotheses(
         RollerResult(count, float(top - of.sum()), float(share))
         for count, of, share in zip(ROLLER_COUNTS, scores, chosen / len(draws), strict=True)
     ]
+
+
+def session_results(
+    runs: Sequence[Run], offset_s: float, nominal: Nominal
+) -> tuple[SessionResult, ...]:
+    """Return the lateral over forward gain of each session."""
+    return tuple(_session(runs, offset_s, name, nominal) for name in sessions(runs))
+
+
+def mean_gain(results: Sequence[SessionResult]) -> Interval:
+    """Return the mean of the lateral over forward gain over sessions."""
+    return mean_interval([one.lateral_gain for one in results])
 
 
 def _session(runs: Sequence[Run], offset_s: float, name: str, nominal: Nominal) -> SessionResult:

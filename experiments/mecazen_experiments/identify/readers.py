@@ -18,7 +18,7 @@ from mecazen.robot import WHEELS
 
 from mecazen_experiments.identify.runs import Array, Run, checked
 
-Format = Literal["optiodom", "csv"]
+Format = Literal["mcap", "optiodom", "csv"]
 
 COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", *(f"{wheel}_rad" for wheel in WHEELS))
 """Columns of a CSV file: time, the reference's pose, and the angles of the wheels."""

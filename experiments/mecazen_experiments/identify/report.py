@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -14,16 +14,42 @@ from mecazen_tools import files
 from mecazen_experiments.identify.fit import Estimate
 from mecazen_experiments.identify.identification import Identification, ModelResult
 from mecazen_experiments.identify.models import FRAME, rollers_gain
+from mecazen_experiments.identify.validate import Range, Validation
+
+
+def write_validation(
+    found: Validation, robot: Robot, figures: Sequence[Path], folder: Path
+) -> list[Path]:
+    """Write validation.md, validation.json and robot.toml into a folder; return the files."""
+    lines = "\n".join(validation_lines(found))
+    shown = "\n".join(f"\n![{path.stem}]({path.name})" for path in figures)
+    return _write(
+        {
+            "validation.md": f"# Validation\n\n{lines}\n{shown}\n".encode(),
+            "validation.json": _json(found),
+            "robot.toml": robot_file(robot, found.identification).encode(),
+        },
+        folder,
+    )
 
 
 def write(found: Identification, robot: Robot, figures: Sequence[Path], folder: Path) -> list[Path]:
     """Write report.md, identification.json and robot.toml into a folder; return the files."""
-    content = {
-        "report.md": markdown(found, figures).encode(),
-        "identification.json": msgspec.json.format(msgspec.json.encode(found, enc_hook=str))
-        + b"\n",
-        "robot.toml": robot_file(robot, found).encode(),
-    }
+    return _write(
+        {
+            "report.md": markdown(found, figures).encode(),
+            "identification.json": _json(found),
+            "robot.toml": robot_file(robot, found).encode(),
+        },
+        folder,
+    )
+
+
+def _json(found: object) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(found)) + b"\n"
+
+
+def _write(content: Mapping[str, bytes], folder: Path) -> list[Path]:
     for name, data in content.items():
         files.write(folder / name, data, "--out")
     return [folder / name for name in content]
@@ -83,6 +109,11 @@ def _lines(found: Identification, figures: Sequence[Path]) -> Iterator[str]:
     for session in found.sessions:
         interval = f"{session.lateral_gain:.4f} ({session.low:.4f} to {session.high:.4f})"
         yield f"| {session.session} | {session.runs} | {interval} | {session.missing:.1%} |"
+    if found.motors:
+        yield "\n## Motors\n"
+        yield "| parameter | value, 95 % interval by the curvature |"
+        yield "| --- | --- |"
+        yield from (f"| {name} | {_estimate(one)} |" for name, one in found.motors.items())
     for model in found.models:
         yield from _parameters(model)
     yield from (f"\n![{path.stem}]({path.name})" for path in figures)
@@ -105,3 +136,40 @@ def _estimate(one: Estimate, scale: float = 1.0) -> str:
     if math.isnan(one.low):
         return value
     return f"{value} ({scale * one.low:.5g} to {scale * one.high:.5g})"
+
+
+def validation_lines(found: Validation) -> Iterator[str]:
+    """Yield the tables of a validation as Markdown."""
+    yield (
+        f"Fitted on {len(found.fitted)} sessions, validated on {len(found.held_out)} others "
+        f"({found.duration_s / 60.0:.0f} min).\n"
+    )
+    horizons = list(dict.fromkeys(one.horizon_s for one in found.drifts))
+    rows = list(dict.fromkeys((one.model, one.kind) for one in found.drifts))
+    of = {(one.model, one.kind, one.horizon_s): one for one in found.drifts}
+    for name, unit in (("position", "mm"), ("yaw", "mrad")):
+        yield f"Drift in {name} [{unit}]: median (95 % interval over sessions), 95th percentile.\n"
+        yield f"| model | path | {' | '.join(f'{horizon:g} s' for horizon in horizons)} |"
+        yield f"| --- | --- |{' --- |' * len(horizons)}"
+        for model, kind in sorted(rows, key=lambda row: row[1]):
+            cells = []
+            for horizon in horizons:
+                one = of[model, kind, horizon]
+                pair = (one.position_median_m, one.position_p95_m)
+                if name == "yaw":
+                    pair = (one.yaw_median_rad, one.yaw_p95_rad)
+                cells.append(f"{_range(pair[0])}, {1e3 * pair[1].value:.1f}")
+            yield f"| {model} | {kind} | {' | '.join(cells)} |"
+        yield ""
+    yield "Median drift less that of another model after the longest time, in pairs [mm].\n"
+    yield "| model | less | path | sessions | difference (95 % interval over sessions) |"
+    yield "| --- | --- | --- | --- | --- |"
+    for pair_ in found.differences:
+        yield (
+            f"| {pair_.model} | {pair_.other} | {pair_.kind} | {pair_.sessions} | "
+            f"{_range(pair_.position_m)} |"
+        )
+
+
+def _range(one: Range) -> str:
+    return f"{1e3 * one.value:.1f} ({1e3 * one.low:.1f} to {1e3 * one.high:.1f})"

@@ -1,0 +1,173 @@
+"""Identifies motors from commands, wheel positions and efforts.
+
+The wheels follow commands as in `mecazen.robot.Motors`: delay, dead band, gain and supply, then a
+first-order lag. Its response to commands that are constant between samples is exact, so that the
+delay is no multiple of the sampling period. Friction is found from the motors' efforts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mecazen.robot import WHEELS, Motors
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from mecazen_experiments.identify.fit import Estimate
+from mecazen_experiments.identify.models import SIDES, TURNS
+from mecazen_experiments.identify.runs import Array
+
+MAX_DELAY_S = 0.2
+LAGS_S = (0.01, 0.05, 0.2)
+"""Time constants from which a fit may begin."""
+MOVING_RAD_S, STEADY_RAD_S2, STRAIGHT = 0.5, 0.5, 0.1
+"""Friction is found where wheels turn at least as fast, change speed at most as fast, and turn the
+robot or push it aside by at most this share of what they push it ahead."""
+NAMES = (
+    "delay_s",
+    "time_constant_s",
+    "dead_band_rad_s",
+    "sag_per_nm",
+    *(f"gain of {wheel}" for wheel in WHEELS),
+)
+
+
+@dataclass(frozen=True)
+class MotorLog:
+    """What a run records of its motors, at equal intervals."""
+
+    period_s: float
+    commands: Array
+    """Commanded speeds during each interval (n, 4) [rad/s]."""
+    speeds: Array
+    """Mean speeds during each interval, from the wheels' positions (n, 4) [rad/s]."""
+    efforts: Array | None
+    """Torques of the motors at the end of each interval (n, 4) [N·m]."""
+
+    @property
+    def load(self) -> Array:
+        """Sum of the motors' torques at the begin of each interval (n,) [N·m]."""
+        if self.efforts is None:
+            return np.zeros(len(self.commands))
+        return np.concatenate([[0.0], np.abs(self.efforts).sum(axis=1)[:-1]])
+
+
+def response(values: Array, log: MotorLog) -> tuple[Array, Array]:
+    """Return the wheels' speeds at the end of each interval, and their means during it (n, 4).
+
+    Args:
+        values: The parameters `NAMES`.
+        log: Commands and loads.
+    """
+    delay, lag, dead, sag = values[:4]
+    period, lag = log.period_s, max(lag, 1e-6)
+    commands = np.sign(log.commands) * np.maximum(np.abs(log.commands) - dead, 0.0) * values[4:]
+    whole = math.floor(delay / period)
+    rest = delay - whole * period
+    supplied = np.maximum(1.0 - sag * log.load, 0.0)[:, None]
+    first, then = (_late(commands, steps) * supplied for steps in (whole + 1, whole))
+    keep, keep_then = math.exp(-period / lag), math.exp(-(period - rest) / lag)
+    ends = lfilter(
+        [1.0], [1.0, -keep], (keep_then - keep) * first + (1.0 - keep_then) * then, axis=0
+    )
+    begins = np.concatenate([np.zeros((1, 4)), ends[:-1]])
+    middles = first + (begins - first) * math.exp(-rest / lag)
+    way = first * rest + (begins - first) * lag * (1.0 - math.exp(-rest / lag))
+    way += then * (period - rest) + (middles - then) * lag * (1.0 - keep_then)
+    return np.asarray(ends), way / period
+
+
+def _late(values: Array, steps: int) -> Array:
+    """Return rows that are `steps` rows late; zero before."""
+    steps = min(steps, len(values))
+    return np.concatenate([np.zeros((steps, values.shape[1])), values[: len(values) - steps]])
+
+
+def identify_motors(logs: Sequence[MotorLog]) -> dict[str, Estimate]:
+    """Return the parameters of the motors with their intervals by the curvature.
+
+    Friction is among them if efforts are recorded.
+    """
+
+    def residuals(values: Array) -> Array:
+        return np.concatenate([(response(values, log)[1] - log.speeds).ravel() for log in logs])
+
+    starts = [
+        np.array([delay, lag, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+        for delay in np.arange(0.0, MAX_DELAY_S, 2.0 * logs[0].period_s)
+        for lag in LAGS_S
+    ]
+    start = min(starts, key=lambda values: float(np.square(residuals(values)).sum()))
+    has_load = any(log.efforts is not None for log in logs)
+    upper = np.array([2.0 * MAX_DELAY_S, 10.0, 100.0, 1.0 if has_load else 1e-9, *[10.0] * 4])
+    found = least_squares(
+        residuals,
+        np.clip(start, 1e-9, upper / 2.0),
+        bounds=(np.zeros(len(NAMES)), upper),
+        x_scale=np.array([0.01, 0.05, 0.1, 0.01, 1.0, 1.0, 1.0, 1.0]),
+        diff_step=1e-4,
+    )
+    scale = np.maximum(np.linalg.norm(found.jac, axis=0), 1e-100)
+    inverse = np.linalg.pinv(found.jac / scale)
+    variance = 2.0 * found.cost / len(found.fun)
+    halves = 1.96 * np.sqrt(variance * np.square(inverse).sum(axis=1)) / scale
+    result = {
+        name: _estimate(value, half)
+        for name, value, half in zip(NAMES, found.x, halves, strict=True)
+        if has_load or name != "sag_per_nm"
+    }
+    if has_load:
+        result |= _friction(logs, found.x)
+    return result
+
+
+def _estimate(value: float, half: float) -> Estimate:
+    return Estimate(float(value), float(value - half), float(value + half), float(half))
+
+
+def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Estimate]:
+    """Return Coulomb and viscous friction from the efforts while the robot drives steadily ahead.
+
+    Then rollers do not spin, and nothing is accelerated. Wheels of different gains work against
+    each other: rollers slip at the torque that their grip allows, in the direction of the slip.
+    """
+    twist = SIDES * TURNS
+    rows, efforts = [], []
+    for log in logs:
+        if log.efforts is None:
+            continue
+        speeds, _ = response(values, log)
+        changes = np.diff(speeds, axis=0, prepend=speeds[:1]) / log.period_s
+        ahead = np.abs(speeds.sum(axis=1))
+        astray = np.maximum(np.abs(speeds @ SIDES), np.abs(speeds @ TURNS))
+        chosen = (astray < STRAIGHT * ahead) & (np.abs(changes).max(axis=1) < STEADY_RAD_S2)
+        chosen &= ahead > 4.0 * MOVING_RAD_S
+        own = speeds[chosen]
+        slip = np.sign(own @ twist)[:, None] * twist
+        rows.append(np.stack([np.sign(own), own, slip], axis=2).reshape(-1, 3))
+        efforts.append(log.efforts[chosen].reshape(-1))
+    design, effort = np.concatenate(rows), np.concatenate(efforts)
+    if np.linalg.matrix_rank(design) < design.shape[1]:
+        return {}
+    found, *_ = np.linalg.lstsq(design, effort, rcond=None)
+    variance = float(np.mean(np.square(effort - design @ found)))
+    halves = 1.96 * np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
+    return {
+        "coulomb_nm": _estimate(found[0], halves[0]),
+        "viscous_nms": _estimate(found[1], halves[1]),
+    }
+
+
+def identified_motors(parameters: Mapping[str, Estimate]) -> Motors:
+    """Return the motors of the robot file."""
+    value = {name: max(one.value, 0.0) for name, one in parameters.items()}
+    gains = [round(value[f"gain of {wheel}"], 5) for wheel in WHEELS]
+    rest = {
+        name: round(value[name], 6)
+        for name in (*NAMES[:4], "coulomb_nm", "viscous_nms")
+        if name in value
+    }
+    return Motors(gains=(gains[0], gains[1], gains[2], gains[3]), **rest)
