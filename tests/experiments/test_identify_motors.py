@@ -111,7 +111,8 @@ def test_motors_without_efforts_have_neither_friction_nor_sag():
     motors = Motors(delay_s=0.03, time_constant_s=0.08, dead_band_rad_s=0.3)
     commands = np.repeat(np.random.default_rng(1).normal(0.0, 3.0, (60, 4)), 20, axis=0)
     _, means = response(values_of(motors), MotorLog(TICK_S, commands, commands, None))
-    found = identify_motors([MotorLog(TICK_S, commands, means, None)])
+    found, lines = identify_motors([MotorLog(TICK_S, commands, means, None)])
+    assert lines == ()
     assert set(found) == {*NAMES} - {"sag_per_nm"}
     again = identified_motors(found)
     assert (again.delay_s, again.time_constant_s, again.dead_band_rad_s) == pytest.approx(
@@ -119,11 +120,19 @@ def test_motors_without_efforts_have_neither_friction_nor_sag():
     )
 
 
+def test_what_a_single_command_leaves_open_is_named():
+    command = np.full((500, 4), 3.0)
+    _, lines = identify_motors([MotorLog(TICK_S, command, command, None)])
+    assert "dead_band_rad_s" in " ".join(lines)
+    _, lines = identify_motors([MotorLog(TICK_S, 0.0 * command, 0.0 * command, None)])
+    assert len(lines) == len(NAMES) - 1
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_planted_motors_come_out_of_a_recording(seed, tmp_path):
     motors = driven(seed, tmp_path / "drive.mcap")
     _, logs = read([tmp_path / "drive.mcap"])
-    found = {name: one.value for name, one in identify_motors(logs).items()}
+    found = {name: one.value for name, one in identify_motors(logs)[0].items()}
     # DART moves a wheel by its speed at the end of a step: half a step of 2 ms early
     assert found["delay_s"] == pytest.approx(motors.delay_s, abs=0.002)
     assert found["time_constant_s"] == pytest.approx(motors.time_constant_s, rel=0.05)

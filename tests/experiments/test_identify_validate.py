@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
 from harness import ROOT
+from mecazen.loading import load_table
+from mecazen.robot import Robot
 from mecazen_experiments.identify import readers
 from mecazen_experiments.identify.commands import validate as validate_command
 from mecazen_experiments.identify.models import Nominal
-from mecazen_experiments.identify.simulated import mounted
+from mecazen_experiments.identify.simulated import mounted, simulated
 from mecazen_experiments.identify.validate import IDEAL, PHYSICS, load, optiodom, split
 
 SAMPLE = ROOT / "examples" / "optiodom"
@@ -98,3 +102,20 @@ def test_the_command_writes_tables_figures_and_the_robot(written):
     text = (written / "validation.md").read_text()
     assert "| full physics | circular |" in text
     assert "| geometry, 6 rollers | ideal, calibrated | all | 2 |" in text
+
+
+def test_the_phases_of_the_rollers_change_how_far_a_robot_turns(sample, written):
+    """A real robot's are not recorded, so the simulation of a run can't have its very drift."""
+    robot = load_table(written / "robot.toml", Robot)
+    run, cut_off = sample[0], 1000
+    end = run.starts(1)[3000]
+    whole = replace(run, times=run.times[:end], poses=run.poses[:end], wheels=run.wheels[:end])
+    late = replace(
+        whole,
+        times=whole.times[cut_off:],
+        poses=whole.poses[cut_off:],
+        wheels=whole.wheels[cut_off:],
+    )
+    yaw, again = simulated(robot, whole)[cut_off:, 2], simulated(robot, late)[:, 2]
+    ratio = (yaw[-1] - yaw[0]) / (again[-1] - again[0])
+    assert 0.001 < abs(ratio - 1.0) < 0.05

@@ -84,16 +84,16 @@ def fit(model: Model, runs: Grouped) -> Fit:
 def estimates(found: Fit, runs: Grouped) -> tuple[dict[str, Estimate], tuple[str, ...]]:
     """Return the parameters with intervals, and sentences on what the data leave open."""
     names = found.model.names(found.groups)
-    covariance = _covariance(found, {group: total(runs[group]) for group in found.groups})
+    spread = _covariance(found, {group: total(runs[group]) for group in found.groups})
     drawn = _resampled(found, runs)
     result = {}
     for index, name in enumerate(names):
         low, high = math.nan, math.nan
         if len(drawn):
             low, high = np.percentile(drawn[:, index], [2.5, 97.5])
-        half = 1.96 * math.sqrt(covariance[index, index])
+        half = 1.96 * math.sqrt(spread[index, index])
         result[name] = Estimate(float(found.values[index]), float(low), float(high), half)
-    return result, _ambiguities(names, covariance)
+    return result, ambiguities(names, spread)
 
 
 def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> Fit:
@@ -154,8 +154,17 @@ def _covariance(found: Fit, sums: Mapping[str, Moments]) -> Array:
         step[index] = 1e-6 * max(abs(values[index]), 1e-2)
         ahead, behind = (_residuals(found.model, values + d, roots) for d in (step, -step))
         slopes[:, index] = (ahead - behind) / (2.0 * step[index])
-    scale = np.linalg.norm(slopes, axis=0)
-    scale = np.maximum(scale, 1e-100)  # a parameter without influence has a huge deviation
+    return covariance(slopes)
+
+
+def covariance(slopes: Array) -> Array:
+    """Return the covariance of parameters of a fit.
+
+    Args:
+        slopes: Derivatives of the residuals, which have a standard deviation of 1 (m, p).
+    """
+    # a parameter without influence has a huge deviation
+    scale = np.maximum(np.linalg.norm(slopes, axis=0), 1e-100)
     eigenvalues, vectors = np.linalg.eigh((slopes / scale).T @ (slopes / scale))
     inverse = (vectors / np.maximum(eigenvalues, 1e-15)) @ vectors.T
     return np.asarray(inverse / np.outer(scale, scale))
@@ -178,7 +187,7 @@ def _resampled(found: Fit, runs: Grouped) -> Array:
     return np.stack(drawn)
 
 
-def _ambiguities(names: Sequence[str], covariance: Array) -> tuple[str, ...]:
+def ambiguities(names: Sequence[str], covariance: Array) -> tuple[str, ...]:
     """Return sentences on parameters that the data do not determine."""
     deviations = np.sqrt(np.diag(covariance))
     vague = [not deviation < VAGUE for deviation in deviations]

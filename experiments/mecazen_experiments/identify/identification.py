@@ -149,6 +149,7 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
             )
         )
     by_session = session_results(runs, offset.value, nominal)
+    motors, notes = identify_motors(logs) if logs else ({}, ())
     return Identification(
         robot.name,
         len(runs),
@@ -157,8 +158,8 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
         tuple(results),
         tuple(hypotheses),
         by_session,
-        identify_motors(logs) if logs else {},
-        tuple(gap_lines(runs)),
+        motors,
+        (*gap_lines(runs), *notes),
     )
 
 

@@ -16,13 +16,15 @@ from mecazen.robot import WHEELS, Motors
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from mecazen_experiments.identify.fit import Estimate
+from mecazen_experiments.identify.fit import Estimate, ambiguities, covariance
 from mecazen_experiments.identify.models import SIDES, TURNS
 from mecazen_experiments.identify.runs import Array
 
 MAX_DELAY_S = 0.2
 LAGS_S = (0.01, 0.05, 0.2)
 """Time constants from which a fit may begin."""
+NOISELESS_RAD_S = 1e-6
+"""Deviation of speeds in data without noise."""
 MOVING_RAD_S, STEADY_RAD_S2, STRAIGHT = 0.5, 0.5, 0.1
 """Friction is found where wheels turn at least as fast, change speed at most as fast, and turn the
 robot or push it aside by at most this share of what they push it ahead."""
@@ -86,10 +88,10 @@ def _late(values: Array, steps: int) -> Array:
     return np.concatenate([np.zeros((steps, values.shape[1])), values[: len(values) - steps]])
 
 
-def identify_motors(logs: Sequence[MotorLog]) -> dict[str, Estimate]:
-    """Return the parameters of the motors with their intervals by the curvature.
+def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+    """Return the parameters of the motors, and sentences on what the data leave open.
 
-    Friction is among them if efforts are recorded.
+    Intervals are those of the curvature. Friction is among them if efforts are recorded.
     """
 
     def residuals(values: Array) -> Array:
@@ -110,18 +112,15 @@ def identify_motors(logs: Sequence[MotorLog]) -> dict[str, Estimate]:
         x_scale=np.array([0.01, 0.05, 0.1, 0.01, 1.0, 1.0, 1.0, 1.0]),
         diff_step=1e-4,
     )
-    scale = np.maximum(np.linalg.norm(found.jac, axis=0), 1e-100)
-    inverse = np.linalg.pinv(found.jac / scale)
-    variance = 2.0 * found.cost / len(found.fun)
-    halves = 1.96 * np.sqrt(variance * np.square(inverse).sum(axis=1)) / scale
-    result = {
-        name: _estimate(value, half)
-        for name, value, half in zip(NAMES, found.x, halves, strict=True)
-        if has_load or name != "sag_per_nm"
-    }
+    deviation = max(math.sqrt(2.0 * found.cost / len(found.fun)), NOISELESS_RAD_S)
+    spread = covariance(found.jac / deviation)
+    halves = 1.96 * np.sqrt(np.diag(spread))
+    known = [index for index, name in enumerate(NAMES) if has_load or name != "sag_per_nm"]
+    lines = ambiguities([NAMES[index] for index in known], spread[np.ix_(known, known)])
+    result = {NAMES[i]: _estimate(found.x[i], halves[i]) for i in known}
     if has_load:
         result |= _friction(logs, found.x)
-    return result
+    return result, lines
 
 
 def _estimate(value: float, half: float) -> Estimate:

@@ -49,11 +49,13 @@ def recorded(path: Path) -> tuple[list[Run], list[MotorLog]]:
             if len(own[key]) < 2:
                 raise ConfigError(f"{name}: no {key}")
         times, states = _columns(own[JOINT_STATES.key])
-        wheels = _wheels(name, states, "position")
+        wheels = _wheels(f"{name}: {JOINT_STATES.key}", states, "position")
         at, truth = _columns(own[GROUND_TRUTH.key])
         poses = _interpolated(times, at, [one.pose.pose.to_planar() for one in truth])
         runs.append(checked(Run(name, path.stem, times, poses, wheels)))
-        if own[JOINT_COMMAND.key]:
+        if own[JOINT_COMMAND.key] and all(
+            command.velocity for _, command in own[JOINT_COMMAND.key]
+        ):
             logs.append(_motors(name, times, wheels, states, own[JOINT_COMMAND.key]))
     return runs, logs
 
@@ -70,7 +72,7 @@ def _wheels(name: str, states: Sequence[JointState], what: str) -> Array:
         try:
             rows.append([values[joint] for joint in WHEEL_JOINTS])
         except KeyError as error:
-            raise ConfigError(f"{name}: joint_states have no {what} of {error.args[0]}") from None
+            raise ConfigError(f"{name}: no {what} of {error.args[0]}") from None
     return np.array(rows)
 
 
@@ -94,10 +96,12 @@ def _motors(
     grid = times[0] + period * np.arange(count + 1)
     on_grid = np.stack([np.interp(grid, times, column) for column in wheels.T], axis=1)
     at, messages = _columns(commands)
-    values = np.concatenate([np.zeros((1, 4)), _wheels(name, messages, "velocity")])
+    values = np.concatenate(
+        [np.zeros((1, 4)), _wheels(f"{name}: {JOINT_COMMAND.key}", messages, "velocity")]
+    )
     held = np.searchsorted(at, grid[:-1] + 1e-6, side="right")
     efforts = None
     if all(state.effort for state in states):
-        torques = _wheels(name, states, "effort")
+        torques = _wheels(f"{name}: {JOINT_STATES.key}", states, "effort")
         efforts = np.stack([np.interp(grid[1:], times, column) for column in torques.T], axis=1)
     return MotorLog(period, values[held], np.diff(on_grid, axis=0) / period, efforts)
