@@ -102,10 +102,11 @@ def test_without_reports_the_speed_ends_after_two_cycles():
 
 def test_a_board_that_measures_speeds_itself_is_believed():
     wheels = Wheels(0.05, 100.0)
-    for n in range(40):
-        wheels.take(MeasuredSpeeds(WheelSpeeds(1.0, 2.0, 3.0, 4.0)), n * 0.05)
-        wheels.advance(n * 0.05, 0.05)
-    assert list(wheels.advance(2.0, 0.05)[1]) == pytest.approx([1.0, 2.0, 3.0, 4.0], rel=0.01)
+    for n in range(40):  # the driver asks at its ticks, and so a little late
+        wheels.take(MeasuredSpeeds(WheelSpeeds(1.0, 2.0, 3.0, 4.0)), n * 0.06)
+        wheels.advance(n * 0.06, 0.06)
+    assert list(wheels.advance(2.4, 0.06)[1]) == pytest.approx([1.0, 2.0, 3.0, 4.0], rel=0.01)
+    assert wheels.angles[0] == pytest.approx(2.4, abs=0.13)  # two cycles
 
 
 def test_a_run_begins_at_angle_0():

@@ -31,7 +31,7 @@ def test_the_world_has_no_services_of_a_robot_and_the_robot_of_the_board():
 
 
 def test_a_duty_drives_the_robot_in_physics_and_costs_voltage():
-    world = EmulatedWorld(load(SCENARIOS / "teleop.toml", ("start.x_m=-3.0",)))
+    world = EmulatedWorld(load(SCENARIOS / "back.toml", ("start.x_m=-3.0",)))
     world.begin()
     for _ in range(100):
         world.step([0.7, 0.7, 0.7, 0.7])

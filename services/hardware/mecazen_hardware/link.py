@@ -194,11 +194,11 @@ class Link:
                     f"{self.port.name}: the process that stops the motors in an emergency was "
                     "killed; start again"
                 ) from None
-        self._written_s = time.monotonic()
         if self.port.write(frame):
             self.sent += 1
         else:
             self.unsent += 1
+        self._written_s = time.monotonic()  # a delay before it would shorten the gap to the next
 
     def _write_late(self) -> None:
         """Write the frame that waits once the board can take it."""

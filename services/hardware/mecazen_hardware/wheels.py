@@ -19,6 +19,8 @@ FASTER = 1.5
 """Share of the wheels' highest speed beyond which a change of angle is no motion."""
 BELIEVED_AFTER = 2
 """Number of reports in a row after which a wheel goes on from the angle to which it has jumped."""
+MOST_CYCLES = 100
+"""Number of cycles beyond which an interval is not believed."""
 AHEAD_CYCLES = 2.0
 """Number of cycles for which the last speed is believed without a new report."""
 
@@ -51,9 +53,11 @@ class Wheels:
     def take(self, report: WheelAngles | MeasuredSpeeds, now_s: float) -> None:
         """Take a report that arrived at `now_s` [s]."""
         elapsed_s = now_s - self.reported_s
-        cycles = max(1, round(elapsed_s / self._cycle_s)) if math.isfinite(elapsed_s) else 1
+        cycles = max(1, round(min(elapsed_s / self._cycle_s, MOST_CYCLES)))
         interval_s = cycles * self._cycle_s
         if isinstance(report, MeasuredSpeeds):
+            # a speed holds until the next one, which comes when the driver has asked for it
+            interval_s = elapsed_s if 0.0 < elapsed_s < math.inf else self._cycle_s
             change = _four(speed * interval_s for speed in report.speeds)
         elif self._last is None:
             change = (0.0,) * 4
