@@ -15,6 +15,7 @@ from mecazen.kinematics import WheelSpeeds
 
 from mecazen_hardware.board import Identity, Inertial, MeasuredSpeeds, Report, Voltage, WheelAngles
 from mecazen_hardware.boards import open_link
+from mecazen_hardware.compensation import compensated
 from mecazen_hardware.errors import HardwareError
 from mecazen_hardware.safety import NO_COMMAND, Safety
 from mecazen_hardware.wheels import Four, Wheels
@@ -42,6 +43,7 @@ class Driver:
         board = self.link.board
         self.wheels = Wheels(board.CYCLE_S, scenario.robot.wheels.max_speed_rad_s)
         self.safety = Safety(self.config)
+        self._motors = scenario.robot.motors
         self.stopped_for = ""
         """Why the motors are stopped; empty if they may run."""
         self.refused_commands = 0
@@ -114,7 +116,7 @@ class Driver:
             self.link.stop()
             return
         try:
-            self.link.drive(STILL if reason else speeds)
+            self.link.drive(STILL if reason else compensated(speeds, self._motors))
         except ValueError:
             self.refused_commands += 1
             self.link.stop()

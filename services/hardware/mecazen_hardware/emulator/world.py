@@ -77,6 +77,7 @@ def load(path: Path, overrides: Sequence[str], tick_ms: int = TICK_MS) -> Scenar
             f"sim.tick_s={tick_ms / 1000}",
             f"sim.duration_s={ENDLESS_S:.0f}",
             f"physics.dt_s={tick_ms / 1000}",
+            "physics.motors=ideal",  # those of the board are here
         ),
     )
     also = (*scenario.sensor.also, *({"imu"} - {*scenario.sensor.also}))

@@ -1,0 +1,29 @@
+"""Commands that make real motors turn as wanted: the reverse of the robot file's `motors`."""
+
+from __future__ import annotations
+
+import math
+
+from mecazen.kinematics import WheelSpeeds
+from mecazen.robot import Motors
+
+STILL_RAD_S = 0.05
+"""Speed up to which a wheel is to stand; a dead band that is made up for would make it tremble."""
+
+
+def compensated(speeds: WheelSpeeds, motors: Motors | None) -> WheelSpeeds:
+    """Return the speeds to command so that the wheels turn at `speeds` [rad/s].
+
+    A motor turns at its gain times what is left of the command after its dead band.
+    """
+    if motors is None:
+        return speeds
+    pairs = zip(speeds, motors.gains, strict=True)
+    return WheelSpeeds(
+        *(
+            speed / gain + math.copysign(motors.dead_band_rad_s, speed)
+            if abs(speed) > STILL_RAD_S
+            else 0.0
+            for speed, gain in pairs
+        )
+    )
