@@ -20,6 +20,7 @@ def test_a_trigger_says_whether_it_was_done():
     response = reset.interface.response
     assert reset.ask(None) == (keys.SIM_RESET, m.ResetRequest())
     assert reset.respond(OK, "", m.SimState(tick=7)) == response(True, "tick 7")
+    assert reset.respond(OK, "", m.String("4 wheels turn")) == response(True, "4 wheels turn")
     assert reset.respond(FAILED, "busy") == response(False, "busy")
 
 

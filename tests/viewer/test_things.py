@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from harness import load_robot
+from harness import SCENARIOS, load_robot
 from mecazen.config import Scenario, WorldConfig
 from mecazen.config.world import Patch, Ramp
+from mecazen.loading import load_scenario
 from mecazen_viewer import entities as e
-from mecazen_viewer.picture import surroundings
+from mecazen_viewer.health import Health
+from mecazen_viewer.picture import Picture, surroundings
 
 
 def test_a_ramp_stands_with_its_top_at_its_height_and_a_patch_is_outlined():
@@ -19,3 +21,13 @@ def test_a_ramp_stands_with_its_top_at_its_height_and_a_patch_is_outlined():
     assert corners.max(axis=0) == pytest.approx((3.4, 1.5, 0.08), abs=1e-6)
     assert f"{e.PATCHES}/0" in shown
     assert f"{e.OBSTACLES}/1" in shown  # its rails
+
+
+def test_a_crowd_and_what_a_camera_sees_are_in_the_scene_where_the_scenario_has_them():
+    crowd, back = (load_scenario(SCENARIOS / f"{name}.toml") for name in ("crowd", "back"))
+    found = [
+        {path for path, _ in (*surroundings(one), *Picture(one, Health()).shapes())}
+        for one in (crowd, back)
+    ]
+    assert found[0] - found[1] >= {e.PEOPLE, e.FRUSTUM}
+    assert not found[1] & {e.PEOPLE, e.FRUSTUM}
