@@ -9,6 +9,7 @@ RUNS = $$one -c '$(USABLE)' 2>/dev/null
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 SCALE ?= 120
+HUNDREDS ?= 1
 # what a user runs, and what comes with the targets that need it
 SDK := common people tools
 RUN := $(SDK) ros2 $(SERVICES:%=services/%)
@@ -63,7 +64,7 @@ help:
 	@echo "make test-pythons the same results with each Python that is installed"
 	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
-	@echo "make test-chaos   a hundred kills at random moments: following goes on"
+	@echo "make test-chaos   a hundred kills and freezes at random moments (HUNDREDS=10 LOG=FILE: a thousand)"
 	@echo "make soak         hours of simulated time, of floods and of hostile payloads (SCALE=30)"
 	@echo "make bench        speed and accuracy, in some minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
@@ -194,7 +195,7 @@ test-pythons: .venv/developer
 	.venv/bin/python -m pytest tests/system/test_one_result.py -k python
 
 test-chaos: .venv/developer
-	.venv/bin/python -m pytest -s tests/chaos
+	.venv/bin/python -m pytest -s --scale $(HUNDREDS) $(if $(LOG),--log $(LOG)) tests/chaos
 
 soak: .venv/developer
 	.venv/bin/python -m pytest -s --scale $(SCALE) tests/system/test_soak.py tests/system/test_floods.py tests/system/test_intruders.py

@@ -26,6 +26,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 def pytest_addoption(parser):
     parser.addoption("--scale", type=int, default=1, help="make long tests this often as long")
+    parser.addoption("--log", help="file to which kills and freezes are added; those in it count")
 
 
 @pytest.fixture

@@ -32,6 +32,8 @@ NEAR_M = 0.3
 """Maximum distance of a following robot from its goal."""
 STEADY_S = 0.3
 """Minimum time near the goal, so that a robot that only passes does not count."""
+FROZEN_S = 0.05, 2.0
+"""Shortest and longest freeze, in wall time."""
 RESUME_S = 3.0
 """Within this simulated time after a part is back, the robot is to follow again."""
 MAX_SPEED_M_S = 2.1
@@ -165,11 +167,12 @@ class Up(AbstractContextManager["Up"]):
 
 
 class Strike(NamedTuple):
-    """The effect of killing some parts at once."""
+    """The effect of killing some parts at once, or of freezing one."""
 
     names: tuple[str, ...]
+    frozen: bool
     back_s: float
-    """Wall time until all were ready again."""
+    """Wall time until all killed parts were ready again; for which the frozen one was frozen."""
     resumed_s: float
     """Simulated time from then on until the robot followed again."""
     fastest_m_s: float
@@ -196,21 +199,45 @@ def strike(up: Up, names: tuple[str, ...]) -> Strike:
         # what had been sent in the run before may come as late as that
         up.wait(lambda: watch.stamp is not None and watch.stamp.run != before.run)
         back = back._replace(time_ns=0)
+    return _recovery(up, names, back, back_s, frozen=False)
+
+
+def freeze(up: Up, name: str, frozen_s: float) -> Strike:
+    """Freeze a part for a while, and wait until the robot follows again."""
+    up.watch.begin_anew()
+    pid, begin = up.pid(name), time.monotonic()
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        up.wait(lambda: time.monotonic() - begin >= frozen_s)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    up.watch.following_since = None
+    return _recovery(up, (name,), up.watch.stamp, frozen_s, frozen=True)
+
+
+def _recovery(
+    up: Up, names: tuple[str, ...], back: Stamp, back_s: float, *, frozen: bool
+) -> Strike:
+    """Wait until the robot follows again, at most twice as long as it may take; check it."""
+    watch = up.watch
     up.wait(lambda: watch.follows or seconds(back, watch.stamp or back) > 2 * RESUME_S)
     since = watch.following_since
     assert since is not None, f"{names}: does not follow again"
     watch.assert_sane()
     resumed_s = max(0.0, seconds(back, since))
-    return Strike(names, back_s, resumed_s, watch.fastest_m_s, watch.hardest_m_s2)
+    return Strike(names, frozen, back_s, resumed_s, watch.fastest_m_s, watch.hardest_m_s2)
 
 
 def strikes(up: Up, count: int, seed: int) -> Iterable[Strike]:
-    """Kill parts at random moments, alone or two at once; a third of the times two."""
+    """Kill parts at random moments, alone or two at once, and freeze others; a third of each."""
     chance = random.Random(seed)
     pairs = list(combinations(PARTS, 2))
     for _ in range(count):
-        names = chance.choice(pairs) if chance.random() < 1 / 3 else (chance.choice(PARTS),)
-        pause_s = chance.uniform(0.0, 1.0)
+        kind, part = chance.randrange(3), chance.choice(PARTS)
+        pause_s, frozen_s = chance.uniform(0.0, 1.0), chance.uniform(*FROZEN_S)
         begin = up.watch.stamp
         up.wait(lambda begin=begin, s=pause_s: seconds(begin, up.watch.stamp or begin) >= s)
-        yield strike(up, names)
+        if kind == 0:
+            yield freeze(up, part, frozen_s)
+        else:
+            yield strike(up, (part,) if kind == 1 else chance.choice(pairs))
