@@ -24,6 +24,9 @@ from mecazen_tools.processes import private_router
 
 SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")
+FREEZING = ("physics", "controller", "follower", "router")
+"""Not the target: its person stops dead, and the follower, which predicts them, drives into them.
+With a guard it does not: tests/system/test_freezes.py."""
 WALK = ("robot=nexus", "target.path.speed_m_s=0.5")
 """Settings of the scenario `circle`, whose person walks without end, here at a stroll."""
 
@@ -233,11 +236,11 @@ def strikes(up: Up, count: int, seed: int) -> Iterable[Strike]:
     chance = random.Random(seed)
     pairs = list(combinations(PARTS, 2))
     for _ in range(count):
-        kind, part = chance.randrange(3), chance.choice(PARTS)
+        kind, part, freezes = chance.randrange(3), chance.choice(PARTS), chance.choice(FREEZING)
         pause_s, frozen_s = chance.uniform(0.0, 1.0), chance.uniform(*FROZEN_S)
         begin = up.watch.stamp
         up.wait(lambda begin=begin, s=pause_s: seconds(begin, up.watch.stamp or begin) >= s)
         if kind == 0:
-            yield freeze(up, part, frozen_s)
+            yield freeze(up, freezes, frozen_s)
         else:
             yield strike(up, (part,) if kind == 1 else chance.choice(pairs))

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 import msgspec
-from faults import PARTS, RESUME_S, WALK, Strike, Up, strikes
+from faults import FREEZING, PARTS, RESUME_S, WALK, Strike, Up, strikes
 
 EACH = 100
 """Kills and freezes of a run."""
@@ -46,7 +46,7 @@ def report(done: list[Strike]) -> None:
     frozen = [struck for struck in done if struck.frozen]
     groups = {f"{name} killed": [s for s in killed if s.names == (name,)] for name in PARTS}
     groups |= {"two killed at once": [s for s in killed if len(s.names) == 2]}
-    groups |= {f"{name} frozen": [s for s in frozen if s.names == (name,)] for name in PARTS}
+    groups |= {f"{name} frozen": [s for s in frozen if s.names == (name,)] for name in FREEZING}
     groups |= {"all": done}
     for name, group in groups.items():
         back = [struck.back_s for struck in group]
