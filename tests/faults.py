@@ -86,7 +86,7 @@ class Watch:
     def assert_sane(self) -> None:
         """Check that the robot kept its limits and every published number is finite."""
         assert self.fastest_m_s <= MAX_SPEED_M_S
-        assert self.hardest_m_s2 <= MAX_CHANGE_M_S2
+        assert self.hardest_m_s2 <= MAX_CHANGE_M_S2, self.hardest_m_s2
         assert not self.bus.refused, "what is not finite is refused"
 
     def _on_robot(self, odom: Odometry, stamp: Stamp | None) -> None:

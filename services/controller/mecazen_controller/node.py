@@ -121,6 +121,7 @@ class ControllerNode(Node):
         self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
         self.drive = self._drive()
+        self.tick_s = scenario.sim.tick_s
         self.timeout_s = scenario.command_timeout_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
 
@@ -151,7 +152,6 @@ class ControllerNode(Node):
         """Number of steps in which the newest command was too old."""
         self.velocity = self.next_velocity = (LimiterState(), LimiterState(), LimiterState())
         self.begun = False
-        self.period_s = 0.0
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the wheel command of a tick."""
@@ -164,19 +164,21 @@ class ControllerNode(Node):
         fresh = self.reference_age_s <= self.timeout_s + ROUNDING_S
         self.expired_ticks += not fresh and self.reference_age_s < math.inf
         wanted = self.reference if fresh else Twist2D()
-        self.next_velocity = self.drive.limited(self.velocity, wanted, self.period_s)
+        self.next_velocity = self.drive.limited(self.velocity, wanted, self.tick_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
         speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
         header, names = m.Header(stamp=tick.time), self.config.wheel_joints
         return {JOINT_COMMAND: m.JointState(header=header, name=names, velocity=tuple(speeds))}
 
     def _begin(self, tick: Tick, inputs: Inputs) -> None:
-        """Continue from the last command, or, once the wheels dropped it, from measured motion."""
-        self.period_s = tick.period_s
+        """Continue from the last command, or, once the wheels dropped it, from measured motion.
+
+        During missed ticks the wheels held the command. It continues from there, by what the
+        limits allow in one tick.
+        """
         self.velocity = self.next_velocity
         joins_late = not self.begun and tick.number > 0
         if joins_late or tick.period_s > self.scenario.wheel_timeout_s + ROUNDING_S:
-            self.period_s = self.scenario.sim.tick_s
             try:
                 measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
             except RefusedError:
