@@ -26,6 +26,8 @@ class Topic(Generic[MessageT]):
     meaning: str
     open: bool = False
     """Whether any client may publish on it, besides its node."""
+    sensed: bool = False
+    """Whether sensors of a real robot may publish it, if no node of the scenario does."""
     shared: bool = False
     """Whether all robots share it; then it is in no robot's namespace."""
     max_bytes: int = MAX_SAMPLE_BYTES
@@ -78,12 +80,16 @@ PEOPLE = Topic(
     shared=True,
     max_bytes=MAX_PAYLOAD_BYTES,
 )
-SCAN = Topic("scan", m.LaserScan, "the lidar's ranges")
-SKELETONS = Topic("skeleton/observation", m.Skeletons, "the bodies that the tracker sees")
+SCAN = Topic("scan", m.LaserScan, "the lidar's ranges", sensed=True)
+SKELETONS = Topic(
+    "skeleton/observation", m.Skeletons, "the bodies that the tracker sees", sensed=True
+)
 LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the scan")
 DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]", max_bytes=MAX_PAYLOAD_BYTES)
 CAMERA_INFO = Topic("camera/camera_info", m.CameraInfo, "how the depth camera projects")
-OBSERVATION = Topic("target/observation", m.Observation, "the person as the robot perceives them")
+OBSERVATION = Topic(
+    "target/observation", m.Observation, "the person as the robot perceives them", sensed=True
+)
 FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
 PARAMETERS = Topic(
     "sim/parameters",

@@ -181,8 +181,8 @@ class RosNode:
                 self._publish(row.on_bus(topic), robot, name_of(row, topic), topic, where)
         for given in row.inputs:
             if _taker(graph, given.topic) is row:
-                topic = row.on_bus(given.topic)
-                for one in subscriptions(given.topic, topic.key):
+                topic, is_given = row.on_bus(given.topic), graph.giver(given.topic.key) is not None
+                for one in subscriptions(given.topic, topic.key, is_given=is_given):
                     self._take(topic, robot, one, where)
 
     def _describe(self, where: Namespace, meshes: Mapping[str, bytes]) -> None:

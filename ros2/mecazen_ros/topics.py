@@ -106,11 +106,19 @@ def publications(topic: Topic[Any], name: str, where: Namespace) -> list[RosTopi
     return found
 
 
-def subscriptions(topic: Topic[Any], key: str) -> list[RosTopic]:
-    """Return the ROS topics that are taken for a topic; none unless it is open."""
-    if not topic.open:
+def subscriptions(topic: Topic[Any], key: str, *, is_given: bool = True) -> list[RosTopic]:
+    """Return the ROS topics that are taken for a topic: one that is open, or of a real sensor.
+
+    Args:
+        topic: The topic.
+        key: Its key on the bus.
+        is_given: Whether a node of the scenario publishes it.
+    """
+    if not topic.open and (is_given or not topic.sensed):
         return []
     found = [RosTopic(ros_name(key), topic.type, Qos(), lambda taken: taken)]
+    if topic.type is m.LaserScan:
+        found = [RosTopic(ros_name(key), topic.type, SENSOR_DATA, of_rep_117)]
     if topic.type is m.Twist:  # Nav2 sends either, and a type is another key
         found.append(RosTopic(ros_name(key), TwistStamped, Qos(), lambda stamped: stamped.twist))
     return found
@@ -153,6 +161,16 @@ def _unmeasured(battery: m.BatteryState) -> m.BatteryState:
     names = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
     lost = {name: math.nan for name in names if getattr(battery, name) == 0.0}
     return msgspec.structs.replace(battery, **lost)
+
+
+def of_rep_117(scan: m.LaserScan) -> m.LaserScan:
+    """Return a scan of ROS without infinity and NaN: the reverse of `rep_117`."""
+    least, most = scan.range_min, scan.range_max
+    ranges = tuple(
+        min(r, most + 1.0) if r >= least and r > 0.0 else 0.0  # NaN is not above anything
+        for r in scan.ranges
+    )
+    return msgspec.structs.replace(scan, ranges=ranges, intensities=())
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:

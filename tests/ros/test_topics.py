@@ -94,6 +94,19 @@ def test_only_open_topics_are_taken_from_ros_and_a_twist_with_or_without_a_stamp
     assert stamped.convert(message("TwistStamped")(twist=m.Twist(m.Vector3(1.0)))).linear.x == 1.0
 
 
+def test_the_topics_of_a_real_robots_sensors_are_taken_where_no_node_gives_them():
+    taken = {t.key for t in keys.TOPICS if subscriptions(t, t.key, is_given=False)}
+    opened = {t.key for t in keys.TOPICS if t.open}
+    assert taken - opened == {"scan", "skeleton/observation", "target/observation"}
+
+
+def test_a_scan_from_ros_has_no_infinity_and_no_nan():
+    (scan,) = subscriptions(keys.SCAN, "scan", is_given=False)
+    ranges = (math.nan, math.inf, -math.inf, 0.05, 0.5, 12.0, 40.0)
+    seen = scan.convert(m.LaserScan(range_min=0.1, range_max=12.0, ranges=ranges))
+    assert seen.ranges == (0.0, 13.0, 0.0, 0.0, 0.5, 12.0, 13.0)
+
+
 def test_what_a_node_gives_never_comes_back_through_ros():
     given = {name_of(row, t) for row in TABLE.values() for t in row.outputs}
     taken = {entry.name for topic in keys.TOPICS for entry in subscriptions(topic, topic.key)}
