@@ -53,8 +53,17 @@ def encode(message: Message) -> bytes:
         raise RefusedError(f"no {message.ROS_TYPE} in CDR: {error}") from None
 
 
-def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
+def decode(
+    payload: bytes,
+    kind: type[MessageT],
+    make_finite: Callable[[dict[str, Any]], None] | None = None,
+) -> MessageT:
     """Return the message in `payload`, of either byte order.
+
+    Args:
+        payload: CDR.
+        kind: Type of the message.
+        make_finite: Function that replaces numbers of its fields that are not finite.
 
     Raises:
         RefusedError: Truncated, too long, of another encoding, or a value out of its bounds; or
@@ -62,6 +71,8 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
     """
     try:
         fields = STORE.deserialize_cdr(payload, known(kind))
+        if make_finite is not None:
+            make_finite(fields)
         return msgspec.convert(fields, kind, builtin_types=(bytes,))
     except (SerdeError, msgspec.ValidationError, RosTypeError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None

@@ -233,7 +233,9 @@ class RosNode:
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
             attached(sample)  # no ROS node sends or takes a sample without one
-            message: Message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
+            message: Message = one.convert(
+                cdr.decode(sample.payload.to_bytes(), one.kind, one.make_finite)
+            )
             refuse_implausible(topic.key, message)
             return message
 

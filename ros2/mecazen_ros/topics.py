@@ -65,6 +65,8 @@ class RosTopic(NamedTuple):
     qos: Qos
     convert: Callable[[Any], Any]
     """Returns the message for the other side; None where there is none to publish."""
+    make_finite: Callable[[dict[str, Any]], None] | None = None
+    """Replaces numbers of a message from ROS that are not finite."""
 
 
 def name_of(row: Row, topic: Topic[Any]) -> str:
@@ -118,7 +120,7 @@ def subscriptions(topic: Topic[Any], key: str, *, is_given: bool = True) -> list
         return []
     found = [RosTopic(ros_name(key), topic.type, Qos(), lambda taken: taken)]
     if topic.type is m.LaserScan:
-        found = [RosTopic(ros_name(key), topic.type, SENSOR_DATA, of_rep_117)]
+        found = [found[0]._replace(qos=SENSOR_DATA, make_finite=of_rep_117)]
     if topic.type is m.Twist:  # Nav2 sends either, and a type is another key
         found.append(RosTopic(ros_name(key), TwistStamped, Qos(), lambda stamped: stamped.twist))
     return found
@@ -163,14 +165,14 @@ def _unmeasured(battery: m.BatteryState) -> m.BatteryState:
     return msgspec.structs.replace(battery, **lost)
 
 
-def of_rep_117(scan: m.LaserScan) -> m.LaserScan:
-    """Return a scan of ROS without infinity and NaN: the reverse of `rep_117`."""
-    least, most = scan.range_min, scan.range_max
-    ranges = tuple(
+def of_rep_117(scan: dict[str, Any]) -> None:
+    """Replace the infinities and NaN of a scan from ROS: the reverse of `rep_117`."""
+    least, most = scan["range_min"], scan["range_max"]
+    scan["intensities"] = ()
+    scan["ranges"] = tuple(
         min(r, most + 1.0) if r >= least and r > 0.0 else 0.0  # NaN is not above anything
-        for r in scan.ranges
+        for r in scan["ranges"]
     )
-    return msgspec.structs.replace(scan, ranges=ranges, intensities=())
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:

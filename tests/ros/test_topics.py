@@ -5,6 +5,7 @@ import math
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.graph import TABLE
+from mecazen_ros.cdr import decode, encode
 from mecazen_ros.interfaces import message
 from mecazen_ros.topics import Namespace, name_of, publications, rep_117, subscriptions
 
@@ -103,7 +104,8 @@ def test_the_topics_of_a_real_robots_sensors_are_taken_where_no_node_gives_them(
 def test_a_scan_from_ros_has_no_infinity_and_no_nan():
     (scan,) = subscriptions(keys.SCAN, "scan", is_given=False)
     ranges = (math.nan, math.inf, -math.inf, 0.05, 0.5, 12.0, 40.0)
-    seen = scan.convert(m.LaserScan(range_min=0.1, range_max=12.0, ranges=ranges))
+    sent = encode(m.LaserScan(range_min=0.1, range_max=12.0, ranges=ranges))
+    seen = decode(sent, m.LaserScan, scan.make_finite)
     assert seen.ranges == (0.0, 13.0, 0.0, 0.0, 0.5, 12.0, 13.0)
 
 
