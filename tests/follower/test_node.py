@@ -480,3 +480,13 @@ def test_settings_that_a_follower_of_ones_own_does_not_read_are_refused(
         line = error_of(ConfigError, lambda: changing.ask({"follower.standoff_m": "2"}))
         assert line.startswith(said)
         assert changing.wanted.follower.standoff_m != 2.0
+
+
+@pytest.mark.parametrize(
+    ("view", "standoff_m", "warns"),
+    [("side_left", 1.0, True), ("side_left", 1.2, False), ("back", 1.0, False)],
+)
+def test_a_camera_too_near_beside_a_person_is_warned_about(caplog, view, standoff_m, warns):
+    follower = FollowerConfig(view=view, standoff_m=standoff_m)
+    FollowerNode(Scenario(robot=NEXUS, follower=follower, sensor=SensorConfig(kind="fused")))
+    assert ("both shoulders" in caplog.text) == warns

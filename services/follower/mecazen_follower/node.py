@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import replace as replace_row
 from itertools import repeat
@@ -29,11 +30,15 @@ from mecazen_follower.planner.planner import Planner
 from mecazen_follower.polar import FieldOfView, kept_view
 from mecazen_follower.tracking import Frame
 
+logger = logging.getLogger(__name__)
+
 HISTORY_S = 5.0
 """Time beyond the sensor's latency for which odometry is kept for late observations [s]."""
 
 CLEARANCE_M = 0.1
 """Least distance to be kept between person and robot: as much as following may err."""
+LEAST_BESIDE_M = 1.2
+"""Standoff from which a camera beside a person sees both shoulders."""
 
 
 BESIDE = math.sin(math.radians(60.0))
@@ -65,11 +70,23 @@ class FollowerNode(Node):
                 f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
                 f"{CLEARANCE_M:g} between them"
             )
+        self._warn_of_hidden_shoulders()
         if self.config.planner is not None:
             key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
             ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
         x, y, _ = scenario.robot.lidar.position_m
         self.lidar = Pose2D(x, y)
+
+    def _warn_of_hidden_shoulders(self) -> None:
+        """Log a warning if a camera beside the person is too near to see both shoulders."""
+        is_beside = abs(math.sin(self.config.standoff.bearing)) > BESIDE
+        sees_bodies = self.scenario.sensor.kind in ("body", "fused")
+        if is_beside and sees_bodies and self.config.standoff_m < LEAST_BESIDE_M:
+            logger.warning(
+                "msg=%r",
+                f"follower.standoff_m = {self.config.standoff_m:g}: beside a person the camera "
+                f"sees both shoulders, and so the heading, from {LEAST_BESIDE_M:g} m on",
+            )
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
