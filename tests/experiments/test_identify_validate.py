@@ -107,15 +107,19 @@ def test_the_command_writes_tables_figures_and_the_robot(written):
 def test_the_phases_of_the_rollers_change_how_far_a_robot_turns(sample, written):
     """A real robot's are not recorded, so the simulation of a run can't have its very drift."""
     robot = load_table(written / "robot.toml", Robot)
-    run, cut_off = sample[0], 1000
-    end = run.starts(1)[3000]
-    whole = replace(run, times=run.times[:end], poses=run.poses[:end], wheels=run.wheels[:end])
-    late = replace(
-        whole,
-        times=whole.times[cut_off:],
-        poses=whole.poses[cut_off:],
-        wheels=whole.wheels[cut_off:],
-    )
-    yaw, again = simulated(robot, whole)[cut_off:, 2], simulated(robot, late)[:, 2]
-    ratio = (yaw[-1] - yaw[0]) / (again[-1] - again[0])
-    assert 0.001 < abs(ratio - 1.0) < 0.05
+    run, turning = sample[0], 100
+    wheels = run.wheels[500:2500] - run.wheels[500]
+
+    def turned(phases):
+        """Return the yaw of 20 s of a run, after the wheels have turned to other phases."""
+        before = np.linspace(-1.0, 0.0, turning, endpoint=False)[:, None] * phases
+        angles = np.concatenate([before, wheels])
+        times = run.period_s * np.arange(len(angles))
+        part = replace(run, times=times, poses=np.zeros((len(angles), 3)), wheels=angles)
+        yaw = simulated(robot, part)[:, 2]
+        return yaw[-1] - yaw[turning]
+
+    random = np.random.default_rng(1)
+    yaws = np.abs([turned(random.uniform(0.0, np.pi / 3.0, 4)) for _ in range(6)])
+    print(f"yaw of 20 s with other phases: {yaws.max() / yaws.min() - 1.0:.2%}")
+    assert 0.005 < yaws.max() / yaws.min() - 1.0 < 0.1

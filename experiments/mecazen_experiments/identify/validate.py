@@ -44,7 +44,7 @@ from mecazen_experiments.identify.runs import Array, Run
 from mecazen_experiments.identify.simulated import all_simulated, identified_robot, mounted
 from mecazen_experiments.identify.windows import Moments, cut, motions
 
-DRAWS = 2000
+DRAWS = 500
 IDEAL, PHYSICS = "ideal, calibrated", "full physics"
 
 
