@@ -1,9 +1,12 @@
 """Samples that a replay publishes, and their times."""
 
+from contextlib import closing
+
 import pytest
 from harness import Newest, assert_one_line
 from mecazen import keys
 from mecazen.description import RobotDescription, ask_description
+from mecazen.messages import Clock, Header, Observation, Time
 from mecazen.robots import join_key
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import odometry, stamp_of, tick
@@ -17,6 +20,29 @@ def test_a_replay_does_not_mix_with_a_simulation_that_runs_but_may_drive_it(net,
     for chosen in ((), ("--keys", "odom"), ("--keys", "*")):
         assert_one_line(net.run("replay", path, *chosen), 1, "a simulation runs there", "cmd_vel")
     assert "20 samples" in net.run("replay", path, "--keys", "cmd_vel").stdout
+
+
+def test_a_recorded_person_stands_in_for_the_sensors_of_a_real_robot(net, tmp_path):
+    net.bus.declare_alive("hardware")
+    path, heard = tmp_path / "person.mcap", []
+    with closing(RecordingWriter(path, "cdr")) as writer:
+        for number in range(50):
+            stamp = stamp_of(number)
+            captured = Header(stamp=Time.from_ns(max(stamp.time_ns - 20_000_000, 0)))
+            seen = Observation(header=captured)
+            writer.write("target/observation", seen, stamp, stamp.time_ns)
+    net.bus.subscribe(keys.OBSERVATION, lambda *sample: heard.append(sample), every=True)
+    net.start("replay", path, "--keys", "target/observation", "--loop")
+    clock = Clock(clock=Time(sec=100))
+
+    def comes() -> bool:
+        net.bus.publisher(keys.CLOCK).put(clock, None)
+        return bool(heard) and heard[-1][0].header.stamp.sec >= 99
+
+    net.wait(comes)
+    seen, stamp = heard[-1]
+    assert stamp is None
+    assert clock.clock.ns - seen.header.stamp.ns in (0, 10_000_000, 20_000_000)
 
 
 @pytest.mark.parametrize("names", [("",), ("one", "two")], ids=["one robot", "several robots"])

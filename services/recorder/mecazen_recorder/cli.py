@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -18,6 +19,7 @@ import typer
 from mecazen.errors import BusError, ConfigError, MecazenError, UntrustedError
 from mecazen.explain import one_line
 from mecazen.graph import WORLDS
+from mecazen.keys import CLOCK, TOPICS
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
@@ -27,7 +29,12 @@ from rich.table import Column, Table
 from rich.text import Text
 
 if TYPE_CHECKING:
+    from mecazen.bus.zenoh_bus import ZenohBus
+
     from mecazen_recorder.reader import Recording
+
+SENSED = {topic.key for topic in TOPICS if topic.sensed}
+"""Keys on which a recording may stand in for the sensors of a real robot."""
 
 RecordingFile = Annotated[
     Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
@@ -169,7 +176,10 @@ def replay(
     descriptions = recording.descriptions()
     with tool_bus(connect, namespace, tls) as bus:
         driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
-        if not driving.issuperset(keys or ["**"]) and bus.alive().intersection(WORLDS):
+        alive = bus.alive()
+        sensed = SENSED.issuperset(keys or ["**"]) and "hardware" in alive
+        live_ns = _live(bus) if sensed else None
+        if not (sensed or driving.issuperset(keys or ["**"])) and alive.intersection(WORLDS):
             raise BusError(
                 "a simulation runs there, and what it publishes would mix with the recording: end "
                 f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"
@@ -177,8 +187,16 @@ def replay(
         for name, description in descriptions.items():
             serve_description(bus, name, description)
         for turn in count() if loop else range(1):
-            times = {"begin_ns": begin_ns, "end_ns": end_ns}
-            published = publish(recording, bus, keys or ["**"], speed=speed, turn=turn, **times)
+            published = publish(
+                recording,
+                bus,
+                keys or ["**"],
+                speed=speed,
+                begin_ns=begin_ns,
+                end_ns=end_ns,
+                turn=turn,
+                live_ns=live_ns,
+            )
             if turn == 0:
                 _tell_of_damage(recording, any_samples=published > 0)
                 typer.echo(f"{published} samples published")
@@ -268,6 +286,14 @@ def plot(
     _tell_of_damage(recording)
     drawing.save(drawn, target, "-o")
     typer.echo(f"picture: {target}")
+
+
+def _live(bus: ZenohBus) -> Callable[[], int]:
+    """Return a function for the time of the robot that runs on a bus [ns]."""
+    newest = [0]
+    bus.subscribe(CLOCK, lambda clock, _: newest.__setitem__(0, clock.clock.ns))
+    bus.spin_once(1.0)
+    return lambda: newest[0]
 
 
 def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.wire import NS_PER_S
+from mecazen.messages import Header, Message, Time
+from mecazen.wire import JSON_ENCODING, NS_PER_S, encode
+from msgspec.structs import replace
 
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
@@ -23,8 +25,12 @@ def publish(
     begin_ns: float = 0,
     end_ns: float = math.inf,
     turn: int = 0,
+    live_ns: Callable[[], int] | None = None,
 ) -> int:
     """Publish the samples of some keys with their original stamps; return their number.
+
+    With `live_ns`, the time of a running robot [ns], samples stand in for its sensors: they have no
+    stamp, and their headers have that time, less their age in the recording.
 
     `speed` is in simulated seconds per wall second; for the times see `Recording.samples`.
     `turn`, the number of times it was published before, is added to the numbers of the runs, since
@@ -45,6 +51,12 @@ def publish(
         due_s = start_s + (sample.time_ns - start_ns) / (speed * NS_PER_S)
         while (left_s := due_s - time.monotonic()) > 0.0:
             bus.spin_once(left_s)
+        if live_ns is not None and sample.kind is not None:
+            with recording.reading(sample):
+                message = _restamped(sample.message(sample.kind), sample.time_ns, live_ns())
+            bus.put_bytes(sample.key, encode(message, "json"), JSON_ENCODING)
+            published += 1
+            continue
         stamp = sample.stamp
         if stamp is not None:
             stamp = stamp._replace(run=(stamp.run + turn) % 2**32)
@@ -54,3 +66,12 @@ def publish(
     if not published:
         raise RecordingError(f"{recording.path}: nothing on these keys in this time")
     return published
+
+
+def _restamped(message: Message, recorded_ns: int, now_ns: int) -> Message:
+    """Return a message whose header is as old now as it was in the recording."""
+    header = getattr(message, "header", None)
+    if not isinstance(header, Header):
+        return message
+    time_ns = max(now_ns - recorded_ns + header.stamp.ns, 1)  # 0 would be no time
+    return replace(message, header=replace(header, stamp=Time.from_ns(time_ns)))

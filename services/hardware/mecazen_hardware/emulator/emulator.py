@@ -17,8 +17,8 @@ from mecazen_hardware.emulator.world import TICK_MS, EmulatedWorld
 
 MAX_LAG_MS = 1000
 """Delay by which the emulator is late before its time falls behind the wall clock."""
-TOGETHER_MS = 2.0
-"""Pause of the emulator after which bytes that it reads together need not have come together."""
+GAP_S = 0.002
+"""Least time between two frames that the board takes both."""
 PRIORITY = 2
 """Real-time priority: above the driver's, since a board needs no processor of its host."""
 JUMP_COUNTS = 5000
@@ -58,13 +58,15 @@ class Emulator:
         self._to_host = Faults(faults.chances, seed=2)
         self._events = sorted(faults.events.items(), key=lambda event: event[1])
         self._delay_ms = round(1000.0 * faults.delay_s)
-        self._is_silent = self._apart = False
+        self._is_silent = False
         self._ms = self._world_ms = 0
-        self._arrived: deque[tuple[int, bytes, bool]] = deque()
+        self._arrived: deque[tuple[int, bytes, tuple[bool, bool]]] = deque()
+        """Bytes with the time at which the board gets them [ms], and whether there was a gap before
+        them, and between those that are in them."""
         self._incoming: deque[tuple[int, bool]] = deque()
         self._outgoing: deque[tuple[int, bytes]] = deque()
         self._room = 0.0
-        self._begin_s = self._looked_s = time.monotonic()
+        self._begin_s = self._looked_s = self._earliest_s = time.monotonic()
 
     @property
     def time_s(self) -> float:
@@ -87,36 +89,38 @@ class Emulator:
                 self._look()
                 self._millisecond()
             wait_s = max(self._begin_s + (self._ms + 1) / 1000.0 - time.monotonic(), 0.0)
-            if self.line.is_open:
-                select.select([self.line.fd], [], [], wait_s)
-                self._look()
-            else:
+            if not self.line.is_open:
                 time.sleep(wait_s)
+                continue
+            select.select([self.line.fd], [], [], wait_s)
+            self._look()
 
     def _look(self) -> None:
-        """Take what the host has sent since the last look."""
-        now_s = time.monotonic()
-        late = 1000.0 * (now_s - self._looked_s) > TOGETHER_MS
+        """Take what the host has sent since the last look.
+
+        A pseudo-terminal has no times of arrival: bytes came at any time since the last look. Of
+        two frames the emulator believes that they had their gap wherever that can be.
+        """
+        now_s, last_s = time.monotonic(), self._looked_s
         self._looked_s = now_s
         if not self.line.is_open or not (data := self.line.read()):
             return
-        # what was read late makes late what follows it
-        waits = bool(self._incoming or self._arrived or self.firmware.is_full)
-        self._apart = apart = late or (self._apart and waits)
+        gaps = now_s - self._earliest_s >= GAP_S, now_s - last_s >= GAP_S
+        self._earliest_s = last_s
         # by the wall clock: what comes while the emulator catches up did not come at once
         arrived_ms = max(int(1000.0 * (now_s - self._begin_s)), self._ms) + self._delay_ms
-        self._arrived.append((arrived_ms, self._to_board.pass_on(data), apart))
+        self._arrived.append((arrived_ms, self._to_board.pass_on(data), gaps))
 
     def _millisecond(self) -> None:
         firmware, world = self.firmware, self.world
         while self._arrived and self._arrived[0][0] <= self._ms:
-            _, data, apart = self._arrived.popleft()
-            self._incoming.extend((byte, apart) for byte in data)
+            _, data, (before, within) = self._arrived.popleft()
+            self._incoming.extend((byte, within if n else before) for n, byte in enumerate(data))
         self._room = min(self._room + BYTES_PER_MS, 2 * BYTES_PER_MS)
         while self._incoming and self._room >= 1.0:
-            byte, apart = self._incoming[0]
-            if firmware.is_full and apart:
-                break  # the host may have sent it later
+            byte, had_gap = self._incoming[0]
+            if firmware.is_full and had_gap:
+                break
             self._incoming.popleft()
             firmware.receive(byte)
             self._room -= 1.0
