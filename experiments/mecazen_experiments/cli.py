@@ -25,7 +25,12 @@ Walks = Annotated[
 ]
 Runs = Annotated[
     int | None,
-    Option(min=1, max=1_000_000, help="Seeds 1, 2, … for each case.", show_default="experiment's"),
+    Option(
+        min=1,
+        max=1_000_000,
+        help="How many seeds, from the experiment's first one on.",
+        show_default="experiment's",
+    ),
 ]
 Jobs = Annotated[
     int | None, Option(min=1, help="Processes on this machine.", show_default="one for each core")

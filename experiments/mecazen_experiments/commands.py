@@ -204,7 +204,8 @@ def _load(
     files = sorted(walks.glob("*.csv")) if walks else []
     if walks and not files:
         raise ConfigError(f"--walks {walks}: no such folder, or no *.csv in it")
-    seeds = range(1, (runs or experiment.seeds) + 1)
+    first = experiment.first_seed
+    seeds = range(first, first + (runs or experiment.seeds))
     return experiment, expand(experiment, seeds, tuple(settings), parse_sweeps(sweep), files)
 
 

@@ -67,7 +67,9 @@ class Experiment(Section):
     sweep: Sweep = msgspec.field(default_factory=dict)
     """Sweeps of all cases."""
     seeds: Runs = 30
-    """How many: the seeds are 1, 2, … up to this."""
+    """How many."""
+    first_seed: Seed = 1
+    """The others follow it, one by one."""
 
     def __post_init__(self) -> None:
         _check_names(self.cases)

@@ -41,6 +41,18 @@ GAIT_ERRORS: tuple[Column, ...] = (
     ("Θ_err\n\\[°]", "theta_err_deg", 1),
     ("odometry\n\\[%]", "odometry_drift_percent", 1),
 )
+PARAMETER_ERRORS: tuple[Column, ...] = (
+    ("speed\n\\[%]", "speed_err_percent", 1),
+    ("stance\n\\[%]", "stance_err_percent", 1),
+    ("double\nsupport \\[%]", "double_support_err_percent", 1),
+    ("step width\n\\[mm]", "step_width_err_mm", 0),
+    ("clearance\n\\[mm]", "clearance_err_mm", 0),
+    ("strike\n\\[ms]", "strike_err_ms", 0),
+    ("off\n\\[ms]", "off_err_ms", 0),
+    ("stride time SD\n\\[ms], true", "true_stride_time_sd_ms", 0),
+    ("found", "found_stride_time_sd_ms", 0),
+)
+"""Errors with their sign, of refined joints; but the standard deviation is of filtered ones."""
 GAITS: tuple[Column, ...] = tuple(
     (f"{heading}\n{stage}", f"{stage}_{name}", digits)
     for heading, name, digits in (
@@ -80,6 +92,7 @@ def tables(rows: Sequence[Row[Quality]]) -> list[Table]:
     found = [
         table(heads, ANGLES, groups, "Angles and jitter"),
         table(heads, GAIT_ERRORS, groups, "Gait"),
+        table(heads, PARAMETER_ERRORS, groups, "Parameters"),
     ]
     if len({row.labels[GAIT] for row in rows}) > 1:
         by_gait = sorted(rows, key=lambda row: row.labels[GAIT])

@@ -13,14 +13,15 @@ from mecazen.skeleton import ANGLES, JOINTS, SIDES
 from mecazen.standoff import Standoff
 
 from mecazen_experiments.capture import SEEN, Capture, angles
-from mecazen_experiments.gait import Gait, about_path, parameters, true_gait
-from mecazen_experiments.refine import refine, smooth
+from mecazen_experiments.gait.parameters import Gait
+from mecazen_experiments.gait.stages import Stage, seen_stages, true_stage
 from mecazen_experiments.scores import first_motion, score
 from mecazen_experiments.table import Floats
 
 SETTLING_S = 2.5
 """From the person's first motion until the walk is steady and the robot beside it."""
 MEASURED = ("hip", "knee", "ankle")
+STAGES = ("raw", "filtered", "refined")
 
 
 class Quality(msgspec.Struct, frozen=True):
@@ -38,8 +39,12 @@ class Quality(msgspec.Struct, frozen=True):
     """Root mean square over all joints of the second difference from frame to frame."""
     truth: Gait
     """By the planted feet."""
+    filtered: Gait | None
+    """By events in the filtered joints, of which variability is taken."""
     observed: Gait | None
     """By events in the refined joints."""
+    event_errors_s: tuple[float, float] | None
+    """Mean errors of strikes and of offs in the refined joints."""
     knee_flexion_deg: dict[str, dict[str, float]]
     """The largest flexion of each side's knee, `true` and `found` in the refined joints."""
     seen: dict[str, float]
@@ -67,13 +72,14 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
     first = first_motion(found.table)
     begin = math.inf if first is None else found.table["t_s"][first] + SETTLING_S
     found = found.since(begin)
-    gait = true_gait(found.truth.t, found.truth.joints)
+    truth_stage = true_stage(found.truth)
+    gait = truth_stage.gait
     if gait is None:
         raise ConfigError("nobody takes two strides; is sim.duration_s too short?")
     seen, true = found.seen, found.truth_at_frames
-    refined = refine(seen)
-    walk = None if refined is None else about_path(refined, seen.rate_hz)
-    stages = {"raw": seen.joints, "filtered": smooth(seen), "refined": refined}
+    estimated = seen_stages(seen)
+    filtered, refined = estimated.get("filtered"), estimated.get("refined")
+    stages = {name: estimated[name].joints if name in estimated else None for name in STAGES}
     truth = angles(true.joints)
     of = {stage: None if joints is None else angles(joints) for stage, joints in stages.items()}
     errors = {
@@ -86,7 +92,9 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
         {stage: None if e is None else _rms(e - e.mean(axis=0)) for stage, e in errors.items()},
         {stage: None if each is None else _jitter_mm(each) for stage, each in stages.items()},
         gait,
-        None if walk is None else parameters(seen.t, walk),
+        None if filtered is None else filtered.gait,
+        None if refined is None else refined.gait,
+        _event_errors(refined, truth_stage),
         {
             name: _knee_flexion(each)
             for name, each in (("true", truth), ("found", of["refined"]))
@@ -111,27 +119,51 @@ def numbers(of: Quality) -> dict[str, float | None]:
     values |= {f"{stage}_jitter_mm": value for stage, value in of.jitter_mm.items()}
     if of.observed is not None:
         found, true = of.observed, of.truth
-        asymmetry = found.step_time_asymmetry - true.step_time_asymmetry
         for name, gait in (("true", true), ("found", found)):
             values |= {
-                f"{name}_stride_m": gait.stride_length_m,
-                f"{name}_cadence": gait.cadence_per_min,
-                f"{name}_step_time_percent": 1e2 * gait.step_time_asymmetry,
-                f"{name}_step_length_percent": 1e2 * gait.step_length_asymmetry,
-                f"{name}_stance_percent": 1e2 * gait.stance_asymmetry,
+                f"{name}_stride_m": gait.mean("stride_length_m"),
+                f"{name}_cadence": gait.mean("cadence_per_min"),
+                f"{name}_step_time_percent": gait.asymmetry_percent("step_time_s"),
+                f"{name}_step_length_percent": gait.asymmetry_percent("step_length_m"),
+                f"{name}_stance_percent": gait.difference("stance_percent"),
             }
+
+        def off(name: str) -> float:
+            return found.mean(name) - true.mean(name)
+
+        step_times = [gait.asymmetry_percent("step_time_s") for gait in (found, true)]
         values |= {
-            "stride_time_err_ms": 1e3 * abs(found.stride_time_s - true.stride_time_s),
-            "stride_length_err_mm": 1e3 * abs(found.stride_length_m - true.stride_length_m),
-            "cadence_err_percent": 1e2 * abs(found.cadence_per_min / true.cadence_per_min - 1.0),
-            "stance_err_percent": 1e2 * (found.stance_share - true.stance_share),
-            "asymmetry_err_percent": 1e2 * abs(asymmetry),
+            "speed_err_percent": 1e2 * off("speed_m_s") / true.mean("speed_m_s"),
+            "stride_time_err_ms": 1e3 * abs(off("stride_time_s")),
+            "stride_length_err_mm": 1e3 * abs(off("stride_length_m")),
+            "cadence_err_percent": 1e2 * abs(off("cadence_per_min")) / true.mean("cadence_per_min"),
+            "stance_err_percent": off("stance_percent"),
+            "double_support_err_percent": off("double_support_percent"),
+            "step_width_err_mm": 1e3 * off("step_width_m"),
+            "clearance_err_mm": 1e3 * off("clearance_m"),
+            "asymmetry_err_percent": abs(step_times[0] - step_times[1]),
         }
+    if of.filtered is not None:
+        spreads = [gait.sd("stride_time_s") for gait in (of.filtered, of.truth)]
+        values |= {
+            f"{name}_stride_time_sd_ms": None if sd is None else 1e3 * sd
+            for name, sd in zip(("found", "true"), spreads, strict=True)
+        }
+    if of.event_errors_s is not None:
+        for name, seconds in zip(("strike", "off"), of.event_errors_s, strict=True):
+            values[f"{name}_err_ms"] = 1e3 * seconds
     for name, knees in of.knee_flexion_deg.items():
         values |= {f"{name}_{side}_knee_deg": knees[side] for side in SIDES}
     for joint in (*MEASURED, "heel", "foot"):
         values[f"{joint}_seen_percent"] = 1e2 * fmean(of.seen[f"{s}_{joint}"] for s in SIDES)
     return values
+
+
+def _event_errors(found: Stage | None, true: Stage) -> tuple[float, float] | None:
+    """Return the mean errors of strikes and offs [s]."""
+    if found is None or found.events is None or true.events is None:
+        return None
+    return found.events.less(true.events)
 
 
 def _rms(errors: Floats) -> dict[str, float]:

@@ -25,7 +25,7 @@ from mecazen.skeleton import INDEX, JOINTS, SIDES
 from scipy.optimize import least_squares, minimize_scalar
 
 from mecazen_experiments.capture import Motion
-from mecazen_experiments.gait import (
+from mecazen_experiments.gait.path import (
     WalkOnPath,
     about_path,
     leftward,

@@ -48,13 +48,19 @@ def test_one_run_is_scored_printed_and_drawn(tmp_path, capsys):
     for joint in ("hip", "knee", "ankle"):
         assert refined[joint] < 0.75 * raw[joint]
         assert row["means"][f"refined_{joint}_deg"]["mean"] == refined[joint]
-    found, true = quality["observed"], quality["truth"]
-    assert found["stride_time_s"] == pytest.approx(true["stride_time_s"], abs=0.015)
-    assert found["stride_length_m"] == pytest.approx(true["stride_length_m"], abs=0.03)
+    for side in ("left", "right"):
+        found, true = quality["observed"][side], quality["truth"][side]
+        assert found["stride_time_s"]["mean"] == pytest.approx(
+            true["stride_time_s"]["mean"], abs=0.015
+        )
+        assert found["stride_length_m"]["mean"] == pytest.approx(
+            true["stride_length_m"]["mean"], abs=0.03
+        )
     assert quality["seen"]["left_knee"] > 0.9
     assert quality["d_err_m"] < 0.1
     out = capsys.readouterr().out
-    for words in ("Angles and jitter", "Gait", "back", "2 m", "1 m/s", "mocap_views.png"):
+    tables = "Angles and jitter", "Gait", "Parameters"
+    for words in (*tables, "back", "2 m", "1 m/s", "mocap_views.png"):
         assert words in out
     for name in ("mocap_cycles.png", "mocap_views.png"):
         assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")

@@ -35,7 +35,7 @@ def test_without_noise_nothing_is_wrong(walk):
     found, curves = quality(captured(joints, joints, t, phases), BACK)
     assert found.rmse_deg["raw"] == {"hip": 0.0, "knee": 0.0, "ankle": 0.0}
     assert found.seen == dict.fromkeys(JOINTS, 1.0)
-    assert found.truth.stride_length_m == pytest.approx(1.2 * found.truth.stride_time_s, rel=0.01)
+    assert found.truth.mean("speed_m_s") == pytest.approx(1.2, rel=0.01)
     assert curves.angles["raw"] == pytest.approx(curves.angles["truth"])
     assert len(curves.phases) == (t >= SETTLING_S).sum()
     named = numbers(found)

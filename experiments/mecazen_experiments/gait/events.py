@@ -1,0 +1,130 @@
+"""Foot strikes and foot offs of a walk, by its joints or by its planted feet."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mecazen.skeleton import INDEX, SIDES
+from scipy.signal import find_peaks
+
+from mecazen_experiments.gait.path import HEELS, WalkOnPath, stride_frequency
+from mecazen_experiments.table import Floats
+
+PROMINENCE = 0.3
+"""Prominence of an event's extremum, in standard deviations of its signal."""
+CONTACT_M = 0.001
+"""Height of a true foot's lowest point below which it stands on the floor."""
+BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
+
+
+STRIKE_EARLY_S, OFF_LATE_S = 0.027, 0.030
+"""Mean times by which `zeni` finds strikes too early and offs too late: those of `mecazen experiment
+run gait_events`, whose walks no other experiment scores."""
+
+
+class Events(NamedTuple):
+    """Times [s] of the events of the left and of the right foot."""
+
+    strikes: tuple[Floats, Floats]
+    offs: tuple[Floats, Floats]
+
+    def corrected(self) -> Events:
+        """Return events of `zeni` without their mean errors."""
+        (a, b), (c, d) = self
+        strikes, offs = (a + STRIKE_EARLY_S, b + STRIKE_EARLY_S), (c - OFF_LATE_S, d - OFF_LATE_S)
+        return Events(strikes, offs)
+
+    def less(self, others: Events) -> tuple[float, float]:
+        """Return how much later strikes and offs are than the nearest of others, in the mean [s].
+
+        Events that are more than 0.2 s from any other count as missed.
+        """
+        strikes, offs = (
+            np.concatenate([_differences(*both) for both in zip(mine, theirs, strict=True)])
+            for mine, theirs in zip(self, others, strict=True)
+        )
+        return float(strikes.mean()), float(offs.mean())
+
+
+class Cycle(NamedTuple):
+    """The events of one stride [s], in the order in which a walker has them."""
+
+    side: int
+    """0 is left, 1 is right."""
+    strike: float
+    opposite_off: float
+    opposite_strike: float
+    off: float
+    end: float
+    """The next strike of the same foot."""
+
+
+def zeni(t: Floats, walk: WalkOnPath) -> Events:
+    """Return foot strikes and foot offs at times t (n,) [s], without a correction of their bias.
+
+    J. A. Zeni, J. G. Richards, J. S. Higginson, Two simple methods for determining gait events
+    during treadmill and overground walking using kinematic data, Gait & Posture 27, 2008: a heel
+    strikes when it is farthest ahead of the pelvis, and the toes leave the floor when they are
+    farthest behind it. Extrema are refined by a parabola through three samples.
+    """
+    rate_hz = 1.0 / float(np.mean(np.diff(t)))
+    least = 0.6 * rate_hz / stride_frequency(walk, rate_hz)
+    pelvis = walk.joints[:, 0, 0]
+    left, right = (_peaks(t, walk.joints[:, heel, 0] - pelvis, least) for heel in HEELS)
+    left_off, right_off = (_peaks(t, pelvis - walk.joints[:, ball, 0], least) for ball in BALLS)
+    return Events((left, right), (left_off, right_off))
+
+
+def planted(t: Floats, joints: Floats) -> Events:
+    """Return the events of true joints (n, 20, 3), by their planted feet.
+
+    A foot is down from when its lowest point comes to the floor until it leaves it.
+    """
+    strikes, offs = [], []
+    for heel, ball in zip(HEELS, BALLS, strict=True):
+        height = np.minimum(joints[:, heel, 2], joints[:, ball, 2]) - CONTACT_M
+        at = np.flatnonzero((height[1:] < 0.0) != (height[:-1] < 0.0))
+        times = t[at] + (t[at + 1] - t[at]) * height[at] / (height[at] - height[at + 1])
+        comes = height[at] >= 0.0
+        strikes.append(times[comes])
+        offs.append(times[~comes])
+    return Events((strikes[0], strikes[1]), (offs[0], offs[1]))
+
+
+def cycles(events: Events) -> list[Cycle]:
+    """Return all strides with all of their events, those of the left foot first."""
+    found = []
+    for side, other in ((0, 1), (1, 0)):
+        for strike, end in pairwise(events.strikes[side].tolist()):
+            time = end - strike
+            opposite_off = _only(events.offs[other], strike - 0.2 * time, strike + 0.45 * time)
+            opposite_strike = _only(events.strikes[other], strike, end)
+            off = _only(events.offs[side], strike + 0.4 * time, end + 0.05 * time)
+            if opposite_off is not None and opposite_strike is not None and off is not None:
+                found.append(Cycle(side, strike, opposite_off, opposite_strike, off, end))
+    return found
+
+
+def _differences(times: Floats, others: Floats) -> Floats:
+    """Return each time less the nearest other one, where it is less than 0.2 s."""
+    apart = times[:, None] - others
+    nearest: Floats = apart[np.arange(len(times)), abs(apart).argmin(axis=1)]
+    return nearest[abs(nearest) < 0.2]
+
+
+def _only(times: Floats, low: float, high: float) -> float | None:
+    """Return the time between two others; None if there is none, or more than one."""
+    inside = times[(times > low) & (times < high)]
+    return float(inside[0]) if len(inside) == 1 else None
+
+
+def _peaks(t: Floats, values: Floats, distance: float) -> Floats:
+    """Return when values are largest, at least `distance` samples apart."""
+    found: npt.NDArray[np.int64]
+    found, _ = find_peaks(values, distance=max(distance, 1.0), prominence=PROMINENCE * values.std())
+    before, at, after = values[found - 1], values[found], values[found + 1]
+    part = (before - after) / (2.0 * np.minimum(before - 2.0 * at + after, -1e-12))
+    return np.asarray(t[found] + part * (t[1] - t[0]))

@@ -1,0 +1,222 @@
+"""Spatio-temporal parameters of a walk, stride by stride, and their means and deviations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from statistics import fmean, stdev
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from mecazen.skeleton import INDEX, SIDES
+
+from mecazen_experiments.gait.events import BALLS, Cycle, Events, cycles
+from mecazen_experiments.gait.path import HEELS
+from mecazen_experiments.table import Floats
+
+ANKLES = tuple(INDEX[f"{side}_ankle"] for side in SIDES)
+MID_STANCE = 0.4, 0.6
+"""Part of the stance over which a standing foot has its place."""
+MID_SWING = 0.25, 0.75
+"""Part of the swing in which the ball of the foot may be lowest."""
+
+
+class Stride(msgspec.Struct, frozen=True):
+    """A stride: from a strike of a foot to its next one. Other times are those of its events.
+
+    Forward is along the way of the pelvis over the stride, and left is to the left of it.
+    """
+
+    side: str
+    start_s: float
+    opposite_off_s: float
+    opposite_strike_s: float
+    off_s: float
+    end_s: float
+    stride_time_s: float
+    stride_length_m: float
+    """From the heel at the first strike to the heel at the second one, forward."""
+    speed_m_s: float
+    """Stride length over stride time."""
+    cadence_per_min: float
+    """Steps, of which a stride has two."""
+    step_time_s: float
+    """From the strike of the other foot to the second strike."""
+    step_length_m: float
+    """Forward distance from the other heel to this one at the second strike."""
+    step_width_m: float | None
+    """Distance to the side between both ankles, each averaged over the middle fifth of its stance;
+    None if the other foot's stance is not known."""
+    stance_percent: float
+    """From strike to off, of the stride."""
+    swing_percent: float
+    double_support_percent: float
+    """Strike to opposite off, and opposite strike to off."""
+    single_support_percent: float
+    """The other foot's swing: from its off to its strike."""
+    clearance_m: float
+    """Least height of the ball in the middle half of swing, above that in the middle of stance."""
+    seen_percent: float
+    """Share of the frames in which knee, ankle, heel and ball of this leg are in view."""
+
+
+class Parameter(NamedTuple):
+    """A parameter of `Stride`, as people read it."""
+
+    title: str
+    unit: str
+    scale: float = 1.0
+    digits: int = 1
+
+
+PARAMETERS = {
+    "speed_m_s": Parameter("speed", "m/s", digits=2),
+    "cadence_per_min": Parameter("cadence", "steps/min"),
+    "stride_time_s": Parameter("stride time", "ms", 1e3, 0),
+    "stride_length_m": Parameter("stride length", "mm", 1e3, 0),
+    "step_time_s": Parameter("step time", "ms", 1e3, 0),
+    "step_length_m": Parameter("step length", "mm", 1e3, 0),
+    "step_width_m": Parameter("step width", "mm", 1e3, 0),
+    "stance_percent": Parameter("stance", "%"),
+    "swing_percent": Parameter("swing", "%"),
+    "double_support_percent": Parameter("double support", "%"),
+    "single_support_percent": Parameter("single support", "%"),
+    "clearance_m": Parameter("clearance", "mm", 1e3, 0),
+}
+
+
+class Spread(msgspec.Struct, frozen=True):
+    """Mean and standard deviation of a parameter over strides."""
+
+    mean: float
+    sd: float | None
+    """None for a single stride."""
+    strides: int
+
+    @property
+    def cv_percent(self) -> float | None:
+        """The coefficient of variation."""
+        return None if self.sd is None else 1e2 * self.sd / abs(self.mean)
+
+
+class Gait(msgspec.Struct, frozen=True):
+    """Parameters of a walk, of each side by their names in `PARAMETERS`."""
+
+    left: dict[str, Spread]
+    right: dict[str, Spread]
+
+    def mean(self, name: str) -> float:
+        """Return the mean of both sides' means."""
+        return (self.left[name].mean + self.right[name].mean) / 2.0
+
+    def difference(self, name: str) -> float:
+        """Return left less right."""
+        return self.left[name].mean - self.right[name].mean
+
+    def asymmetry_percent(self, name: str) -> float:
+        """Return left less right over their mean; 0 if both are 0."""
+        return 1e2 * self.difference(name) / (self.mean(name) or math.inf)
+
+    def sd(self, name: str) -> float | None:
+        """Return the standard deviation from stride to stride, of both sides."""
+        both = self.left[name].sd, self.right[name].sd
+        return None if None in both else math.hypot(*both) / math.sqrt(2.0)  # type: ignore[arg-type]
+
+
+def strides(t: Floats, joints: Floats, events: Events, seen: Floats | None = None) -> list[Stride]:
+    """Return the strides of a walk, those of the left foot first.
+
+    Args:
+        t: Times (n,) [s], at a constant rate.
+        joints: Joints (n, 20, 3) [m] in a level frame; NaN nowhere.
+        events: Strikes and offs; strides with a missing one are left out.
+        seen: Whether each leg is seen (n, 2); None if all of it is.
+    """
+    found = cycles(events)
+    places = _interpolation(t, joints)
+
+    def standing(cycle: Cycle) -> Floats:
+        """Return the mean place of a foot's ankle and ball (2, 3) in the middle of its stance."""
+        places_of_all = places(*_part(cycle.strike, cycle.off, MID_STANCE))
+        place: Floats = places_of_all[:, [ANKLES[cycle.side], BALLS[cycle.side]]].mean(axis=0)
+        return place
+
+    stances = [(cycle, standing(cycle)) for cycle in found]
+
+    def stride(cycle: Cycle, stand: Floats) -> Stride:
+        side, strike, opposite_off, opposite_strike, off, end = cycle
+        first, last = places(strike, end, 2)
+        forward = (last - first)[0, :2]
+        forward /= math.hypot(*forward)
+        heel, other = last[HEELS[side], :2], last[HEELS[1 - side], :2]
+        time, length = end - strike, float((heel - first[HEELS[side], :2]) @ forward)
+        nexts = [
+            place
+            for one, place in stances
+            if one.side != side and abs(one.strike - opposite_strike) < 0.1 * time
+        ]
+        width = None
+        if nexts:
+            x, y = (stand - nexts[0])[0, :2]
+            width = float(forward[0] * y - forward[1] * x) * (1 - 2 * side)
+        ball = places(*_part(off, end, MID_SWING))[:, BALLS[side], 2]
+        frames = slice(*np.searchsorted(t, (strike, end)))
+        share = 1e2 / time
+        return Stride(
+            *(SIDES[side], strike, opposite_off, opposite_strike, off, end, time, length),
+            speed_m_s=length / time,
+            cadence_per_min=120.0 / time,
+            step_time_s=end - opposite_strike,
+            step_length_m=float((heel - other) @ forward),
+            step_width_m=width,
+            stance_percent=share * (off - strike),
+            swing_percent=share * (end - off),
+            double_support_percent=share * (opposite_off - strike + off - opposite_strike),
+            single_support_percent=share * (opposite_strike - opposite_off),
+            clearance_m=float(ball.min() - stand[1, 2]),
+            seen_percent=1e2 if seen is None else 1e2 * float(seen[frames, side].mean()),
+        )
+
+    return [stride(*one) for one in stances]
+
+
+def summary(found: Iterable[Stride]) -> Gait | None:
+    """Return means and deviations over strides; None without one of each side."""
+    by_side: dict[str, list[Stride]] = {side: [] for side in SIDES}
+    for stride in found:
+        by_side[stride.side].append(stride)
+    sides = {side: _spreads(of) for side, of in by_side.items()}
+    if any(len(of) < len(PARAMETERS) for of in sides.values()):
+        return None
+    return Gait(**sides)
+
+
+def _spreads(found: Sequence[Stride]) -> dict[str, Spread]:
+    spreads = {}
+    for name in PARAMETERS:
+        values = [value for one in found if (value := getattr(one, name)) is not None]
+        if values:
+            sd = stdev(values) if len(values) > 1 else None
+            spreads[name] = Spread(fmean(values), sd, len(values))
+    return spreads
+
+
+def _part(begin: float, end: float, part: tuple[float, float]) -> tuple[float, float, int]:
+    """Return begin and end of a part of an interval, and a number of samples in it."""
+    return begin + part[0] * (end - begin), begin + part[1] * (end - begin), 21
+
+
+def _interpolation(t: Floats, joints: Floats) -> Callable[[float, float, int], Floats]:
+    """Return a function that returns the joints at equidistant times, linear between frames."""
+    flat = joints.reshape(len(t), -1)
+
+    def at(begin: float, end: float, count: int) -> Floats:
+        times = np.linspace(begin, end, count)
+        place = np.clip((times - t[0]) / (t[1] - t[0]), 0.0, len(t) - 1.0)
+        low = np.minimum(place.astype(np.int64), len(t) - 2)
+        part = (place - low)[:, None]
+        values: Floats = (1.0 - part) * flat[low] + part * flat[low + 1]
+        return values.reshape(count, *joints.shape[1:])
+
+    return at
