@@ -1,4 +1,4 @@
-"""What a board is to its driver: bytes in, bytes out, in SI units and mecazen's order of wheels.
+"""The protocol of a board: bytes in, bytes out, in SI units and mecazen's order of wheels.
 
 A board is one module with one subclass of `Board`. It knows neither port nor clock.
 """

@@ -1,4 +1,4 @@
-"""What a person checks before the first run: each wheel in turn, off the ground."""
+"""The checklist before the first run: each wheel in turn, off the ground."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEAST_RAD = 0.5
 
 
 class Found(NamedTuple):
-    """What a wheel did when it alone was to turn forward."""
+    """The motion of all wheels while one of them was commanded to turn forward."""
 
     wheel: str
     turned: tuple[float, ...]
@@ -30,7 +30,7 @@ class Found(NamedTuple):
 
     @property
     def problem(self) -> str:
-        """What is wrong; empty if nothing is."""
+        """The mistake, in words; empty if there is none."""
         own = WHEELS.index(self.wheel)
         most = max(range(len(WHEELS)), key=lambda wheel: abs(self.turned[wheel]))
         if abs(self.turned[most]) < LEAST_RAD:

@@ -14,7 +14,7 @@ VOLTS = 12.0
 
 
 class DryLink:
-    """What a `Link` is to the nodes, without a board.
+    """The methods of a `Link` that the nodes call, without a board.
 
     Args:
         board: The protocol.

@@ -1,4 +1,4 @@
-"""Damaged frames in their millions for the receiver of the X3, and what it makes of them."""
+"""Damaged frames for the receiver of the X3, and counts of what it accepts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LOST_AT_MOST = 2
 
 
 class Fuzzed(msgspec.Struct):
-    """What the receiver did."""
+    """Counts of a fuzzed receiver."""
 
     frames: int = 0
     """Frames that were sent, damaged or not."""

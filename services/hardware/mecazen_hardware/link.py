@@ -34,7 +34,7 @@ ReportT = TypeVar("ReportT", bound=Report)
 
 
 class Bytes(Protocol):
-    """What a link reads and writes: a port, or a dry run."""
+    """The methods of a port that a link calls."""
 
     name: str
 

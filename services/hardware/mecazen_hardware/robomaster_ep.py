@@ -26,7 +26,7 @@ RPM_PER_RAD_S = 30.0 / math.pi
 ORDER = (1, 0, 3, 2)
 """Wheels w1 to w4 are front right, front left, rear right, rear left."""
 LONGEST = 256
-"""Bytes without a `;` after which what came is no text of this robot."""
+"""Largest number of bytes without a `;` in the text of this robot."""
 VERSION_WORDS = 1
 SPEED_WORDS = 7
 """Words of the answer to `chassis speed ?`: x, y, z, and the speeds of the four wheels [rpm]."""
@@ -55,7 +55,7 @@ class RobomasterEp(Board):
         return b"chassis speed ?;"
 
     def feed(self, data: bytes) -> list[Report]:
-        """Return the reports that the bytes complete; what is no answer is skipped."""
+        """Return the reports that the bytes complete; other text is skipped."""
         self._buffer += data
         *answers, rest = self._buffer.split(b";")
         if len(rest) > LONGEST:

@@ -2,7 +2,7 @@
 
 A board reports seldom, and its reports arrive with the jitter of USB and the host. So the interval
 between two reports is a whole number of the board's cycles, and the angles go on at the last
-measured speed. What a report then corrects is spread over a cycle: the speeds have no spikes, and
+measured speed. The correction by a report is spread over a cycle: the speeds have no spikes, and
 their sum follows the encoders, so odometry does not drift.
 """
 
@@ -46,7 +46,7 @@ class Wheels:
         """Arrival of the newest report [s]."""
         self._measured = WheelSpeeds()
         self._turned: Four = (0.0,) * 4
-        """What the reports have added up to [rad]."""
+        """Sum of the changes in the reports [rad]."""
         self.angles: Four = (0.0,) * 4
         """The angles that `advance` has returned last: the sum of its speeds [rad]."""
 

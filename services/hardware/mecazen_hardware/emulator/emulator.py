@@ -31,11 +31,11 @@ class Emulator:
     The world begins with the first frame that drives: until then persons stand.
 
     Args:
-        line: Where the host is.
-        world: What the board drives.
+        line: The line to the host.
+        world: The world that the board drives.
         firmware: The board.
-        faults: What goes wrong on request.
-        relay: Where persons and sensors are published; None: nowhere.
+        faults: Requested faults.
+        relay: Publishes persons and sensors; None: they are not published.
     """
 
     def __init__(
@@ -98,8 +98,8 @@ class Emulator:
     def _look(self) -> None:
         """Take what the host has sent since the last look.
 
-        A pseudo-terminal has no times of arrival: bytes came at any time since the last look. Of
-        two frames the emulator believes that they had their gap wherever that can be.
+        A pseudo-terminal has no times of arrival: bytes came at any time since the last look. The
+        emulator assumes the gap between two frames wherever their possible times allow it.
         """
         now_s, last_s = time.monotonic(), self._looked_s
         self._looked_s = now_s

@@ -25,7 +25,7 @@ DELAY = "delay"
 
 @dataclass
 class Faults:
-    """What goes wrong with the frames of one direction.
+    """Faults of the frames of one direction.
 
     Args:
         chances: Probability of each kind of damage, by name.

@@ -19,7 +19,7 @@ CYCLE_MS = 41
 CONTROL_MS = 10
 BATTERY_MS = 100
 REPORTS = {0: "speed", 10: "imu", 20: "attitude", 30: "counts"}
-"""What is sent at each value of the counter."""
+"""The report at each value of the counter."""
 BOOT_MS = 40
 """Time from power-on until the reports start."""
 CIRCUMFERENCE_MM = 204.203
@@ -37,7 +37,7 @@ KINEMATICS = {1, 2, 3, 10}
 
 
 class Instruments(NamedTuple):
-    """What the board senses."""
+    """Measurements of the board."""
 
     angles: tuple[float, float, float, float] = (0.0,) * 4
     """Angles of the motors' wheels m1 to m4 [rad], which encoders count."""

@@ -1,4 +1,4 @@
-"""What an emulated board drives: mecazen's physics, with motors between volts and torque."""
+"""The world of an emulated board: mecazen's physics, with motors between volts and torque."""
 
 from __future__ import annotations
 
