@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mecazen.config.people import Body, Circle, Standing, Straight, UTrack
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, LIMBS, PARENTS, SIDES
 from mecazen_people.body.walker import Walker
 from mecazen_people.motion import Motion
@@ -188,3 +188,30 @@ def test_same_motion_gives_the_same_bits():
     drive(second, (1, 0.5, 0.1, 0))  # what was before a reset is forgotten
     bits = [b"".join(p.joints.tobytes() for p in drive(w, *legs)) for w in (first, second)]
     assert bits[0] == bits[1]
+
+
+def test_strides_vary_as_much_as_they_should_and_standing_feet_still_do_not_skate():
+    path = Straight(speed_m_s=1.2, length_m=1000.0)
+    varied, plain = Walker(Body(stride_cv=0.02)), Walker(Body())
+    postures = walk(varied, path, 120.0)
+    phases = np.array([posture.phases[0] for posture in postures[600:]])
+    (strikes,) = np.nonzero(np.diff(phases) < 0.0)
+    times = 0.01 * np.diff(strikes)
+    assert len(times) > 95
+    # over 100 strides a standard deviation errs by 7 %; ticks of 10 ms add 0.3 % of a stride
+    assert times.std() / times.mean() == pytest.approx(0.02, rel=0.25)
+    assert slip(postures) < 0.0005
+    regular = [posture.joints for posture in walk(plain, path, 12.0)]
+    # varied strides leave the pelvis where the path takes it, within what a step adds
+    assert abs(np.array(regular)[:, 0] - joint(postures[: len(regular)], "pelvis")).max() < 0.05
+
+
+def test_the_seed_draws_the_strides_and_without_variation_changes_no_bit():
+    def bits(cv, *seed):
+        walker = Walker(Body(stride_cv=cv))
+        walker.reset(Motion(Pose2D()), *seed)
+        path = [Motion(Pose2D(x=0.012 * k), Twist2D(x=1.2)) for k in range(1, 500)]
+        return b"".join(walker.step(one, 0.01).joints.tobytes() for one in path)
+
+    assert bits(0.0, 1) == bits(0.0, 2) == bits(0.0)
+    assert bits(0.02, 1) == bits(0.02, 1) != bits(0.02, 2)

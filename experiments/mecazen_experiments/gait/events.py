@@ -21,8 +21,10 @@ BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
 
 
 STRIKE_EARLY_S, OFF_LATE_S = 0.027, 0.030
-"""Mean times by which `zeni` finds strikes too early and offs too late: those of `mecazen experiment
-run gait_events`, whose walks no other experiment scores."""
+"""Mean times by which `zeni` finds strikes too early and offs too late.
+
+They are those of `mecazen experiment run gait_events`, whose walks no other experiment scores.
+"""
 
 
 class Events(NamedTuple):

@@ -8,6 +8,7 @@ from copy import copy
 import numpy as np
 from mecazen.config.people import Body
 from mecazen.geometry import Pose2D, Twist2D, wrap
+from numpy.random import PCG64, Generator
 
 from mecazen_people.body.lookup import SLOWEST, Lookup
 from mecazen_people.body.norm import TABLE, read_norm
@@ -31,6 +32,7 @@ _REACH = 0.9999  # of the leg's length
 _SOFT_M, _SOFT_M_S, _SETTLE_S = 0.02, 0.4, 0.3
 _HURRY_M = (0.03, 0.02)  # a pelvis pulled down by the first makes steps quicker, by 1 per second
 _MOST_HURRY = 2.0
+_MOST_SD = 3.0  # a stride differs by at most so many standard deviations
 _LOWEST = 0.7  # of the standing height: a pelvis lower than this lets a foot slip instead
 
 
@@ -68,6 +70,7 @@ class Walker:
             gait = read_recording(body.motion_file, self.segments)
         self.style = Style(body, norm.factors, gait)
         self._gait = Lookup(self.style, self.segments)
+        self._stride_cv = body.stride_cv
         self.reset(Motion(Pose2D()))
 
     def twin(self) -> Walker:
@@ -77,8 +80,10 @@ class Walker:
         twin.reset(Motion(Pose2D()))
         return twin
 
-    def reset(self, motion: Motion) -> Posture:
-        """Stand at the pose of `motion` and return the posture."""
+    def reset(self, motion: Motion, *seed: int) -> Posture:
+        """Stand at the pose of `motion` and return the posture; `seed` draws the stride times."""
+        self._chance = Generator(PCG64(seed or 0))
+        self._stretch = 1.0
         self._pose = motion.pose
         self._phase = 0.0
         self._walks = False
@@ -109,7 +114,12 @@ class Walker:
             if moves:
                 period = _period(motion.twist, self._gait.stride_at(speed))
             hurry = 1.0 + max(self._pulled - _HURRY_M[0], 0.0) / _HURRY_M[1]
-            self._phase = math.fmod(self._phase + min(hurry, _MOST_HURRY) * dt_s / period, 1.0)
+            phase = self._phase + min(hurry, _MOST_HURRY) * dt_s / (period * self._stretch)
+            self._phase = math.fmod(phase, 1.0)
+            if phase >= 1.0 and self._stride_cv:
+                drawn = float(self._chance.standard_normal())
+                drawn = min(max(drawn, -_MOST_SD), _MOST_SD)
+                self._stretch = 1.0 + self._stride_cv * drawn
         self._frame()
         for side in (0, 1):
             self._move(side)
@@ -124,7 +134,7 @@ class Walker:
         speed = math.hypot(x, y)
         self._gait.set_speed(speed)
         self._twist = Twist2D(x, y, yaw)
-        self._period = _period(self._twist, self._gait.stride)
+        self._period = _period(self._twist, self._gait.stride) * self._stretch
         self._ahead = min(max(x, -speed), speed) / max(speed, SLOWEST)
         """1 when walking forward, 0 when standing, turning or walking sideways."""
 

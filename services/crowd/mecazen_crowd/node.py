@@ -112,7 +112,9 @@ class CrowdNode(Node):
         if self.bodies:
             duration = steps * self.period * self.scenario.sim.tick_s
             body = self.bodies[number]
-            posture = body.step(motion, duration) if steps else body.reset(motion)
+            posture = (
+                body.step(motion, duration) if steps else body.reset(motion, self.seed, number)
+            )
             joints = tuple([m.Point(*joint) for joint in posture.joints.tolist()])
         pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
         return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)

@@ -25,6 +25,9 @@ from mecazen_people.paths import make_path, start_pose
 
 from mecazen_target.sensor import Frame, Sensor, latency_ticks
 
+BODY_STREAM = 2
+"""Beside the seed: strides are drawn apart from the sensor's noise and faults."""
+
 
 class TargetNode(Node):
     """The person walks a path, or is driven by `target/cmd_vel`."""
@@ -58,7 +61,7 @@ class TargetNode(Node):
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
         self.posed = 0
         if self.walker is not None:
-            self.walker.reset(self.motion)
+            self.walker.reset(self.motion, seed, BODY_STREAM)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the person's pose, and in ticks that bring a frame what the sensor saw."""
