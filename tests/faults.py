@@ -39,6 +39,9 @@ FROZEN_S = 0.05, 2.0
 """Shortest and longest freeze, in wall time."""
 RESUME_S = 3.0
 """Within this simulated time after a part is back, the robot is to follow again."""
+DOUBT_S = 4.0
+"""A person who sets off from rest while a frozen controller gives no odometry is farther away than
+the follower expects. It takes them for another person for twice `follower.lost_after_s`."""
 MAX_SPEED_M_S = 2.1
 """The limit of the commands, 2 m/s, and what rollers that bump along add to it."""
 WINDOW_S = 0.2
@@ -181,6 +184,11 @@ class Strike(NamedTuple):
     fastest_m_s: float
     hardest_m_s2: float
 
+    @property
+    def in_time(self) -> bool:
+        """Whether the robot followed again as soon as it should."""
+        return self.resumed_s <= RESUME_S + (DOUBT_S if self.frozen else 0.0)
+
 
 def strike(up: Up, names: tuple[str, ...]) -> Strike:
     """Kill parts at once, see that the robot stays sane, and wait until it follows again."""
@@ -223,7 +231,7 @@ def _recovery(
 ) -> Strike:
     """Wait until the robot follows again, at most twice as long as it may take; check it."""
     watch = up.watch
-    up.wait(lambda: watch.follows or seconds(back, watch.stamp or back) > 2 * RESUME_S)
+    up.wait(lambda: watch.follows or seconds(back, watch.stamp or back) > RESUME_S + 2 * DOUBT_S)
     since = watch.following_since
     assert since is not None, f"{names}: does not follow again"
     watch.assert_sane()

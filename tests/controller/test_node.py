@@ -199,6 +199,15 @@ def test_a_missing_wheel_is_an_error_at_first_and_refused_later(speeds, names):
     assert moved(wheels.measure(7, (2.0,) * 4)).x == pytest.approx(0.007)
 
 
+def test_over_missed_ticks_the_angles_of_the_wheels_say_how_far_they_went():
+    wheels = Wheels()
+    for tick, speed, angle in ((0, 2.0, 0.0), (1, 2.0, 0.02), (51, 0.0, 0.52)):
+        state = m.JointState(name=WHEEL_JOINTS, position=(angle,) * 4, velocity=(speed,) * 4)
+        odom = wheels.step(tick, {keys.JOINT_STATES: state})[keys.ODOM]
+    assert moved(odom).x == pytest.approx(0.52 * 0.05)  # though they stand now
+    assert odom.twist.twist.to_planar() == Twist2D()
+
+
 def test_odometry_is_scaled_and_says_how_certain_it_is():
     variances = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     wheels = Wheels(

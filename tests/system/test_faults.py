@@ -138,7 +138,7 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once():
             strike(up, ("controller", "follower")),
             *strikes(up, 5, seed=3),
         ):
-            assert struck.resumed_s <= RESUME_S, struck
+            assert struck.in_time, struck
         status = mecazen("status", "--json", *tools(up.scenario.bus))
         services = msgspec.json.decode(status.stdout)["services"]
         assert {name: service["state"] for name, service in services.items()} == {

@@ -58,6 +58,8 @@ class OdometryNode(Node):
         self.time = m.Time()
         self.measured_ns: int | None = None
         """Time of the newest wheel measurement [ns]; the pose belongs to this time."""
+        self.angles: tuple[float, ...] = ()
+        """Angles of the wheels then [rad]; empty if the measurement had none."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the odometry of a tick, in ticks that bring one."""
@@ -65,17 +67,16 @@ class OdometryNode(Node):
         if self.config.odometry == "ground_truth":
             odometry = self._truth(inputs[GROUND_TRUTH])
         else:
+            joints = inputs[JOINT_STATES]
             try:
-                measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
+                measured = wheel_speeds(joints, self.config.wheel_joints)
             except RefusedError as problem:
                 if not self.wheels_known:
                     raise ConfigError(f"controller.wheel_joints: {problem}") from None
                 inputs.refuse(JOINT_STATES, str(problem))
                 return {}
             self.wheels_known = True
-            last_ns = tick.time_ns if self.measured_ns is None else self.measured_ns
-            moved_s = (tick.time_ns - last_ns) / NS_PER_S
-            self._move(self.kinematics.forward(measured), moved_s)
+            self._move(measured, of_wheels(joints, joints.position, self.config.wheel_joints))
             self.measured_ns = tick.time_ns
             odometry = self._odometry(self.pose_covariance, self.twist_covariance)
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
@@ -88,11 +89,25 @@ class OdometryNode(Node):
         self.pose = request.pose.to_planar()
         return self._odometry()
 
-    def _move(self, twist: Twist2D, duration_s: float) -> None:
-        """Move with a constant twist, which the calibration scales axis by axis."""
-        scale = self.config.odometry_scale
-        self.twist = Twist2D(twist.x * scale.x, twist.y * scale.y, twist.yaw * scale.yaw)
-        self.pose = self.pose.integrate(self.twist, duration_s)
+    def _move(self, speeds: WheelSpeeds, angles: tuple[float, ...]) -> None:
+        """Move as the wheels turned since the last measurement.
+
+        From one tick to the next that is with their present speeds, over missed ticks with the mean
+        of the time between, which their angles give.
+        """
+        self.twist = mean = self._scaled(speeds)
+        last_ns = self.time.ns if self.measured_ns is None else self.measured_ns
+        moved_s = (self.time.ns - last_ns) / NS_PER_S
+        if self.angles and angles and moved_s > self.scenario.sim.tick_s + ROUNDING_S:
+            turned = zip(angles, self.angles, strict=True)
+            mean = self._scaled(WheelSpeeds(*((now - then) / moved_s for now, then in turned)))
+        self.pose = self.pose.integrate(mean, moved_s)
+        self.angles = angles
+
+    def _scaled(self, speeds: WheelSpeeds) -> Twist2D:
+        """Return the twist of wheel speeds, which the calibration scales axis by axis."""
+        twist, scale = self.kinematics.forward(speeds), self.config.odometry_scale
+        return Twist2D(twist.x * scale.x, twist.y * scale.y, twist.yaw * scale.yaw)
 
     def _odometry(self, *covariances: tuple[float, ...]) -> m.Odometry:
         frames = self.config.odom_frame_id, self.config.base_frame_id
@@ -201,10 +216,19 @@ def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:
     Raises:
         RefusedError: One of them has none.
     """
-    if joints.name[: len(names)] == names and len(joints.velocity) >= len(names):
-        return WheelSpeeds(*joints.velocity[: len(names)])  # as physics names them
+    velocities = of_wheels(joints, joints.velocity, names)
+    if velocities:
+        return WheelSpeeds(*velocities)
     known = dict(zip(joints.name, joints.velocity, strict=False))
-    for name in names:
-        if name not in known:
-            raise RefusedError(f"joint_states has no velocity of {name!r}")
-    return WheelSpeeds(*(known[name] for name in names))
+    lacking = next(name for name in names if name not in known)
+    raise RefusedError(f"joint_states has no velocity of {lacking!r}")
+
+
+def of_wheels(
+    joints: m.JointState, values: tuple[float, ...], names: tuple[str, ...]
+) -> tuple[float, ...]:
+    """Return the wheels' values among those of all joints; none if one of them is missing."""
+    if joints.name[: len(names)] == names:  # as physics names them
+        return values[: len(names)] if len(values) >= len(names) else ()
+    known = dict(zip(joints.name, values, strict=False))
+    return tuple(known[name] for name in names) if known.keys() >= set(names) else ()
