@@ -8,8 +8,8 @@ from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
-from mecazen.config import Scenario
-from mecazen.graph import Graph
+from mecazen.config import Process, Scenario
+from mecazen.graph import COLLECTOR, Graph, services
 from mecazen.keys import DIAGNOSTICS, Topic
 from mecazen.row import Row
 from msgspec.structs import fields
@@ -119,6 +119,15 @@ def _source(graph: Graph, topic: Topic[Any]) -> str:
     if giver is None:
         return "anyone"
     return f"{giver.part_of} or anyone" if topic.open else giver.part_of
+
+
+def one_process_each() -> list[tuple[str, list[str]]]:
+    """Return a process for each service, with its nodes; without the collector."""
+    return [
+        (Process((name,)).name, [row.name for row in rows])
+        for name, rows in services().items()
+        if name != COLLECTOR
+    ]
 
 
 def svg(graph: Graph, processes: Sequence[tuple[str, Sequence[str]]]) -> str:

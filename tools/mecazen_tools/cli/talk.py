@@ -23,7 +23,6 @@ from rich.text import Text
 
 from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
-from mecazen_tools.generated import one_process_each
 from mecazen_tools.strays import absent, ignored, mistake
 
 LIVE_S = 1.0
@@ -49,7 +48,7 @@ def graph(
     """
     loaded: Any = graph_views.DEFAULTS
     if scenario is None:
-        nodes, processes = Graph(GRAPH), one_process_each()
+        nodes, processes = Graph(GRAPH), graph_views.one_process_each()
         order = [row.name for row in GRAPH]
     else:
         loaded = load(scenario, settings)
