@@ -68,7 +68,7 @@ help:
 	@echo "make soak         hours of simulated time, of floods and of hostile payloads (SCALE=30)"
 	@echo "make bench        speed and accuracy, in some minutes; mecazen bench compare shows what changed"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
-	@echo "make graph        what is made from the graph of nodes: tables, picture, access rules"
+	@echo "make graph        what is made from the code: references, tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
@@ -166,7 +166,7 @@ drawing:
 		apt-get install -y -qq --no-install-recommends $(DRAWING) >/dev/null; } || \
 		echo "without $(DRAWING) the tests of pictures are skipped"
 
-graph: .venv/ready
+graph: .venv/developer
 	@.venv/bin/python -m mecazen_tools.generated
 
 picture: .venv/developer drawing

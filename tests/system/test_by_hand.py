@@ -1,4 +1,4 @@
-"""A robot that is driven by hand, as the README has it, and the guard that holds it."""
+"""A robot that is driven by hand, as docs/quickstart.md has it, and the guard that holds it."""
 
 import math
 
@@ -9,7 +9,7 @@ AT_REST_M_S = 0.02
 """Rollers that settle still move the body by less."""
 
 
-def test_the_readmes_drive_command_stops_before_the_person_and_it_is_said_why(stack):
+def test_the_drive_command_of_the_page_stops_before_the_person_and_it_is_said_why(stack):
     running = stack(SCENARIOS / "teleop.toml")
     newest = {}
     for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.GUARD_STATE):

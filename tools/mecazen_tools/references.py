@@ -53,8 +53,8 @@ class _Chapters:
             before = len(self._queue)
             rows = [self._row(struct, field) for field in kind.fields if field.name not in NO_KEYS]
             if kind.tag_field:
-                meaning = "selects this table"
-                rows.insert(0, f'| `{kind.tag_field}` | `"{kind.tag}"` | | {meaning} |')
+                choice = (f"`{kind.tag_field}`", f'`"{kind.tag}"`', "", "selects this table")
+                rows.insert(0, _cells(*choice))
             if struct is not root:  # a table's own tables come next
                 found = self._queue[before:]
                 self._queue = found + self._queue[:before]
