@@ -23,12 +23,12 @@ def test_each_table_has_one_chapter_that_rows_link_to():
 
 
 def test_a_choice_of_tables_names_the_value_that_selects_each():
-    assert '## follower.control (kind = "pid")' in CONFIGURATION
+    assert "## follower.control, kind pid" in CONFIGURATION
     assert '| `kind` | `"pid"` |  | selects this table |' in CONFIGURATION
 
 
 def test_an_inherited_setting_keeps_its_docstring():
-    *_, straight = CONFIGURATION.partition('## target.path (kind = "straight")')
+    *_, straight = CONFIGURATION.partition("## target.path, kind straight")
     assert "Time before the person sets off" in straight.partition("\n## ")[0]
 
 

@@ -63,7 +63,7 @@ class _Chapters:
             )
 
     def _row(self, struct: type, field: types.Field) -> str:
-        title = "" if struct is Scenario else f"{self._titles[struct].partition(' (')[0]}."
+        title = "" if struct is Scenario else f"{self._titles[struct].partition(',')[0]}."
         kind, live = _bare(field.type)
         words = self._words(kind, f"{title}{field.encode_name}")
         if live:
@@ -99,7 +99,7 @@ class _Chapters:
 
     def _link(self, kind: types.StructType, key: str) -> str:
         if kind.cls not in self._titles:
-            title = key if kind.tag is None else f'{key} (kind = "{kind.tag}")'
+            title = key if kind.tag is None else f"{key}, kind {kind.tag}"
             self._titles[kind.cls] = title
             self._queue.append(kind.cls)
         title = self._titles[kind.cls]
