@@ -128,7 +128,9 @@ def fuzz(
 @app.command()
 def latency(
     duration_s: Annotated[float, typer.Option("--duration", min=1.0, help="Seconds.")] = 60.0,
-    tick_s: Annotated[float, typer.Option("--tick", min=0.001, help="Control period [s].")] = 0.01,
+    tick_s: Annotated[
+        float, typer.Option("--tick", min=0.001, help="Control period, in seconds.")
+    ] = 0.01,
 ) -> None:
     """Measure from a command to its frame on the line, and from a report to joint_states.
 
