@@ -56,7 +56,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: docs help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-chaos test-compose test-dist dist soak
+.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -67,6 +67,7 @@ help:
 	@echo "make test-chaos   a hundred kills and freezes at random moments (HUNDREDS=10 LOG=FILE: a thousand)"
 	@echo "make soak         hours of simulated time, of floods and of hostile payloads (SCALE=30)"
 	@echo "make bench        speed and accuracy, in some minutes; mecazen bench compare shows what changed"
+	@echo "make results      the experiments and benchmarks whose inputs have changed, their tables and figures (ONLY=table2)"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph        what is made from the code: references, tables, picture, access rules"
 	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
@@ -208,6 +209,7 @@ lint: .venv/developer
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+	.venv/bin/mecazen bench check
 
 format: .venv/developer
 	.venv/bin/ruff check --fix .
@@ -215,6 +217,12 @@ format: .venv/developer
 
 bench: .venv/developer
 	@.venv/bin/mecazen bench run $(BENCH)
+
+results: .venv/developer gazebo
+	@.venv/bin/mecazen bench results $(ONLY:%=--only %) $(SCHEDULER:%=--scheduler %)
+
+results-check: .venv/developer
+	@.venv/bin/mecazen bench check $(if $(RELEASE),--release)
 
 bench-peers: .venv/developer gazebo
 	@.venv/bin/mecazen bench run --only peers $(BENCH)

@@ -67,14 +67,14 @@ def run(
         typer.Option(
             "--json",
             metavar="FILE",
-            help="Write all figures here.",
-            show_default="bench/results/<machine>.json; with --only, <machine>-<benchmark>.json",
+            help="Write all figures here, for `compare`.",
+            show_default="none",
         ),
     ] = None,
 ) -> None:
     """Measure in rounds of interleaved benchmarks; print and write medians and quartiles.
 
-    Examples: mecazen bench run · mecazen bench run --only physics --only loop
+    Examples: mecazen bench run --json before.json · mecazen bench run --only physics --only loop
     """
     from mecazen_bench import harness  # noqa: PLC0415
 
@@ -85,10 +85,10 @@ def run(
         lambda what: typer.echo(f"measuring {what}", err=True),
     )
     for groups in found.benchmarks.values():
-        typer.echo("\n".join(group.markdown() for group in groups))
-    path = json or harness.default_path(harness.machine_name(), only or [])
-    harness.write(found, path)
-    typer.echo(f"{found.context}\nfigures: {path}")
+        typer.echo("\n".join(str(group.table()) for group in groups))
+    typer.echo(found.context)
+    if json is not None:
+        harness.write(found, json)
 
 
 @app.command()
@@ -110,8 +110,46 @@ def compare(before: File, after: File) -> None:
 
 
 @app.command()
-def tables() -> None:
-    """Write the tables of docs/performance.md from the files in bench/results."""
-    from mecazen_bench import harness  # noqa: PLC0415
+def results(
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STAGE", help="May be given several times.", show_default="all"),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Dask's, for the runs of experiments.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Run the stages of results/stages.toml that are not up to date, and write their tables.
 
-    harness.DOCUMENT.write_text(harness.updated(harness.DOCUMENT.read_text()))
+    After Ctrl-C the same command continues: `make results ONLY=table2`.
+    """
+    from mecazen_bench import results as stages  # noqa: PLC0415
+
+    options = {} if scheduler is None else {"--scheduler": scheduler}
+    stages.run(stages.ROOT, only or (), options, lambda what: typer.echo(what, err=True))
+
+
+@app.command()
+def tables() -> None:
+    """Write the tables of README and docs from the files in results."""
+    from mecazen_bench import results as stages  # noqa: PLC0415
+
+    stages.write_tables(stages.ROOT)
+
+
+@app.command()
+def check(
+    *, release: Annotated[bool, typer.Option("--release", help="Refuse what is stale.")] = False
+) -> None:
+    """Check that each table and picture of README and docs is what its origin says.
+
+    Results that are older than the last change of their inputs are printed as stale.
+    """
+    from mecazen_bench import results as stages  # noqa: PLC0415
+
+    wrong, stale = list(stages.problems(stages.ROOT)), list(stages.stale(stages.ROOT))
+    typer.echo("\n".join((*wrong, *(f"stale: {one}" for one in stale))))
+    raise typer.Exit(1 if wrong or (release and stale) else 0)

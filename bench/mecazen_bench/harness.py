@@ -1,8 +1,4 @@
-"""Figures with their spread and goal; the rounds that measure them, their file and their tables.
-
-A block of docs/performance.md that is generated from results begins with `<!-- bench: NAME -->`
-and ends with `<!-- /bench -->`. NAME is a benchmark or `machine`.
-"""
+"""Figures with their spread and goal; the rounds that measure them, their file and their tables."""
 
 from __future__ import annotations
 
@@ -19,15 +15,11 @@ import msgspec
 import numpy as np
 from mecazen.errors import MecazenError
 from mecazen_tools import files
+from mecazen_tools.markdown import MarkdownTable, lines
 
 Goal = Literal["less", "more"] | float | tuple[float | None, float | None]
 """Direction of improvement, the correct value, or the target: a range with one end at least."""
 
-FOLDER = Path(__file__).parents[1] / "results"
-DOCUMENT = FOLDER.parents[1] / "docs" / "performance.md"
-MACHINE = "intel-xeon-processor-2-cores"
-"""The machine whose results are in the document."""
-BLOCK = re.compile(r"(<!-- bench: (\S+) -->\n).*?(<!-- /bench -->)", re.DOTALL)
 SCHEMA = 3
 """Raised when the meaning of older files changes."""
 LIBRARIES = ("dartpy", "mujoco", "eclipse-zenoh", "msgspec", "numpy")
@@ -97,15 +89,14 @@ class Group(msgspec.Struct, frozen=True):
     how: str
     rows: Rows
 
-    def markdown(self) -> str:
+    def table(self) -> MarkdownTable:
         """Return the group as a table with a column for each title of a figure."""
         titles = list(dict.fromkeys(title for row in self.rows.values() for title in row))
         body = [
-            [subject, *(str(row.get(title, "")) for title in titles)]
+            (subject, *(str(row.get(title, "")) for title in titles))
             for subject, row in self.rows.items()
         ]
-        how = f"{self.how[:1].upper()}{self.how[1:]}"
-        return f"**{self.title}.** {how}.\n\n{_table(['', *titles], body)}"
+        return MarkdownTable(self.title, self.how, ("", *titles), tuple(body))
 
 
 class Results(msgspec.Struct, frozen=True):
@@ -140,7 +131,7 @@ def measure(
         for name, benchmark in benchmarks.items():
             report(f"{name}, round {number + 1} of {rounds}")
             found[name].append(benchmark())
-    context = f"{_machine()};\nload {before} before, {_load()} after."
+    context = f"{machine()};\nload {before} before, {_load()} after."
     return Results(SCHEMA, context, {name: tuple(merged(each)) for name, each in found.items()})
 
 
@@ -182,28 +173,18 @@ def compare(before: Results, after: Results) -> tuple[str, int]:
         rows.append([*name, str(old), str(figure), ratio, verdict])
     if not rows:
         raise ResultsError("no figure is in both results")
-    return _table(["", "", "", "before", "after", "ratio", ""], rows), worse
-
-
-def machine_name() -> str:
-    """Return processor and cores as a file name."""
-    # some processors include their clock frequency
-    words = re.sub(r"\((r|tm)\)|@.*", " ", _cpu().lower())
-    return f"{re.sub(r'[^a-z0-9]+', '-', words).strip('-')}-{_cores()}-cores"
-
-
-def default_path(machine: str, only: Sequence[str], folder: Path = FOLDER) -> Path:
-    """Return the file for the default benchmarks, or for some of them."""
-    return folder / f"{'-'.join([machine, *only])}.json"
+    return lines(["", "", "", "before", "after", "ratio", ""], rows), worse
 
 
 def write(results: Results, path: Path) -> None:
-    """Write the file, and create its folder."""
+    """Write the figures and the tables that show them; create the folder."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ResultsError(f"{path.parent}: {error.strerror}") from None
-    files.write(path, msgspec.json.format(msgspec.json.encode(results)) + b"\n")
+    groups = [group for each in results.benchmarks.values() for group in each]
+    content = msgspec.to_builtins(results) | {"tables": [group.table() for group in groups]}
+    files.write(path, msgspec.json.format(msgspec.json.encode(content)) + b"\n")
 
 
 def read(path: Path) -> Results:
@@ -217,31 +198,6 @@ def read(path: Path) -> Results:
     if found.schema != SCHEMA:
         raise ResultsError(f"{path}: schema {found.schema} instead of {SCHEMA}: measure again")
     return found
-
-
-def updated(document: str, folder: Path = FOLDER) -> str:
-    """Return a document with its blocks generated from the results in `folder`."""
-    return BLOCK.sub(lambda found: f"{found[1]}{_block(found[2], folder)}{found[3]}", document)
-
-
-def _block(name: str, folder: Path) -> str:
-    main = read(default_path(MACHINE, [], folder))
-    if name == "machine":
-        return f"{main.context}\n"
-    # a benchmark in its own file may be of another machine, which its table names
-    own = sorted(folder.glob(f"*-{name}.json"))
-    results = read(own[0]) if own else main
-    if name not in results.benchmarks:
-        return f"Not measured yet: `mecazen bench run --only {name}`.\n"
-    tables = [group.markdown() for group in results.benchmarks[name]]
-    if results is not main:
-        tables.append(f"{results.context}\n")
-    return "\n".join(tables)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"|{''.join(f' {cell} |' if cell else ' |' for cell in li)}\n" for li in lines)
 
 
 def _number(value: float) -> str:
@@ -263,7 +219,8 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _machine() -> str:
+def machine() -> str:
+    """Return processor, system and libraries."""
     libraries = []
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -16,9 +16,11 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_table, named_file
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
+from mecazen_tools.markdown import MarkdownTable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+from rich.table import Table
 
 from mecazen_experiments import budget as budgets
 from mecazen_experiments import fuzz as fuzzing
@@ -121,7 +123,7 @@ def run(
             written += [file for _, file in do_all(record, first, session.workers)]
         if figures is not None and kind.draw is not None:
             written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
-    _write(options, {"rows": rows})
+    _write(options, {"rows": rows}, kind.tables(rows))
     if verbose:
         walked = (report.summarise_walks(kind, one, records) for one in todo)
         rows = [row for one, more in zip(rows, walked, strict=True) for row in (one, *more)]
@@ -136,8 +138,9 @@ def tune(options: Options, file: str) -> None:
     with _session(options, "trials") as session:
         do = partial(run_all, FOLLOWING, store=session.store, workers=session.workers)
         best = search.tune(tuning, do, session.progress)
-    _write(options, best)
-    console(WIDTH).print(search.table(best), *FOLLOWING.tables(best.rows), sep="\n")
+    tables = search.table(best), *FOLLOWING.tables(best.rows)
+    _write(options, msgspec.structs.asdict(best), tables)
+    console(WIDTH).print(*tables, sep="\n")
 
 
 def budget(options: Options, file: str, runs: int | None, walks: Path | None) -> None:
@@ -149,8 +152,9 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
         bounds = session.rows(budgets.BOUND, todo)
     parts = zip(both[: len(todo)], both[len(todo) :], bounds, strict=True)
     rows = [budgets.budget(*of_case) for of_case in parts]
-    _write(options, {"rows": rows})
-    console(WIDTH).print(table(["case"], budgets.COLUMNS, rows))
+    shown = table(["case"], budgets.COLUMNS, rows)
+    _write(options, {"rows": rows}, [shown])
+    console(WIDTH).print(shown)
 
 
 def fuzz(
@@ -251,8 +255,8 @@ def _workers(options: Options) -> AbstractContextManager[Workers]:
     return nullcontext(local_workers(options.jobs or -1))
 
 
-def _write(options: Options, result: object) -> None:
+def _write(options: Options, result: Mapping[str, object], tables: Sequence[Table] = ()) -> None:
     if options.json is None:
         return
-    content = msgspec.json.format(msgspec.json.encode(result)) + b"\n"
-    files.write(options.json, content, "--json")
+    content = {**result, "tables": [MarkdownTable.of(table) for table in tables]}
+    files.write(options.json, msgspec.json.format(msgspec.json.encode(content)) + b"\n", "--json")

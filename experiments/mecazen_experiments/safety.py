@@ -15,7 +15,7 @@ from mecazen_experiments.watch import watch
 
 CAPTION = (
     "contacts: sums over the runs, those that the robot caused and all; gaps: the smallest; "
-    "others: means, below each its 95 % interval"
+    "others: means, each with its 95 % interval"
 )
 COLUMNS: tuple[Column, ...] = (
     ("contacts\nperson", "contacts_person", 0),

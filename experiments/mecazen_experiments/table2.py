@@ -53,7 +53,7 @@ def tables(rows: Sequence[Row[Scores]]) -> tuple[Table, Table]:
         *(f"{who}\n{variant}" for variant in PAPER_VARIANTS for who in ("paper", "ours")),
         "ours\nbest",
         title="Table II",
-        caption="ours: means over the seeds, below each its 95 % interval",
+        caption="ours: means over the seeds, each with its 95 % interval",
         show_lines=True,
     )
     gained = Table(

@@ -12,7 +12,7 @@ from rich.text import Text
 from mecazen_experiments.report import Row
 from mecazen_experiments.statistics import Interval
 
-CAPTION = "means over the runs, below each its 95 % interval"
+CAPTION = "means over the runs, each with its 95 % interval"
 
 Column = tuple[str, str, int]
 """Heading, name of a score, and digits to show."""

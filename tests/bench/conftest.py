@@ -12,7 +12,7 @@ def figures():
     def of(groups):
         rows = {}
         for group in groups:
-            text = group.markdown()
+            text = str(group.table())
             for subject, row in group.rows.items():
                 assert f"| {subject} |" in text
                 assert all(math.isfinite(figure.value) for figure in row.values())

@@ -1,9 +1,8 @@
-"""Figures, the file that keeps them, two files beside each other, and the document's tables."""
+"""Figures, the file that keeps them, and two files beside each other."""
 
 import msgspec
 import pytest
 from mecazen_bench import harness
-from mecazen_bench.cli import BENCHMARKS
 from mecazen_bench.harness import Figure, Goal, Group, Results, ResultsError
 
 
@@ -48,12 +47,6 @@ def test_rounds_become_medians_with_quartiles_and_are_interleaved():
     assert group.how == "so; medians (quartiles) of 3 rounds"
     (once,) = harness.measure({"a": run("a")}, 1, reports.append).benchmarks["a"]
     assert once.how == "so"
-
-
-def test_a_machine_is_named_by_its_processor_and_cores(monkeypatch):
-    monkeypatch.setattr(harness, "_cpu", lambda: "Some(R) CPU(TM) i7 @ 2.60GHz")
-    monkeypatch.setattr(harness, "_cores", lambda: 2)
-    assert harness.machine_name() == "some-cpu-i7-2-cores"
 
 
 @pytest.mark.parametrize(
@@ -114,34 +107,7 @@ def test_a_figure_that_a_row_lacks_is_an_empty_cell():
     one, two = Figure(12_345.6, "more"), Figure(0.25, (0.9, 1.1), (0.2, 0.3))
     group = Group("T", "so", {"a": {"x": one, "y": two}, "b": {"y": two}})
     cell = "0.25 (0.2 to 0.3) ✗ 1 ± 0.1"
-    assert group.markdown() == (
+    assert str(group.table()) == (
         "**T.** So.\n\n| | x | y |\n| --- | --- | --- |\n"
         f"| a | 12,346 | {cell} |\n| b | | {cell} |\n"
     )
-
-
-def test_the_tables_of_the_document_are_those_of_the_results_files():
-    text = harness.DOCUMENT.read_text()
-    blocks = {name for _, name, _ in harness.BLOCK.findall(text)}
-    assert blocks == {*BENCHMARKS, "machine"}
-    assert harness.updated(text) == text  # `mecazen bench tables` writes them
-
-
-def test_a_block_holds_its_benchmark_from_its_own_file_or_the_main_one(tmp_path):
-    def block(name):
-        begin, end = f"a\n<!-- bench: {name} -->\n", "<!-- /bench -->\nb"
-        text = harness.updated(f"{begin}old\n{end}", tmp_path)
-        assert text.startswith(begin)
-        return text.removeprefix(begin).removesuffix(end)
-
-    def write(value, *only):
-        harness.write(result(value), harness.default_path(harness.MACHINE, only, tmp_path))
-
-    write(80.0)
-    (group,) = result(80.0).benchmarks["physics"]
-    assert block("physics") == group.markdown()
-    assert block("machine") == "some machine\n"
-    assert block("peers") == "Not measured yet: `mecazen bench run --only peers`.\n"
-    write(90.0, "physics")
-    assert "| nexus | 90 |" in block("physics")
-    assert "some machine" in block("physics")

@@ -1,0 +1,295 @@
+"""Result files of stages, and the tables and figures that documents show of them.
+
+A stage of results/stages.toml is a command of `mecazen` that writes JSON. Its result file is
+results/STAGE.json. A document shows its tables between `<!-- results: STAGE -->` and
+`<!-- /results -->`, or the one of a title: `<!-- results: STAGE TITLE -->`. Tables and pictures of
+other origin have a line `<!-- by hand: REASON -->` before them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from string import Template
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import msgspec
+from mecazen_tools import files
+from mecazen_tools.markdown import MarkdownTable
+
+from mecazen_bench.harness import ResultsError, machine
+
+ROOT = Path(__file__).parents[2]
+INPUTS = {".py", ".toml", ".cpp", ".csv"}
+"""Files below an input of a stage that its result depends on; pyproject.toml is none of them."""
+BLOCK = re.compile(r"(<!-- results: (\S+)(?: ([^\n]+))? -->\n)(.*?)(<!-- /results -->)", re.DOTALL)
+GRAPH = re.compile(r"<!-- graph: \w+ -->\n.*?<!-- /graph -->", re.DOTALL)
+FENCE = re.compile(r"^ *```.*?^ *```", re.DOTALL | re.MULTILINE)
+BY_HAND = re.compile(r"<!-- by hand: \S.* -->")
+DELIMITER = re.compile(r"\|( *:?-+:? *\|)+")
+PICTURE = re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
+
+
+class Stage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A command whose result documents show."""
+
+    command: str
+    """The words after `mecazen`; it has the option --json, and --figures if there are figures.
+    $NAME stands for a variable of the environment."""
+    inputs: tuple[str, ...]
+    """Files and folders that the result depends on; a project stands for all that it needs."""
+    figures: tuple[str, ...] = ()
+
+
+class Result(msgspec.Struct, frozen=True):
+    """The result of a stage, with its machine and version."""
+
+    version: str
+    commit: str
+    date: str
+    machine: str
+    command: str
+    seeds: tuple[int, ...]
+    inputs: str
+    """The hash of the stage's inputs; empty if they are not known."""
+    figures: dict[str, str]
+    """Files that were drawn, and the hash of each."""
+    tables: tuple[MarkdownTable, ...]
+
+    @property
+    def origin(self) -> str:
+        """Where its tables come from."""
+        seeds = f", {_ranges(self.seeds)}" if self.seeds else ""
+        return f"Commit {self.commit} of version {self.version}, {self.date}{seeds}: {self.machine}"
+
+
+def stages(root: Path) -> dict[str, Stage]:
+    """Return the stages by name."""
+    path = root / "results" / "stages.toml"
+    try:
+        return msgspec.convert(tomllib.loads(path.read_text()), dict[str, Stage])
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise ResultsError(f"{path}: {error}") from None
+
+
+def find(name: str, root: Path) -> Result | None:
+    """Return the result of a stage, if it has one."""
+    path = root / "results" / f"{name}.json"
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Result)
+    except FileNotFoundError:
+        return None
+    except msgspec.MsgspecError as error:
+        raise ResultsError(f"{path}: {error}") from None
+
+
+def inputs_sha256(stage: Stage, root: Path) -> str:
+    """Return the hash of all files that the result of a stage depends on."""
+    every = [*root.glob("*/pyproject.toml"), *root.glob("services/*/pyproject.toml")]
+    projects = {_project(path)["name"]: path.parent for path in every}
+    todo, found = [root / one for one in stage.inputs], set()
+    while todo:
+        path = todo.pop()
+        if not path.exists():
+            raise ResultsError(f"results/stages.toml: {path.relative_to(root)}: no such input")
+        if path not in found and (path / "pyproject.toml").exists():
+            needed = _project(path / "pyproject.toml").get("dependencies", ())
+            names = (re.split(r"[^\w-]", one)[0] for one in needed)
+            todo += [projects[name] for name in names if name in projects]
+        found.add(path)
+    read = {file for path in found for file in (path.rglob("*") if path.is_dir() else [path])}
+    digest = hashlib.sha256()
+    for file in sorted(read):
+        if file.suffix in INPUTS and file.name != "pyproject.toml":
+            digest.update(f"{file.relative_to(root)} {_sha256(file)}\n".encode())
+    return digest.hexdigest()
+
+
+def run(
+    root: Path, only: Collection[str], options: Mapping[str, str], report: Callable[[str], object]
+) -> None:
+    """Run the stages that are not up to date; write their results, figures and tables.
+
+    Args:
+        root: The folder of the project.
+        only: Names of the stages; all if there are none.
+        options: For commands of `mecazen experiment`, by their name.
+        report: Called with what happens to each stage.
+    """
+    known = stages(root)
+    if unknown := sorted(set(only) - set(known)):
+        raise ResultsError(f"{unknown[0]}: no such stage; there are {', '.join(known)}")
+    failed = []
+    for name, stage in known.items():
+        if only and name not in only:
+            continue
+        inputs, result = inputs_sha256(stage, root), find(name, root)
+        if result is not None and (result.inputs, result.command) == (inputs, stage.command):
+            report(f"{name}: up to date")
+            continue
+        report(f"{name}: mecazen {stage.command}")
+        try:
+            _run(root, name, stage, inputs, options)
+        except ResultsError as error:
+            failed.append(name)
+            report(str(error))
+            continue
+        write_tables(root)
+    if failed:
+        raise ResultsError(f"no result of {', '.join(failed)}")
+
+
+def _run(root: Path, name: str, stage: Stage, inputs: str, options: Mapping[str, str]) -> None:
+    try:
+        words = shlex.split(Template(stage.command).substitute(os.environ))
+    except KeyError as missing:
+        raise ResultsError(f"{name}: needs {missing.args[0]} in the environment") from None
+    if words[0] == "experiment":
+        words += [word for option in options.items() for word in option]
+    with TemporaryDirectory() as folder:
+        made = Path(folder, "out.json")
+        words += ["--json", str(made), *(["--figures", folder] if stage.figures else ())]
+        commit = _commit(stage, root)
+        done = subprocess.run(
+            [sys.executable, "-m", "mecazen_tools", *words], check=False, cwd=root
+        )
+        if done.returncode or not made.exists():
+            raise ResultsError(f"{name}: the command ended with {done.returncode}")
+        measured = msgspec.json.decode(made.read_bytes())
+        for figure in stage.figures:
+            shutil.copy(Path(folder, Path(figure).name), root / figure)
+    header = {
+        "version": version("mecazen"),
+        "commit": commit,
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": measured.pop("context", None) or f"{machine()}.",
+        "command": stage.command,
+        "inputs": inputs,
+        "seeds": seeds_of(measured),
+        "figures": {figure: _sha256(root / figure) for figure in stage.figures},
+    }
+    content = msgspec.json.format(msgspec.json.encode(header | measured))
+    files.write(root / "results" / f"{name}.json", content + b"\n")
+
+
+def seeds_of(measured: Mapping[str, Any]) -> list[int]:
+    """Return the seeds of an experiment's runs, which are taken out of its rows."""
+    runs = [run for row in measured.get("rows", ()) for run in row.pop("runs", ())]
+    return sorted({run["record"]["key"]["seed"] for run in runs})
+
+
+def write_tables(root: Path) -> None:
+    """Write the tables of all documents from the result files."""
+    for path in documents(root):
+        text = path.read_text()
+        if (new := updated(text, root)) != text:
+            files.write(path, new.encode())
+
+
+def documents(root: Path) -> list[Path]:
+    """Return the documents that show results."""
+    return [*sorted((root / "docs").glob("*.md")), root / "README.md"]
+
+
+def updated(text: str, root: Path) -> str:
+    """Return a document with the tables of the result files; others stay as they are."""
+
+    def block(found: re.Match[str]) -> str:
+        begin, name, title, old, end = found.groups()
+        result = find(name, root)
+        return f"{begin}{old if result is None else _shown(result, name, title)}{end}"
+
+    return BLOCK.sub(block, text)
+
+
+def _shown(result: Result, name: str, title: str | None) -> str:
+    tables = [table for table in result.tables if title in (None, table.title)]
+    if not tables:
+        titles = ", ".join(table.title for table in result.tables)
+        raise ResultsError(f"{name}: no table {title!r}; there are {titles}")
+    return "\n".join((*map(str, tables), f"{result.origin}\n"))
+
+
+def problems(root: Path) -> Iterator[str]:
+    """Yield each table and picture of the documents that is not what its origin says."""
+    known, shown = stages(root), set()
+    for path in documents(root):
+        text, name = path.read_text(), path.relative_to(root)
+        shown |= {found[2] for found in BLOCK.finditer(text)}
+        if updated(text, root) != text:
+            yield f"{name}: a table differs from its result file; `mecazen bench tables` writes it"
+        drawn = {
+            root / figure: sha256
+            for stage in known
+            if (result := find(stage, root)) is not None
+            for figure, sha256 in result.figures.items()
+        }
+
+        def blank(found: re.Match[str]) -> str:
+            keep = found.re is BLOCK and find(found[2], root) is None
+            return found[0] if keep else "\n" * found[0].count("\n")
+
+        for pattern in (FENCE, BLOCK, GRAPH):
+            text = pattern.sub(blank, text)
+        lines = ["", "", *text.splitlines()]
+        for number, line in enumerate(lines[2:], 1):
+            marked = BY_HAND.fullmatch(lines[number])
+            if DELIMITER.fullmatch(line) and not BY_HAND.fullmatch(lines[number - 1]):
+                yield f"{name}:{number - 1}: this table needs a line <!-- by hand: REASON -->"
+            for picture in PICTURE.findall(line):
+                file = (path.parent / picture).resolve()
+                if file in drawn and drawn[file] != _sha256(file):
+                    yield f"{name}:{number}: {picture} is not the figure of its result file"
+                elif file not in drawn and not marked:
+                    yield f"{name}:{number}: this picture needs a line <!-- by hand: REASON -->"
+    for stage in sorted(set(known) ^ shown):
+        where = "is shown nowhere" if stage in known else "is not in results/stages.toml"
+        yield f"stage {stage} {where}"
+
+
+def stale(root: Path) -> Iterator[str]:
+    """Yield each stage whose result is missing, or older than the last change of its inputs."""
+    for name, stage in stages(root).items():
+        result = find(name, root)
+        if result is None:
+            yield f"{name}: has no result yet"
+        elif (result.inputs, result.command) != (inputs_sha256(stage, root), stage.command):
+            yield f"{name}: inputs have changed since commit {result.commit}"
+
+
+def _project(path: Path) -> Mapping[str, Any]:
+    table: Mapping[str, Any] = tomllib.loads(path.read_text())["project"]
+    return table
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _commit(stage: Stage, root: Path) -> str:
+    """Return the present commit; with a + if an input of the stage has changed since."""
+
+    def git(*words: str) -> str:
+        called = ["git", *words]
+        done = subprocess.run(called, check=False, cwd=root, capture_output=True, text=True)
+        return done.stdout.strip()
+
+    changed = git("status", "--porcelain", "--", *stage.inputs)
+    return f"{git('rev-parse', '--short', 'HEAD') or 'unknown'}{'+' if changed else ''}"
+
+
+def _ranges(seeds: Sequence[int]) -> str:
+    if len(seeds) == 1:
+        return f"seed {seeds[0]}"
+    return f"seeds {seeds[0]} to {seeds[-1]}"

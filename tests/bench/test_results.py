@@ -1,0 +1,156 @@
+"""Result files and the documents that show them: edits by hand and stale results are found."""
+
+import json
+from functools import partial
+
+import pytest
+from mecazen_bench import results
+from mecazen_bench.harness import ResultsError
+from mecazen_bench.results import problems, stale
+from mecazen_tools.cli.app import app
+from typer.testing import CliRunner
+
+TABLE = "| case | error |\n| --- | --- |\n| door | {} |\n"
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    """A project with one stage, its result, a document and a figure that show it."""
+    for folder in ("docs", "results", "common", "walker"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "common" / "pyproject.toml").write_text('project = { name = "common" }')
+    (tmp_path / "walker" / "pyproject.toml").write_text(
+        'project = { name = "walker", dependencies = ["common==1", "numpy"] }'
+    )
+    (tmp_path / "common" / "code.py").write_text("1")
+    (tmp_path / "results" / "stages.toml").write_text(
+        '[walk]\ncommand = "experiment run walk"\ninputs = ["walker"]\n'
+    )
+    (tmp_path / "README.md").touch()
+    (tmp_path / "docs" / "figure.png").write_bytes(b"drawn")
+    figure = results._sha256(tmp_path / "docs" / "figure.png")
+    stage = results.stages(tmp_path)["walk"]
+    result = {
+        "version": "1.2",
+        "commit": "abc",
+        "date": "2026-01-02",
+        "machine": "some machine.",
+        "command": stage.command,
+        "seeds": [1, 2, 3],
+        "inputs": results.inputs_sha256(stage, tmp_path),
+        "figures": {"docs/figure.png": figure},
+        "tables": [
+            {"title": "Walk", "caption": "so", "head": ["case", "error"], "rows": [["door", "0.1"]]}
+        ],
+    }
+    (tmp_path / "results" / "walk.json").write_text(json.dumps(result))
+    monkeypatch.setattr(results, "ROOT", tmp_path)
+    document = tmp_path / "docs" / "walk.md"
+    document.write_text(
+        "Text.\n\n![a picture](figure.png)\n\n<!-- results: walk -->\n<!-- /results -->\n"
+    )
+    results.write_tables(tmp_path)
+    return tmp_path
+
+
+def edit(path, old, new):
+    """Replace a text that is there."""
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_a_table_is_written_with_its_commit_seeds_and_machine(root):
+    text = (root / "docs" / "walk.md").read_text()
+    assert f"**Walk.** So.\n\n{TABLE.format('0.1')}" in text
+    assert "Commit abc of version 1.2, 2026-01-02, seeds 1 to 3: some machine." in text
+    assert list(problems(root)) == list(stale(root)) == []
+
+
+def test_a_table_that_was_edited_by_hand_is_found(root):
+    edit(root / "docs" / "walk.md", "| door | 0.1 |", "| door | 0.01 |")
+    (found,) = problems(root)
+    assert found.startswith("docs/walk.md: a table differs from its result file")
+
+
+@pytest.mark.parametrize("reason", ["", "<!-- by hand: -->\n"])
+def test_a_table_of_no_result_needs_a_reason(reason, root):
+    (root / "README.md").write_text(f"Text.\n\n{reason}{TABLE.format(1)}")
+    (found,) = problems(root)
+    assert found.startswith(f"README.md:{4 if reason else 3}: this table needs")
+    (root / "README.md").write_text(f"Text.\n\n<!-- by hand: literature -->\n{TABLE.format(1)}")
+    assert list(problems(root)) == []
+
+
+def test_a_table_that_the_graph_makes_or_that_is_an_example_needs_no_reason(root):
+    table = TABLE.format(1)
+    (root / "README.md").write_text(
+        f"<!-- graph: keys -->\n{table}<!-- /graph -->\n```\n{table}```\n"
+    )
+    assert list(problems(root)) == []
+
+
+def test_a_table_whose_stage_has_no_result_yet_stays_and_needs_a_reason(root):
+    (root / "results" / "walk.json").unlink()
+    results.write_tables(root)
+    assert TABLE.format("0.1") in (root / "docs" / "walk.md").read_text()
+    table, picture = sorted(problems(root), reverse=True)
+    assert "this table needs" in table or "this table needs" in picture
+    assert list(stale(root)) == ["walk: has no result yet"]
+
+
+def test_a_figure_that_is_not_of_its_result_is_found(root):
+    (root / "docs" / "figure.png").write_bytes(b"other")
+    assert list(problems(root)) == [
+        "docs/walk.md:3: figure.png is not the figure of its result file"
+    ]
+
+
+def test_a_stage_without_a_place_and_a_place_without_a_stage_are_found(root):
+    edit(root / "docs" / "walk.md", "results: walk", "results: run")
+    assert list(problems(root))[-2:] == [
+        "stage run is not in results/stages.toml",
+        "stage walk is shown nowhere",
+    ]
+
+
+def test_a_result_is_stale_once_code_that_its_project_needs_has_changed(root):
+    (root / "common" / "code.py").write_text("2")
+    assert list(stale(root)) == ["walk: inputs have changed since commit abc"]
+    check = partial(CliRunner().invoke, app)
+    assert check(["bench", "check"]).exit_code == 0
+    assert check(["bench", "check", "--release"]).exit_code == 1
+
+
+def test_only_stages_that_are_not_up_to_date_run(root, monkeypatch):
+    ran, said = [], []
+    monkeypatch.setattr(results, "_run", lambda _, name, *__: ran.append(name))
+    results.run(root, (), {}, said.append)
+    assert ran == []
+    (root / "common" / "code.py").write_text("2")
+    results.run(root, ["walk"], {}, said.append)
+    assert ran == ["walk"]
+    assert said == ["walk: up to date", "walk: mecazen experiment run walk"]
+    with pytest.raises(ResultsError, match="fast: no such stage; there are walk"):
+        results.run(root, ["fast"], {}, said.append)
+
+
+def test_a_stage_whose_command_needs_a_variable_is_named_and_others_go_on(root, monkeypatch):
+    edit(root / "results" / "stages.toml", "run walk", "run walk --walks $NOWHERE")
+    said = []
+    with pytest.raises(ResultsError, match="no result of walk"):
+        results.run(root, (), {}, said.append)
+    assert said[-1] == "walk: needs NOWHERE in the environment"
+
+
+def test_runs_leave_a_result_file_and_their_seeds_stay():
+    def run(seed):
+        return {"record": {"key": {"seed": seed}}}
+
+    measured = {"rows": [{"name": "a", "runs": [run(2), run(1)]}, {"name": "b", "runs": [run(2)]}]}
+    assert results.seeds_of(measured) == [1, 2]
+    assert measured == {"rows": [{"name": "a"}, {"name": "b"}]}
+
+
+def test_every_table_of_our_documents_is_what_its_origin_says():
+    assert list(problems(results.ROOT)) == []  # `make results`, or `mecazen bench tables`
