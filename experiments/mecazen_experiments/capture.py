@@ -13,7 +13,7 @@ from mecazen.skeleton import JOINTS
 from mecazen_people.body.posture import sagittal_angles
 
 from mecazen_experiments.run import observe_bodies
-from mecazen_experiments.table import Floats, Table
+from mecazen_experiments.table import Floats, Poses, Table
 
 SEEN = 2
 """Confidence of a joint that is in view and not hidden."""
@@ -50,6 +50,29 @@ class Motion(NamedTuple):
         """Return some of the frames."""
         return Motion(*(values[rows] for values in self))
 
+    def evenly(self) -> Motion:
+        """Return the frames at a constant rate, without a body where one is missing."""
+        period = float(np.median(np.diff(self.t)))
+        at = np.rint((self.t - self.t[0]) / period).astype(np.int64)
+        n, joints = int(at[-1]) + 1, len(JOINTS)
+        even = Motion(
+            self.t[0] + period * np.arange(n),
+            np.full((n, joints, 3), np.nan),
+            np.zeros((n, joints)),
+            np.zeros((n, joints), np.int64),
+            np.full((n, 2), np.nan),
+        )
+        for values, known in zip(even[1:], self[1:], strict=True):
+            values[at] = known
+        return even
+
+    def placed(self, robot: Poses) -> Motion:
+        """Return joints of the robot's frame in that of its poses, one for each frame."""
+        c, s = np.cos(robot.yaw)[:, None], np.sin(robot.yaw)[:, None]
+        x, y, z = np.moveaxis(self.joints, -1, 0)
+        joints = (robot.x[:, None] + c * x - s * y, robot.y[:, None] + s * x + c * y, z)
+        return self._replace(joints=np.stack(joints, axis=-1))
+
 
 class Capture(NamedTuple):
     """The joints and the table of a run."""
@@ -83,23 +106,25 @@ def capture(scenario: Scenario) -> Capture:
     """Simulate a scenario; return what was seen in it, and what there was to be seen."""
     found = observe_bodies(scenario)
     table = found.table
-    truth = _motion([(body.header, body) for body in found.samples[TARGET_SKELETON.key]])
+    truth, seen = motions(found.samples[TARGET_SKELETON.key], found.samples[SKELETONS.key])
+    odom = table.poses("odom")
+    at = table.ticks(seen.t)
+    seen = seen.placed(Poses(*(column[at] for column in odom)))
+    return Capture(truth, seen, table, found.trajectory_sha256)
+
+
+def motions(bodies: list[m.Skeleton], frames: list[m.Skeletons]) -> tuple[Motion, Motion]:
+    """Return the truth, and the first body of each frame in the frame's own coordinates."""
+    truth = _motion([(body.header, body) for body in bodies])
     # frames taken before the start have no stamp
     seen = _motion(
         [
             (frame.header, frame.skeletons[0] if frame.skeletons else None)
-            for frame in found.samples[SKELETONS.key]
+            for frame in frames
             if frame.header.stamp.ns
         ]
     )
-    odom = table.poses("odom")
-    at = table.ticks(seen.t)
-    c, s = np.cos(odom.yaw[at])[:, None], np.sin(odom.yaw[at])[:, None]
-    x, y, z = np.moveaxis(seen.joints, -1, 0)
-    placed = np.stack(
-        (odom.x[at][:, None] + c * x - s * y, odom.y[at][:, None] + s * x + c * y, z), axis=-1
-    )
-    return Capture(truth, seen._replace(joints=placed), table, found.trajectory_sha256)
+    return truth, seen
 
 
 def _motion(bodies: list[tuple[m.Header, m.Skeleton | None]]) -> Motion:

@@ -88,6 +88,14 @@ def run(
             show_default="none",
         ),
     ] = None,
+    export: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER",
+            help="Write the first walk of each row there for gait laboratories: TRC, MOT, C3D.",
+            show_default="none",
+        ),
+    ] = None,
     verbose: Annotated[bool, Option("--verbose", help="Show each walk.")] = False,
 ) -> None:
     """Run the cases of experiments, each with many seeds, and score them.
@@ -111,6 +119,7 @@ def run(
         verbose=verbose,
         films=films,
         figures=figures,
+        export=export,
     )
 
 

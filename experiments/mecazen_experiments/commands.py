@@ -95,6 +95,7 @@ def run(
     verbose: bool,
     films: Path | None,
     figures: Path | None,
+    export: Path | None,
     **choice: Any,
 ) -> None:
     """Run experiments of one kind; print and write one report, draw and record on demand.
@@ -108,11 +109,13 @@ def run(
     todo = [one for _, series in loaded for one in series]
     if twice := [row for row, n in Counter(one.row for one in todo).items() if n > 1]:
         raise ConfigError(f"{' and '.join(names)}: more than one case {twice[0]!r}")
-    for option, folder in (("--films", films), ("--figures", figures)):
+    for option, folder in (("--films", films), ("--figures", figures), ("--export", export)):
         if folder is not None:
-            _make_folder(option, folder)
+            files.make_folder(folder, option)
     if figures is not None and kind.draw is None:
         raise ConfigError(f"--figures: there are none of kind = {loaded[0][0].kind!r}")
+    if export is not None and kind.export is None:
+        raise ConfigError(f"--export: there is nothing of kind = {loaded[0][0].kind!r}")
     with _session(options, "runs") as session:
         records = session.run(kind, todo)
         rows = report.relate([report.summarise(kind, one, records) for one in todo], todo)
@@ -121,6 +124,10 @@ def run(
             record = partial(film, folder=films.resolve())
             first = [one.jobs[0] for one in todo]
             written += [file for _, file in do_all(record, first, session.workers)]
+        if export is not None and kind.export is not None:
+            into = partial(kind.export, export.resolve())
+            exported = do_all(into, [one.jobs[0] for one in todo], session.workers)
+            written += [file for _, files_of in exported for file in files_of]
         if figures is not None and kind.draw is not None:
             written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
     _write(options, {"rows": rows}, kind.tables(rows))
@@ -186,13 +193,6 @@ def fuzz(
     _write(options, {"minutes": done})
     if any(one.scores.contacts for one in done):
         raise MecazenError("the robot has touched something")
-
-
-def _make_folder(option: str, folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MecazenError(f"{option} {folder}: {error.strerror}") from None
 
 
 def _load(

@@ -9,9 +9,19 @@ from pathlib import Path
 from rich.table import Table
 
 from mecazen_experiments.capture import capture
+from mecazen_experiments.gait.export import export as write
 from mecazen_experiments.jobs import Job, Series
-from mecazen_experiments.quality import MEASURED, Curves, Quality, numbers, quality
+from mecazen_experiments.quality import (
+    MEASURED,
+    Curves,
+    Quality,
+    all_stages,
+    numbers,
+    quality,
+    steady,
+)
 from mecazen_experiments.report import Do, Kind, Record, Row, regroup
+from mecazen_experiments.run import file_name
 from mecazen_experiments.tables import Column, table
 
 VIEW, GAIT = "view", "case"
@@ -127,5 +137,19 @@ def curves(job: Job) -> Curves:
     return quality(capture(scenario), scenario.follower.standoff)[1]
 
 
-CAPTURE = Kind("mocap", Record[Quality], _measure, numbers, tables, draw)
+def export(folder: Path, job: Job) -> Sequence[Path]:
+    """Simulate a job; write its walk in all stages for gait laboratories."""
+    scenario = job.load()
+    walk = steady(capture(scenario))
+    standoff = scenario.follower.standoff
+    about = {
+        "experiment": job.row,
+        "seed": scenario.seed,
+        "bearing_deg": math.degrees(standoff.bearing),
+        "standoff_m": standoff.distance,
+    }
+    return write(folder / file_name(job), all_stages(walk), about)
+
+
+CAPTURE = Kind("mocap", Record[Quality], _measure, numbers, tables, draw, export)
 """How well a gait is captured."""

@@ -69,15 +69,13 @@ class Curves(NamedTuple):
 
 def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
     """Return the scores of a capture in which `wanted` was to be kept."""
-    first = first_motion(found.table)
-    begin = math.inf if first is None else found.table["t_s"][first] + SETTLING_S
-    found = found.since(begin)
-    truth_stage = true_stage(found.truth)
+    found = steady(found)
+    estimated = all_stages(found)
+    truth_stage = estimated["truth"]
     gait = truth_stage.gait
     if gait is None:
         raise ConfigError("nobody takes two strides; is sim.duration_s too short?")
     seen, true = found.seen, found.truth_at_frames
-    estimated = seen_stages(seen)
     filtered, refined = estimated.get("filtered"), estimated.get("refined")
     stages = {name: estimated[name].joints if name in estimated else None for name in STAGES}
     truth = angles(true.joints)
@@ -107,6 +105,17 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
     )
     known = {stage: each for stage, each in of.items() if each is not None}
     return scores, Curves(true.phases, {"truth": truth, **known})
+
+
+def steady(found: Capture) -> Capture:
+    """Return the joints of a capture from when the walk is steady."""
+    first = first_motion(found.table)
+    return found.since(math.inf if first is None else found.table["t_s"][first] + SETTLING_S)
+
+
+def all_stages(found: Capture) -> dict[str, Stage]:
+    """Return the truth and what was seen, by stage."""
+    return {"truth": true_stage(found.truth), **seen_stages(found.seen)}
 
 
 def numbers(of: Quality) -> dict[str, float | None]:

@@ -76,6 +76,8 @@ class Kind(NamedTuple, Generic[T]):
     tables: Callable[[Sequence[Row[T]]], Sequence[Table]] = no_tables
     draw: Callable[[Path, Sequence[Series], Sequence[Row[T]], Do], Sequence[Path]] | None = None
     """Writes figures into a folder, and returns the files."""
+    export: Callable[[Path, Job], Sequence[Path]] | None = None
+    """Simulates a job, writes what laboratories open into a folder, and returns the files."""
     sums: Sequence[str] = ()
     """Scores that are added over runs; others are averaged."""
     least: Sequence[str] = ()

@@ -95,11 +95,15 @@ def tabulate(job: Job) -> Table:
     return observe(job.load()).table
 
 
+def file_name(job: Job) -> str:
+    """Return the name of a job's row as that of a file."""
+    return re.sub(r"[^\w.=+-]+", "_", job.row.replace(", ", "-"))
+
+
 def film(job: Job, folder: Path) -> Path:
     """Simulate a job, and record all of it; return the file. Raises as `observe`."""
     check_version(job)
-    name = re.sub(r"[^\w.=+-]+", "_", job.row.replace(", ", "-"))
-    file = folder / f"{name}.mcap"
+    file = folder / f"{file_name(job)}.mcap"
     recorded = (
         f"services={json.dumps([*job.load().services, 'recorder'])}",
         f"recorder.file={json.dumps(str(file))}",

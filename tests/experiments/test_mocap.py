@@ -34,7 +34,7 @@ def _in_folder(tmp_path, monkeypatch):
 
 
 def test_one_run_is_scored_printed_and_drawn(tmp_path, capsys):
-    experiment(*ONE, "--json", "out.json", "--figures", "figures")
+    experiment(*ONE, "--json", "out.json", "--figures", "figures", "--export", "walks")
     (row,) = msgspec.json.decode((tmp_path / "out.json").read_bytes())["rows"]
     assert row["labels"] == {
         "case": "normal",
@@ -62,6 +62,8 @@ def test_one_run_is_scored_printed_and_drawn(tmp_path, capsys):
     tables = "Angles and jitter", "Gait", "Parameters"
     for words in (*tables, "back", "2 m", "1 m/s", "mocap_views.png"):
         assert words in out
+    (walk,) = (tmp_path / "walks").iterdir()
+    assert {"truth.c3d", "refined.trc", "summary.json"} <= {file.name for file in walk.iterdir()}
     for name in ("mocap_cycles.png", "mocap_views.png"):
         assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
 

@@ -29,6 +29,18 @@ class WholeWrites(io.FileIO):
         return size
 
 
+def make_folder(folder: Path, option: str) -> None:
+    """Make a folder, if there is none.
+
+    Raises:
+        MecazenError: It can't be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MecazenError(f"{option} {folder}: {error.strerror}") from None
+
+
 def write(path: Path, content: bytes, option: str = "") -> None:
     """Write a file; see `write_with`."""
     write_with(path, lambda part: part.write_bytes(content), option)

@@ -1,0 +1,58 @@
+"""`mecazen gait`: the gait of a recorded walk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def gait(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
+    ],
+    run: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Which run; see mecazen info.", show_default="the last"),
+    ] = None,
+    robot: Annotated[
+        str, typer.Option(metavar="NAME", help="Of several robots, whose.", show_default=False)
+    ] = "",
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Write TRC, MOT, C3D, CSV and JSON files there.",
+            show_default="none",
+        ),
+    ] = None,
+) -> None:
+    """Report the longest walk of a recorded person, and write it for gait laboratories.
+
+    The recording needs odom and skeleton/observation.
+
+    Examples: mecazen gait run.mcap · mecazen gait run.mcap --export walk
+    """
+    # every start of `mecazen` imports this module
+    from mecazen_recorder.reader import Recording  # noqa: PLC0415
+    from mecazen_tools.cli.options import console  # noqa: PLC0415
+
+    from mecazen_experiments.gait import export as exporting  # noqa: PLC0415
+    from mecazen_experiments.gait.recorded import read_walk  # noqa: PLC0415
+    from mecazen_experiments.gait.report import report  # noqa: PLC0415
+
+    walk = read_walk(Recording(file), run, robot)
+    console(100).print(*report(walk, file.name), sep="\n")
+    if export is not None:
+        about = {
+            "recording": file.name,
+            "run": walk.run,
+            "seed": walk.seed,
+            "view": walk.view,
+            "bearing_deg": walk.bearing_deg,
+            "distance_m": walk.distance_m,
+            "seen_percent": walk.seen_percent,
+        }
+        for written in exporting.export(export, walk.stages, about):
+            typer.echo(written)
