@@ -218,7 +218,7 @@ format: .venv/developer
 bench: .venv/developer
 	@.venv/bin/mecazen bench run $(BENCH)
 
-results: .venv/developer gazebo
+results: .venv/developer $(if $(filter-out bench-peers,$(ONLY)),,gazebo)
 	@.venv/bin/mecazen bench results $(ONLY:%=--only %) $(SCHEDULER:%=--scheduler %)
 
 results-check: .venv/developer

@@ -152,7 +152,7 @@ def run(
 
 def _run(root: Path, name: str, stage: Stage, inputs: str, options: Mapping[str, str]) -> None:
     try:
-        words = shlex.split(Template(stage.command).substitute(os.environ))
+        words = [Template(word).substitute(os.environ) for word in shlex.split(stage.command)]
     except KeyError as missing:
         raise ResultsError(f"{name}: needs {missing.args[0]} in the environment") from None
     if words[0] == "experiment":
@@ -176,14 +176,14 @@ def _run(root: Path, name: str, stage: Stage, inputs: str, options: Mapping[str,
         "machine": measured.pop("context", None) or f"{machine()}.",
         "command": stage.command,
         "inputs": inputs,
-        "seeds": seeds_of(measured),
+        "seeds": _seeds(measured),
         "figures": {figure: _sha256(root / figure) for figure in stage.figures},
     }
     content = msgspec.json.format(msgspec.json.encode(header | measured))
     files.write(root / "results" / f"{name}.json", content + b"\n")
 
 
-def seeds_of(measured: Mapping[str, Any]) -> list[int]:
+def _seeds(measured: Mapping[str, Any]) -> list[int]:
     """Return the seeds of an experiment's runs, which are taken out of its rows."""
     runs = [run for row in measured.get("rows", ()) for run in row.pop("runs", ())]
     return sorted({run["record"]["key"]["seed"] for run in runs})

@@ -2,6 +2,8 @@
 
 import json
 from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from mecazen_bench import results
@@ -143,13 +145,37 @@ def test_a_stage_whose_command_needs_a_variable_is_named_and_others_go_on(root, 
     assert said[-1] == "walk: needs NOWHERE in the environment"
 
 
-def test_runs_leave_a_result_file_and_their_seeds_stay():
+def test_a_stage_leaves_its_result_without_single_runs_and_its_figures(root, monkeypatch):
     def run(seed):
         return {"record": {"key": {"seed": seed}}}
 
-    measured = {"rows": [{"name": "a", "runs": [run(2), run(1)]}, {"name": "b", "runs": [run(2)]}]}
-    assert results.seeds_of(measured) == [1, 2]
-    assert measured == {"rows": [{"name": "a"}, {"name": "b"}]}
+    rows = [{"name": "a", "runs": [run(2), run(1)]}, {"name": "b", "runs": [run(2)]}]
+
+    def call(command, **_):
+        if command[0] != "git":
+            calls.append(command)
+            json_file, folder = (command[command.index(o) + 1] for o in ("--json", "--figures"))
+            Path(json_file).write_text(json.dumps({"rows": rows, "tables": []}))
+            Path(folder, "figure.png").write_bytes(b"new")
+        return SimpleNamespace(returncode=0, stdout="abc" if "rev-parse" in command else "")
+
+    calls = []
+    monkeypatch.setattr(results.subprocess, "run", call)
+    edit(root / "results" / "stages.toml", "run walk", "run walk --walks $WALKS")
+    with (root / "results" / "stages.toml").open("a") as file:
+        file.write('figures = ["docs/figure.png"]')
+    edit(root / "docs" / "walk.md", "<!-- results: walk -->", "<!-- results: walk Walk -->")
+    monkeypatch.setenv("WALKS", "some folder")
+    with pytest.raises(ResultsError, match="walk: no table 'Walk'"):
+        results.run(root, (), {"--scheduler": "tcp://host"}, print)
+    assert calls[0][3:8] == ["experiment", "run", "walk", "--walks", "some folder"]
+    assert calls[0][8:10] == ["--scheduler", "tcp://host"]
+    found = json.loads((root / "results" / "walk.json").read_text())
+    assert found["rows"] == [{"name": "a"}, {"name": "b"}]
+    assert (found["commit"], found["seeds"]) == ("abc", [1, 2])
+    assert found["command"] == "experiment run walk --walks $WALKS"
+    assert (root / "docs" / "figure.png").read_bytes() == b"new"
+    assert list(stale(root)) == []
 
 
 def test_every_table_of_our_documents_is_what_its_origin_says():
