@@ -1,7 +1,8 @@
 """Messages in ROS 2's CDR (XCDR1): a header of four bytes, then fields aligned to their size.
 
-rosbags decodes. It takes too long to encode the messages of every tick (docs/performance-tables.md), so
-`encode` packs a whole message by `struct`, whose native alignment is CDR's.
+rosbags decodes. It takes too long to encode the messages of every tick, as
+docs/performance-tables.md shows, so `encode` packs a whole message by `struct`, whose native
+alignment is CDR's.
 """
 
 from __future__ import annotations
