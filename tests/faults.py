@@ -197,10 +197,12 @@ def strike(up: Up, names: tuple[str, ...]) -> Strike:
     watch.begin_anew()
     before = watch.stamp
     pids = {name: up.pid(name) for name in names}
+    returns = {name: up.bus.presence.returns[name] for name in services}
     begin = time.monotonic()
     for pid in pids.values():
         os.kill(pid, signal.SIGKILL)
-    up.wait(lambda: not any(name in up.bus.presence.names for name in services))
+    # the first of two may be back before the second is gone
+    up.wait(lambda: all(up.bus.presence.returns[n] > count for n, count in returns.items()))
     up.wait(lambda: up.ready(services) and all(up.pid(n) not in (None, pids[n]) for n in names))
     back_s = time.monotonic() - begin
     back = watch.stamp
