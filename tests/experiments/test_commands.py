@@ -93,6 +93,9 @@ def test_one_process_and_two_give_the_same_rows(folder):
     assert len({sha256 for _, _, _, sha256, _ in folder.runs("1.json")}) == 4
     assert len(outputs) == 1
     report = msgspec.json.decode((folder.path / "1.json").read_bytes())
+    (table,) = report["tables"]
+    assert table["head"][:2] == ["case", "runs"]
+    assert table["rows"][0][0] == report["rows"][0]["name"]
     d_err_m = report["rows"][0]["means"]["d_err_m"]
     assert d_err_m["low"] <= d_err_m["mean"] <= d_err_m["high"]
     assert d_err_m["n"] == 4
