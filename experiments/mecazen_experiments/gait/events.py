@@ -10,11 +10,15 @@ import numpy.typing as npt
 from mecazen.skeleton import INDEX, SIDES
 from scipy.signal import find_peaks
 
-from mecazen_experiments.gait.path import HEELS, WalkOnPath, stride_frequency
+from mecazen_experiments.gait.path import HEELS, WalkOnPath, lowpass, stride_frequency
 from mecazen_experiments.table import Floats
 
 PROMINENCE = 0.3
 """Prominence of an event's extremum, in standard deviations of its signal."""
+STEADY_STRIDES = 2.5
+"""Cut-off of the joints in which events are found, in stride frequencies."""
+DOUBT = 0.25
+"""Strides that differ by a larger share from the median of their side are doubtful."""
 CONTACT_M = 0.001
 """Height of a true foot's lowest point below which it stands on the floor."""
 BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
@@ -71,12 +75,24 @@ def zeni(t: Floats, walk: WalkOnPath) -> Events:
     during treadmill and overground walking using kinematic data, Gait & Posture 27, 2008: a heel
     strikes when it is farthest ahead of the pelvis, and the toes leave the floor when they are
     farthest behind it. Extrema are refined by a parabola through three samples.
+
+    Noise moves an extremum. So it is found in joints that are low-passed far below those of a gait,
+    and then moved by the mean time from it to the extremum of the joints themselves.
     """
     rate_hz = 1.0 / float(np.mean(np.diff(t)))
-    least = 0.6 * rate_hz / stride_frequency(walk, rate_hz)
-    pelvis = walk.joints[:, 0, 0]
-    left, right = (_peaks(t, walk.joints[:, heel, 0] - pelvis, least) for heel in HEELS)
-    left_off, right_off = (_peaks(t, pelvis - walk.joints[:, ball, 0], least) for ball in BALLS)
+    frequency = stride_frequency(walk, rate_hz)
+
+    def farthest(joint: int, sign: float) -> Floats:
+        ahead = sign * (walk.joints[:, joint, 0] - walk.joints[:, 0, 0])
+        exact, steady = (
+            _peaks(t, values, 0.6 * rate_hz / frequency)
+            for values in (ahead, lowpass(ahead, rate_hz, STEADY_STRIDES * frequency))
+        )
+        apart = _differences(exact, steady)
+        return steady + (apart.mean() if len(apart) else 0.0)
+
+    left, right = (farthest(heel, 1.0) for heel in HEELS)
+    left_off, right_off = (farthest(ball, -1.0) for ball in BALLS)
     return Events((left, right), (left_off, right_off))
 
 
@@ -97,11 +113,14 @@ def planted(t: Floats, joints: Floats) -> Events:
 
 
 def cycles(events: Events) -> list[Cycle]:
-    """Return all strides with all of their events, those of the left foot first."""
+    """Return all strides with all of their events and none in doubt, the left foot's first."""
     found = []
     for side, other in ((0, 1), (1, 0)):
+        usual = np.median(np.diff(events.strikes[side])) if len(events.strikes[side]) > 1 else 0.0
         for strike, end in pairwise(events.strikes[side].tolist()):
             time = end - strike
+            if abs(time - usual) > DOUBT * usual:
+                continue
             opposite_off = _only(events.offs[other], strike - 0.2 * time, strike + 0.45 * time)
             opposite_strike = _only(events.strikes[other], strike, end)
             off = _only(events.offs[side], strike + 0.4 * time, end + 0.05 * time)
@@ -113,6 +132,8 @@ def cycles(events: Events) -> list[Cycle]:
 def _differences(times: Floats, others: Floats) -> Floats:
     """Return each time less the nearest other one, where it is less than 0.2 s."""
     apart = times[:, None] - others
+    if not len(others):
+        return np.empty(0)
     nearest: Floats = apart[np.arange(len(times)), abs(apart).argmin(axis=1)]
     return nearest[abs(nearest) < 0.2]
 
