@@ -355,9 +355,6 @@ class ZenohBus(Bus):
             logger.warning("msg=%r", f"the session did not close: {reason_of(error)}")
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
-        # a token comes after the subscriptions of its holder
-        for publisher in tuple(self._publishers.values()):
-            publisher.look_for_subscribers()
         alive = sample.kind == zenoh.SampleKind.PUT
         self._queue.put(partial(self.presence.update, name_of(sample), alive=alive))
 
@@ -380,19 +377,11 @@ class _ZenohPublisher(Publisher[MessageT]):
         self._format: Format = form
         self._listeners = listeners
         self._ready = ready
-        self._is_heard = True  # at first Zenoh does not know whom the router connects
-        publisher.declare_matching_listener(direct(lambda _: self.look_for_subscribers()))
-
-    def look_for_subscribers(self) -> None:
-        """Note whether any process subscribes; asking at each message would take too long."""
-        status = self._publisher.matching_status
-        self._is_heard = status.matching  # type: ignore[attr-defined]  # it is an object
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
-        if self._is_heard:
-            attachment = None if stamp is None else stamp.pack()
-            payload = encode(message, self._format)
-            self._publisher.put(payload, attachment=attachment, source_info=self._source)
+        attachment = None if stamp is None else stamp.pack()
+        payload = encode(message, self._format)
+        self._publisher.put(payload, attachment=attachment, source_info=self._source)
         if self._listeners:
             self._ready.put(partial(deliver, self._listeners, message, stamp))
 
