@@ -9,7 +9,7 @@ from contextlib import closing
 import pytest
 import zenoh
 from harness import error_of, wait
-from mecazen import keys, wire
+from mecazen import keys
 from mecazen.bus import StoppedError, base
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
@@ -74,28 +74,6 @@ def test_a_sample_is_decoded_once_for_all_subscribers_of_its_key(zenoh_pair, mon
     zenoh_pair.settle()
     assert decoded == ["clock", "test/end"]
     assert len(heard) == 3
-
-
-def test_only_what_some_process_subscribes_to_is_encoded(zenoh_pair, monkeypatch):
-    near, far, encoded, heard = zenoh_pair.near, zenoh_pair.far, [], []
-
-    def encode(message, form):
-        encoded.append(message)
-        return wire.encode(message, form)
-
-    monkeypatch.setattr("mecazen.bus.zenoh_bus.encode", encode)
-    clocks = far.publisher(keys.CLOCK)
-    zenoh_pair.link()
-    for _ in range(3):
-        clocks.put(Clock(), STAMP)
-    assert not encoded
-    near.subscribe(keys.CLOCK, lambda clock, _: heard.append(clock))  # without a token
-
-    def is_heard():
-        clocks.put(Clock(), STAMP)
-        return bool(heard)
-
-    wait(near, is_heard)
 
 
 def test_a_subscription_of_bytes_hears_what_the_own_process_puts(open_bus):
