@@ -4,6 +4,7 @@ import resource
 import signal
 import subprocess
 import time
+import tomllib
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 import typer
-from harness import command, error_of
+from harness import ROOT, command, error_of
 from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
@@ -44,6 +45,15 @@ def test_what_is_wrong_with_a_command_line_is_one_line(argument, told, capsys, m
         app.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err.partition("; `")[0].rstrip() == (told and f"error: {told}")
+
+
+def test_each_command_of_an_optional_project_names_that_project():
+    commands = {}
+    for folder in ("experiments", "bench", "gym"):
+        project = tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]
+        entries = project.get("entry-points", {}).get("mecazen.commands", {})
+        commands |= dict.fromkeys(entries, project["name"])
+    assert commands == app.ELSEWHERE
 
 
 def test_a_run_without_a_person_has_no_measures():

@@ -360,10 +360,7 @@ class ZenohBus(Bus):
 
 
 class _ZenohPublisher(Publisher[MessageT]):
-    """Publishes to other processes, and through the queue to observers in this process.
-
-    A message that no process subscribes to is not encoded.
-    """
+    """Publishes to other processes, and through the queue to observers in this process."""
 
     def __init__(
         self,

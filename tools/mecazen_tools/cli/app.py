@@ -30,7 +30,10 @@ from mecazen_tools.simulate import Result, collect, simulate, simulate_distribut
 from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
-ELSEWHERE = {"experiment": "mecazen-experiments", "bench": "mecazen-bench"}
+ELSEWHERE = {
+    **dict.fromkeys(("experiment", "identify", "gait"), "mecazen-experiments"),
+    "bench": "mecazen-bench",
+}
 """Optional projects that provide a command."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a full disk."""
