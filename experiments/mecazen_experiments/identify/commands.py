@@ -9,7 +9,7 @@ from typing import get_args
 import msgspec
 import typer
 from mecazen.config import ControllerConfig
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import ConfigError
 from mecazen.loading import given_file, load_table
 from mecazen.robot import Robot
 from mecazen_tools import files
@@ -35,7 +35,7 @@ def identify(
     """Identify; print the main results, and write the report."""
     base = load_table(given_file(robot, "robot"), Robot)
     runs, logs = read(sources, format_, columns)
-    make_folder(out)
+    files.make_folder(out, "--out")
     found = identified(base, runs, logs)
     best = best_geometry(found)
     changed = identified_robot(base, best.parameters, found.roller_count, runs[0])
@@ -62,7 +62,7 @@ def validate(file: str, folder: Path, out: Path) -> None:
     """Validate; print the tables, and write them with figures and the identified robot."""
     config, robot = validation.load(experiment_path(file))
     runs, _ = read([folder], "optiodom")
-    make_folder(out)
+    files.make_folder(out, "--out")
     found, changed = validation.validate(config, robot, runs)
     from mecazen_experiments.identify import figures  # noqa: PLC0415  # slow to import
 
@@ -102,15 +102,3 @@ def read(
     if len(names) != len(columns):
         raise ConfigError("--columns must be NAME=COLUMN, e.g. time_s=t")
     return readers.csv_files(sources, names), []
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder of the results.
-
-    Raises:
-        MecazenError: It can't be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MecazenError(f"--out {folder}: {error.strerror}") from None

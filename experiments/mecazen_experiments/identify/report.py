@@ -14,7 +14,7 @@ from mecazen_tools import files
 from mecazen_experiments.identify.fit import Estimate
 from mecazen_experiments.identify.identification import Identification, ModelResult
 from mecazen_experiments.identify.models import FRAME, rollers_gain
-from mecazen_experiments.identify.validate import Range, Validation
+from mecazen_experiments.identify.validate import Statistic, Validation
 
 
 def write_validation(
@@ -171,5 +171,5 @@ def validation_lines(found: Validation) -> Iterator[str]:
         )
 
 
-def _range(one: Range) -> str:
+def _range(one: Statistic) -> str:
     return f"{1e3 * one.value:.1f} ({1e3 * one.low:.1f} to {1e3 * one.high:.1f})"

@@ -62,7 +62,7 @@ class ValidateConfig(Section):
 
 
 @dataclass(frozen=True)
-class Range:
+class Statistic:
     """A statistic with its 95 % interval over resampled sessions."""
 
     value: float
@@ -79,10 +79,10 @@ class Drift:
     horizon_s: float
     sessions: int
     spans: int
-    position_median_m: Range
-    position_p95_m: Range
-    yaw_median_rad: Range
-    yaw_p95_rad: Range
+    position_median_m: Statistic
+    position_p95_m: Statistic
+    yaw_median_rad: Statistic
+    yaw_p95_rad: Statistic
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Difference:
     other: str
     kind: str
     sessions: int
-    position_m: Range
+    position_m: Statistic
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ def _lead(values: Array) -> float:
     return float(np.median(values[:, 0]) - np.median(values[:, 1]))
 
 
-def _resampled(statistic: Callable[[Array], float], values: Sequence[Array]) -> Range:
+def _resampled(statistic: Callable[[Array], float], values: Sequence[Array]) -> Statistic:
     """Return a statistic of all sessions' values, with its interval over resampled sessions."""
     random = np.random.default_rng(SEED)
     drawn = [
@@ -281,4 +281,4 @@ def _resampled(statistic: Callable[[Array], float], values: Sequence[Array]) -> 
         for _ in range(DRAWS)
     ]
     low, high = np.percentile(drawn, [2.5, 97.5])
-    return Range(statistic(np.concatenate(values)), float(low), float(high))
+    return Statistic(statistic(np.concatenate(values)), float(low), float(high))
