@@ -1,6 +1,7 @@
 """The emulator in real time: gaps between frames, faults, and samples for the robot's bus."""
 
 import struct
+from types import SimpleNamespace
 
 import serial
 from hardware.stand import NO_FAULTS, Hearing, Stand, emulated, until
@@ -15,13 +16,16 @@ MOTION = struct.pack("<4B", 0xFF, 0xFC, 10, 0x12) + struct.pack("<B3h", 1, 300, 
 FRAME = MOTION + bytes((sum(MOTION[2:]) % 256,))
 
 
-def test_of_two_frames_in_one_write_the_second_destroys_the_first():
+def test_of_two_frames_in_one_write_the_second_destroys_the_first(monkeypatch):
+    # between both looks no time passes, so the frames can't have had a gap
+    standing = SimpleNamespace(monotonic=lambda: 1.0)
+    monkeypatch.setattr("mecazen_hardware.emulator.emulator.time", standing)
     line = Line()
     emulator = Emulator(line, Stand(), Hearing(), NO_FAULTS)
     with serial.Serial(line.name, 115200) as port:
         emulator._look()
         port.write(FRAME * 2)
-        emulator._look()  # at once, so they can't have had a gap
+        emulator._look()
         for _ in range(100):
             emulator._millisecond()
     line.close()

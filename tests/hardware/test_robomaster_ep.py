@@ -4,6 +4,7 @@ import math
 import socket
 import threading
 import time
+from contextlib import suppress
 
 import pytest
 from hardware.stand import until
@@ -82,7 +83,8 @@ class Robot40923(threading.Thread):
             *commands, rest = (rest + data).split(b";")
             for command in commands:
                 self.heard.append(command)
-                link.sendall(self.answer(command.decode().split()) + b";")
+                with suppress(OSError):  # the driver may have gone by now
+                    link.sendall(self.answer(command.decode().split()) + b";")
         link.close()
         self.server.close()
 
