@@ -18,7 +18,7 @@ settings.register_profile(
 )
 settings.load_profile("mecazen")
 
-# What a shell starts in the background ignores Ctrl-C, and hands that on: processes that the
+# A process that a shell starts in the background ignores Ctrl-C, and hands that on: those that the
 # tests start and interrupt would never end.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

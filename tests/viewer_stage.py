@@ -1,4 +1,4 @@
-"""A simulation for the viewer's tests: a bus on which somebody says what services say."""
+"""A simulation for the viewer's tests: a bus with the samples of services."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ URDF = """<robot name="toy">
 
 
 def values(entities: Mapping[str, Components], path: str, component: str) -> np.ndarray:
-    """What is logged for a component of a path, such as `Transform3D:translation`."""
+    """Return the logged values of a component of a path, such as `Transform3D:translation`."""
     logged = {str(batch.component_descriptor()): batch for batch in entities[path]}
     return np.array(logged[component].as_arrow_array().to_pylist())
 
@@ -45,7 +45,7 @@ def paths_of(viewer: Any, recording: Any) -> set[str]:
 class Stage:
     """Publishes ticks of robots that drive in circles, each after a person.
 
-    What is shown of each run is taken into memory, unless the viewer sends it elsewhere.
+    The picture of each run is kept in memory, unless the viewer sends it elsewhere.
     """
 
     def __init__(self, *, described: bool = True, robots: Sequence[str] = ()) -> None:

@@ -71,7 +71,7 @@ LEAST_STD_M = 1e-4
 STRIDE_STD_M = 0.005
 """A priori deviation of a joint from its cycle."""
 BONE_STD_M = 0.1
-"""What a bone's length seems to change by: more than it does, as errors of a cycle's phases are
+"""Apparent change of a bone's length [m]: more than the true one, as errors of a cycle's phases are
 not independent."""
 PLACE_STD_M = 0.01
 """How far what lies between two joints may be from their middle."""

@@ -1,4 +1,4 @@
-"""What both buses do alike; `test_local` and `test_zenoh_bus` hold what only one does."""
+"""Behaviour that both buses share; `test_local` and `test_zenoh_bus` test that of one."""
 
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -29,7 +29,7 @@ def clock(monkeypatch):
 
 @pytest.fixture
 def received(pair):
-    """What arrives on cmd_vel, from a linked far bus."""
+    """Samples that arrive on cmd_vel, from a linked far bus."""
     samples = []
     pair.near.subscribe(keys.CMD_VEL, lambda message, stamp: samples.append((message, stamp)))
     pair.link()

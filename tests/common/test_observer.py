@@ -11,7 +11,7 @@ TICK_NS = 10_000_000
 
 
 class Toy(Observer):
-    """Writes down what it is told, and by which seed it began."""
+    """Keeps its samples, and the seed with which it began."""
 
     def __init__(self, bus, scenario):
         super().__init__("toy", bus, scenario)

@@ -1,4 +1,4 @@
-"""Contents of a URDF: what is none is refused with what is wrong."""
+"""Contents of a URDF; an invalid one is refused with the reason."""
 
 from itertools import pairwise
 

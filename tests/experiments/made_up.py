@@ -62,7 +62,7 @@ def covariances(matrix):
 
 
 def record(key, d_err_m, theta_err_deg=None):
-    """What is kept of a run with these errors."""
+    """Return the record of a run with these errors."""
     scores = Scores(Score(d_err_m=d_err_m, theta_err_deg=theta_err_deg), Score())
     return Record(key, "", scores, 1.0, 100.0)
 
@@ -84,14 +84,14 @@ def row(name, *d_err_m, **case):
 
 
 def shown(*tables):
-    """What a terminal shows of tables."""
+    """Return the text of tables in a terminal."""
     console = Console(file=io.StringIO(), width=160)
     console.print(*tables)
     return console.file.getvalue()
 
 
 ERRORS = {"without": (0.25, 0.35), "with": (0.10, 0.15), "best": (0.04, 0.02)}
-"""Of the seeds 1 and 2, which the second view has in the other order."""
+"""Records of the seeds 1 and 2, which the second view has in the other order."""
 
 
 def six_rows():

@@ -1,4 +1,4 @@
-"""A robot's kinematics come out of recordings, and what is wrong with a file is said in a line."""
+"""A robot's kinematics come out of recordings, and an invalid file is one line."""
 
 from __future__ import annotations
 

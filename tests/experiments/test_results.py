@@ -21,7 +21,7 @@ MEANS = {
     "back best": ((0.0106, 0.0003), (1.73, 0.09)),
     "side best": ((0.0086, 0.0003), (1.76, 0.10)),
 }
-"""Of D_err [m] and Θ_err [°]: the mean, and half of its 95 % interval."""
+"""Mean and half of its 95 % interval, of D_err [m] and Θ_err [°]."""
 SEEDS = (1,)
 
 

@@ -5,7 +5,7 @@ from mecazen_guard.tracks import FORGET_S, GATE_M, LOOKED_S, Tracks
 
 
 def walk(tracks, scans, *, speed=0.8, is_leg=True, begin=0):
-    """Show somebody who walks along x, 10 times a second; return their last track."""
+    """Show a person who walks along x, 10 times a second; return their last track."""
     for k in range(begin, begin + scans):
         (track,) = tracks.update(0.1 * k, [((speed * 0.1 * k, 2.0), is_leg)])
     return track

@@ -17,7 +17,7 @@ from mecazen_hardware.emulator.world import TICK_MS, motor_torque
 
 ROBOT = load_table(ROBOTS / "rosmaster_x3.toml", Robot)
 INERTIA = 8e-4
-"""Of a wheel with its share of the robot [kg·m²]."""
+"""Inertia of a wheel with its share of the robot [kg·m²]."""
 NO_FAULTS = Requested({}, {})
 MOTION, RESET = 0x12, 0x0F
 

@@ -1,4 +1,4 @@
-"""The link to a board: what it is told at the start, in mid-run, and at each kind of end."""
+"""The link to a board: its frames at the start, in mid-run, and at each kind of end."""
 
 import os
 import pty

@@ -94,7 +94,7 @@ def test_circle_closes():
     path = make_path(Circle(radius_m=2.0, speed_m_s=0.2))
     assert math.isinf(path.duration)
     assert path.at(10.0 * math.pi).pose == pytest.approx((0.0, 4.0, math.pi), abs=1e-12)
-    # After 1000 rounds the heading is what is left of 6283 rad: about 1e-12 of it is lost.
+    # After 1000 rounds the heading is the remainder of 6283 rad, which loses about 1e-12 of it.
     assert path.at(20_000.0 * math.pi).pose == pytest.approx((0.0, 0.0, 0.0), abs=1e-10)
 
 

@@ -185,7 +185,7 @@ def test_phases_begin_at_heel_strike(walker):
 def test_same_motion_gives_the_same_bits():
     legs = ((2, 1.3, 0, 0.4), (2, -0.3, 0.3, 0), (2, 0, 0, 0))
     first, second = Walker(Body()), Walker(Body())
-    drive(second, (1, 0.5, 0.1, 0))  # what was before a reset is forgotten
+    drive(second, (1, 0.5, 0.1, 0))  # a reset forgets this
     bits = [b"".join(p.joints.tobytes() for p in drive(w, *legs)) for w in (first, second)]
     assert bits[0] == bits[1]
 

@@ -34,7 +34,7 @@ def test_a_robot_whose_load_tips_it_over_is_not_held_down(nexus):
         leans.append([rig.advance([0.0] * 4, steps).tilt for _ in range(25)])
     fine, coarse = leans
     assert fine[-1] > math.radians(5.0)
-    # A wheel that rises slowly is held for some 0.01 s; 0.01 s of what it has at the end is 0.008.
+    # A wheel that rises slowly is held for some 0.01 s; 0.01 s of its speed at the end are 0.008.
     assert coarse[-1] == pytest.approx(fine[-1], abs=0.012)
 
 

@@ -25,11 +25,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 NAME = "__typename"
 STORE = get_typestore(Stores.ROS2_JAZZY)
 MSGTYPE = "__msgtype__"
-"""Of rosbags: no field."""
+"""Key of rosbags that is no field."""
 GUARD_S = 20.0
 """Far beyond what anything takes to come."""
 PLACEHOLDER = {"structure_needs_at_least_one_member": "uint8"}
-"""What a message without fields has in IDL."""
+"""The field in IDL of a message without fields."""
 
 heard = {}
 subscribers = {}
@@ -142,7 +142,7 @@ def value(kind, given):
 
 
 def read(name, payloads):
-    """What cyclonedds reads; each payload is what it writes of that again, to the byte."""
+    """Return the messages that cyclonedds reads, once it writes the same payloads from them."""
     found = []
     for payload in payloads:
         message = idl(name).deserialize(bytes.fromhex(payload))
@@ -189,7 +189,7 @@ def publisher(topic, kind):
 
 
 def publish(topic, kind, fields):
-    """Publish a message; what is left out of a nested one is zero."""
+    """Publish a message; fields that are left out of a nested one are zero."""
     publisher(topic, kind)
     publisher(topic, kind).publish(**of_sdk(kind, fields))
 

@@ -79,7 +79,7 @@ def ros(router, write_scenario):
 
 def tokens(session, name, some):
     """Wait until the graph of a namespace, as ROS hears of it, has what is asked of it."""
-    found = {}  # by whole keys: one that is declared meanwhile is told twice
+    found = {}  # by whole keys: a token that is declared meanwhile comes twice
     end = zenoh.handlers.FifoChannel(1000)
     subscriber = session.liveliness().declare_subscriber("@ros2_lv/**", end, history=True)
     while not some(found):

@@ -1,4 +1,4 @@
-"""A run that ROS drives is recorded once, and computed anew to the bit."""
+"""A run that ROS drives is recorded once, and computed again to the bit."""
 
 import json
 import math
@@ -24,7 +24,7 @@ TICKS = 50
 
 @pytest.fixture(scope="module")
 def recorded(up, ros_side, raw_node, tmp_path_factory):
-    """A recording of a run that stands while a command comes, and goes on by ROS's services."""
+    """A recording of a run that is paused while a command comes, and resumed by ROS's services."""
     path = tmp_path_factory.mktemp("recorded") / "run.mcap"
     services = [one for one in load_scenario(TELEOP).services if one not in OBSERVERS]
     running = up(
@@ -43,7 +43,7 @@ def recorded(up, ros_side, raw_node, tmp_path_factory):
         return [one.message(keys.CMD_VEL.type).linear.x for one in found]
 
     def publish(speed: float) -> None:
-        """The first are lost that nobody is known to subscribe to, and some where many come."""
+        """Publish a speed until it is recorded: the first samples, or some of many, may be lost."""
         published_s = -math.inf
 
         def is_recorded() -> bool:

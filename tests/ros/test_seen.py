@@ -42,7 +42,7 @@ class Seen:
         self.heard: list[Heard] = node.hear("0/**")
         self.tokens = node.tokens()
         self.entities = [grammar.token(token) for token in self.tokens]
-        # what is latched comes only to those who ask for it, and parameters when they change
+        # latched samples come only to subscribers that ask for them, parameters when they change
         given = {one.data.name for one in self.of("MP") if not one.latched}
         given = {name for name in given if not name.endswith("/sim/parameters")}
         self.missing = set(given)
@@ -157,7 +157,7 @@ def of_plain(message: Any) -> Any:
             math.nan if r == 0.0 else math.inf if r > most else r for r in fields["ranges"]
         ]
     for part in ("pose", "twist"):
-        if "covariance" in fields.get(part, {}):  # what is exact is nearly so in ROS
+        if "covariance" in fields.get(part, {}):  # exact values have a small variance in ROS
             fields[part]["covariance"] = [
                 1e-9 if value == 0.0 and index % 7 == 0 else value
                 for index, value in enumerate(fields[part]["covariance"])

@@ -17,7 +17,7 @@ WINDOW_S = 1.0
 SETTLED_S = 1.0
 """After it queues and caches are full."""
 GROWTH_BYTES = 32_000_000
-"""Of any one process: the limit of what waits on all its keys."""
+"""Limit of the growth of a process, whose samples wait on all its keys."""
 RATE_HZ = 10_000
 EVERY_KEY = (
     *(topic.key for topic in keys.TOPICS if "*" not in topic.key),

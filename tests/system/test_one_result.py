@@ -74,7 +74,7 @@ def test_services_that_share_processes_in_groups_give_the_same_trajectory(groups
 
 BLIND = "sensor.also=[]"
 COLLECTED = ("sim.mode=lockstep", "services=['physics','controller','target','collector']", BLIND)
-"""Of the scenario `teleop`, without its lidar and its guard."""
+"""Settings for the scenario `teleop`, without its lidar and its guard."""
 
 
 def test_a_run_of_services_that_others_started_is_collected_with_the_same_result(stack):

@@ -1,4 +1,4 @@
-"""What the sensor sees, when, and how its noise is drawn."""
+"""The sensor's observations: their content, time and noise."""
 
 import math
 import statistics

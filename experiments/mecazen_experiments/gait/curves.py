@@ -21,7 +21,7 @@ from mecazen_experiments.gait.stages import Stage
 from mecazen_experiments.table import Floats
 
 PERCENT = np.arange(101.0)
-"""Of the gait cycle; a curve has a value at each."""
+"""Points of the gait cycle [%]; a curve has a value at each."""
 JOINTS = ("hip", "knee", "ankle")
 NORM_FILE = Path(__file__).with_name("fukuchi.toml")
 NORM_NOTICE = (

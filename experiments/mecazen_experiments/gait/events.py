@@ -20,7 +20,7 @@ STEADY_STRIDES = 2.5
 DOUBT = 0.25
 """Strides that differ by a larger share from the median of their side are doubtful."""
 CONTACT_M = 0.001
-"""Height of a true foot's lowest point below which it stands on the floor."""
+"""Height of a true foot's lowest point below which the foot touches the floor [m]."""
 BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
 
 

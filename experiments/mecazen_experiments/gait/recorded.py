@@ -23,7 +23,7 @@ from mecazen_experiments.table import Poses
 WALKS_M_S = 0.25
 """Speed along the path above which a person walks."""
 BEGIN_S, END_S = 1.5, 0.5
-"""What is left out of a walk, since the person speeds up or slows down."""
+"""Times left out at the begin and end of a walk, while the speed changes [s]."""
 VIEWS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
 
 

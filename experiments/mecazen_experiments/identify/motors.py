@@ -39,7 +39,7 @@ NAMES = (
 
 @dataclass(frozen=True)
 class MotorLog:
-    """What a run records of its motors, at equal intervals."""
+    """The signals of a run's motors, at equal intervals."""
 
     period_s: float
     commands: Array

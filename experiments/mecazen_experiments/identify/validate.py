@@ -110,7 +110,7 @@ class Validation:
     sessions: tuple[SessionResult, ...]
     """Lateral gain of all sessions."""
     duration_s: float
-    """Of the held-out runs."""
+    """Duration of the held-out runs [s]."""
 
 
 def split(runs: Sequence[Run], config: ValidateConfig) -> tuple[list[Run], list[Run]]:

@@ -33,7 +33,7 @@ _FLAT = (0.3, 0.5)  # part of the stance in which the foot is taken as flat
 def read_recording(file: Path, segments: Segments) -> Reference:
     """Read a recorded walk on level ground, straight on or on a treadmill.
 
-    Of it are taken the sagittal angles, the stance shares, the phase between the legs, and the
+    The result has the sagittal angles, the stance shares, the phase between the legs, and the
     stride. Heel strike is where the heel is furthest ahead of the hip, toe-off shortly before the
     ball of the foot is furthest behind (after J. A. Zeni et al., Gait & Posture 27, 2008). The
     speed is that of the standing foot from the hips, with the `segments` of the person here.

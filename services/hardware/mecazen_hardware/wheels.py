@@ -18,7 +18,7 @@ from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
 FASTER = 1.5
 """Share of the wheels' highest speed beyond which a change of angle is no motion."""
 BELIEVED_AFTER = 2
-"""Number of reports in a row after which a wheel goes on from the angle to which it has jumped."""
+"""Number of reports in a row after which a wheel continues from the angle to which it jumped."""
 MOST_CYCLES = 100
 """Number of cycles beyond which an interval is not believed."""
 AHEAD_CYCLES = 2.0

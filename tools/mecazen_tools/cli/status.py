@@ -83,7 +83,7 @@ class Status(msgspec.Struct, frozen=True):
     """None if no simulation runs."""
     services: dict[str, ServiceStatus]
     warnings: tuple[str, ...] = ()
-    """What a service warns of; samples without effect: an unknown field, or a key that resembles
+    """Warnings of services, and samples without effect: an unknown field, or a key that resembles
     another one."""
 
 
