@@ -1,0 +1,52 @@
+"""What a planner of Follow-Bench receives in each step, and the interface that it implements."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, Protocol
+
+from mecazen.geometry import Pose2D
+from mecazen.portable import Floats
+
+Place = Literal["back", "left_side"]
+"""Where the robot shall be: behind the target, or beside it, left or right."""
+
+
+class Seen(NamedTuple):
+    """Position [m] and velocity [m/s] of a person that the robot sees, in the world."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+
+
+class View(NamedTuple):
+    """The input of a planner in one step."""
+
+    time_s: float
+    robot: Pose2D
+    """Pose of the rear axle in the world."""
+    v: float
+    """Current speed [m/s]."""
+    w: float
+    """Current yaw rate [rad/s]."""
+    target: Seen | None
+    """None while the target is out of sight."""
+    people: tuple[Seen, ...]
+    """The visible people besides the target."""
+    ranges: Floats
+    """Distances (200) [m] from the axle, counter-clockwise from the robot's heading on; 5 m
+    where a beam meets nothing."""
+    place: Place
+    distance: float
+    """Distance to keep from the target [m]."""
+
+
+class Planner(Protocol):
+    """A follower: one command per step."""
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode, and seed what is drawn at random."""
+
+    def command(self, view: View) -> tuple[float, float]:
+        """Return speed [m/s] and yaw rate [rad/s] for the next step."""
