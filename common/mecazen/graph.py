@@ -111,7 +111,11 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "target",
         "the walking person, and what the robot's sensor sees of them",
-        inputs=(every(keys.GROUND_TRUTH), latest(keys.TARGET_CMD_VEL)),
+        inputs=(
+            every(keys.GROUND_TRUTH),
+            latest(keys.TARGET_CMD_VEL),
+            due(keys.PEOPLE, needs="goal", before=True),
+        ),
         outputs=(keys.TARGET_ODOM, keys.TARGET_SKELETON, keys.OBSERVATION),
         rates={
             keys.TARGET_SKELETON.key: "sensors.skeleton_rate_hz",

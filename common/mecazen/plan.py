@@ -36,8 +36,8 @@ class Need:
     period: int
     """Number of ticks from one sample to the next."""
     lag: int
-    """Number of ticks between a sample and the step that uses it: 1 for the world, which uses the
-    outputs of the tick before, else 0."""
+    """Number of ticks between a sample and the step that uses it: 1 for the world and for inputs of
+    the tick before, else 0."""
     revises: bool
     """Whether a sample that arrives after the step of its tick repeats that step."""
 
@@ -212,23 +212,32 @@ class _Draft:
             rule,
             giver,
             taken.period,
-            int(self.is_world),
+            int(self.is_world or given.before),
             given.revises,
         )
 
 
 def _ordered(drafts: list[_Draft], givers: Mapping[str, _Draft]) -> list[_Draft]:
-    """Sort drafts so that each follows those that it waits for; else keep the table's order."""
+    """Sort drafts so that each follows those that it waits for; else keep the table's order.
+
+    Who uses a sample of the tick before comes before its giver.
+    """
     awaited = {
         id(draft): []
         if draft.is_world  # it answers to the tick before
         else [
             giver
             for taken in draft.takes
-            if taken.input.rule != "latest" and (giver := givers.get(taken.on_bus.key))
+            if taken.input.rule != "latest"
+            and not taken.input.before
+            and (giver := givers.get(taken.on_bus.key))
         ]
         for draft in drafts
     }
+    for draft in drafts:
+        for taken in draft.takes:
+            if taken.input.before and (giver := givers.get(taken.on_bus.key)):
+                awaited[id(giver)].append(draft)
     ordered: list[_Draft] = []
     left = sorted(drafts, key=lambda draft: not draft.is_world)
     while left:

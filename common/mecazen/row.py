@@ -25,6 +25,8 @@ class Input:
     """Feature of a scenario that the input requires."""
     unless: str = ""
     """Feature of a scenario that removes the input."""
+    before: bool = False
+    """Whether a step uses the sample of the tick before; its giver may then wait for the step."""
 
 
 def every(topic: Topic[Any]) -> Input:
@@ -32,12 +34,19 @@ def every(topic: Topic[Any]) -> Input:
     return Input(topic, "every")
 
 
-def due(topic: Topic[Any], *, revises: bool = False, needs: str = "", unless: str = "") -> Input:
+def due(
+    topic: Topic[Any],
+    *,
+    revises: bool = False,
+    needs: str = "",
+    unless: str = "",
+    before: bool = False,
+) -> Input:
     """Return an input that a step waits for: the newest sample due by its tick, by topic rate.
 
     If no node of the scenario publishes the topic, no step waits for it.
     """
-    return Input(topic, "due", revises, needs, unless)
+    return Input(topic, "due", revises, needs, unless, before)
 
 
 def latest(topic: Topic[Any]) -> Input:

@@ -45,7 +45,7 @@ class Placed:
         return Motion(self._start.compose(pose), twist, distance)
 
 
-def start_pose(path: config.Walk | config.Driven) -> Pose2D:
+def start_pose(path: config.Walk | config.Driven | config.Goal) -> Pose2D:
     """Return the pose in the world at which a path starts."""
     return Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
 

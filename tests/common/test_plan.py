@@ -80,6 +80,16 @@ def test_a_circle_of_awaited_topics_is_refused_and_one_of_latest_topics_is_not(s
         plan_of(scenario, itself)
 
 
+def test_who_uses_the_sample_of_the_tick_before_comes_before_its_giver(scenario):
+    giver = Row("giver", inputs=(every(LOOP),), outputs=(OTHER,))
+    user = Row("user", inputs=(every(keys.CLOCK), due(OTHER, before=True)), outputs=(LOOP,))
+    for rows in ((giver, user), (user, giver)):
+        plan = plan_of(scenario, *rows, sim=LOCKSTEP)
+        assert names(plan)[-2:] == ["user", "giver"]
+        before = needs(plan, "user")["other"]
+        assert (before.lag, before.awaited_at(0, None), before.awaited_at(5, 4)) == (1, None, 4)
+
+
 def test_a_turn_comes_when_all_samples_that_trigger_it_do(scenario):
     slow = {"controller": ControllerConfig(update_rate_hz=25.0)}  # every 4th tick of 10 ms
     plan = plan_of(scenario, Row("never", inputs=(latest(keys.ODOM),)), **slow)

@@ -6,12 +6,12 @@ import pytest
 from harness import Rig, Steps, assert_sendable, load_robot
 from hostile import forged, malformed
 from mecazen import keys
-from mecazen.config import Scenario, SensorConfig, SimConfig, TargetConfig
-from mecazen.config.people import Circle, Driven, Gait, Recorded, Standing, Straight
+from mecazen.config import CrowdConfig, Scenario, SensorConfig, SimConfig, TargetConfig
+from mecazen.config.people import Circle, Driven, Gait, Goal, Recorded, Standing, Straight
 from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import Time, Twist, planar_odometry
+from mecazen.messages import People, Person, Pose, Time, Twist, planar_odometry
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import encode
 from mecazen_target.node import TargetNode
@@ -20,26 +20,30 @@ NEXUS = load_robot()
 ORIGIN = Pose2D()
 STANDING = Standing(x_m=2.0, y_m=1.0, yaw_deg=90.0)
 DRIVEN = Driven(timeout_s=0.05)
+HELBING = CrowdConfig()
 
 
 class Target(Steps):
     """A person on a path; the sensor is exact unless told otherwise."""
 
-    def __init__(self, path, gait=None, tick_s=0.01, seed=1, **sensor):
+    def __init__(self, path, gait=None, tick_s=0.01, seed=1, crowd=HELBING, **sensor):
         scenario = Scenario(
             robot=NEXUS,
             seed=seed,
             sim=SimConfig(tick_s=tick_s),
             sensor=SensorConfig(**{"position_std_m": 0.0, "yaw_std_deg": 0.0, **sensor}),
             target=TargetConfig(path=path, gait=gait),
+            crowd=crowd,
         )
         super().__init__(TargetNode, scenario)
 
-    def tick(self, tick, robot=ORIGIN, command=None):
+    def tick(self, tick, robot=ORIGIN, command=None, people=None):
         """Return the outputs of a tick in which the robot truly is at a pose."""
         samples = {keys.GROUND_TRUTH: planar_odometry(Time(), "world", "x", robot, Twist2D())}
         if command is not None:
             samples[keys.TARGET_CMD_VEL] = Twist.planar(command)
+        if people is not None:
+            samples[keys.PEOPLE] = people
         return self.step(tick, samples)
 
     def person(self, tick, command=None):
@@ -161,6 +165,29 @@ def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
     assert target.person(100, Twist2D(-1.0)).x == pytest.approx(1.0)
     assert target.node.diagnostics() == {"time_s": 1.0, "x_m": 1.0, "y_m": 0.0, "walked_m": 1.0}
     assert target.person(1000).x == pytest.approx(3.0)
+
+
+GOAL = Goal(goal_m=(6.0, 0.0), speed_m_s=1.0)
+
+
+def test_a_person_with_a_goal_gives_way_to_others_and_not_to_the_robot():
+    def walk(*others):
+        target = Target(GOAL)
+        crowd = People(persons=(Person(id="target"), *others))
+        outputs = [target.tick(k, Pose2D(2.0), people=crowd) for k in range(800)]
+        return [pose_of(one[keys.TARGET_ODOM]) for one in outputs]
+
+    alone, past = walk(), walk(Person(id="walker_1", pose=Pose.planar(Pose2D(3.0, 0.3))))
+    assert max(abs(pose.y) for pose in alone) < 0.25  # fluctuations
+    assert min(pose.distance(Pose2D(3.0, 0.3)) for pose in past) > 0.4  # the radii of two bodies
+    assert all(walked[-1].distance(Pose2D(6.0)) < 0.6 for walked in (alone, past))
+
+
+def test_the_manners_of_the_scenario_are_those_of_the_person():
+    straight, planned = (Target(GOAL, crowd=CrowdConfig(manners=m)) for m in ("helbing", "orca"))
+    ends = [[target.person(k) for k in range(20)][-1].x for target in (straight, planned)]
+    # by the force the speed grows over 0.5 s; else it is there after the first way-point
+    assert ends[0] < ends[1]
 
 
 def test_a_walk_that_has_ended_is_reported_and_one_without_an_end_is_not():

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
-from mecazen.config.people import Body, SteadyWalk, Walk
+from mecazen.config.people import Body, Goal, Walk
 from mecazen.schema import Finite, Section
 
 Interval = tuple[Finite, Finite]
 """From, to."""
-
-
-class Goal(SteadyWalk, tag="goal", kw_only=True):
-    """Goes to a place, and gives way: the only path that depends on who else is there."""
-
-    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.5)] = 1.3
-    """Preferred speed."""
-    goal_m: tuple[Finite, Finite]
-    """In the world."""
-    back_and_forth: bool = False
-    """Whether the walker returns to the start from there, and so on; otherwise they stop there."""
 
 
 class Walker(Section, kw_only=True):
@@ -60,3 +49,9 @@ class CrowdConfig(Section):
 
     walkers: tuple[Walker, ...] = ()
     reactive: Reactive | None = None
+    manners: Literal["helbing", "orca", "sfm"] = "helbing"
+    """How all with a goal give way: by the social force of Helbing & Molnár, straight to the goal;
+    or as the pedestrians of Follow-Bench, by ORCA or by social forces, on ways round obstacles."""
+    inflation_cells: Annotated[int, msgspec.Meta(ge=0, le=50)] = 5
+    """Edge of the square that each blocked cell of the grid becomes on which those ways are
+    planned; a cell is 0.2 m."""

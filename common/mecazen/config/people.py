@@ -123,8 +123,28 @@ class Driven(_Path, tag="driven"):
     """Time without a command after which the person stops [s]."""
 
 
+class Goal(SteadyWalk, tag="goal", kw_only=True):
+    """Goes to a place, and gives way by `crowd.manners`: the only path that depends on others.
+
+    A person whom a robot follows gives way to all but the robots.
+    """
+
+    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.5)] = 1.3
+    """Preferred speed."""
+    goal_m: tuple[Finite, Finite]
+    """In the world."""
+    via_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(max_length=100)] = ()
+    """Places in the world that come before the goal."""
+    back_and_forth: bool = False
+    """Whether the walker returns to the start from there, and so on; otherwise they stop there."""
+    keeps_m: NonNegative = 0.5
+    """Distance kept from others beyond the own body, by the manners "orca" and "sfm"."""
+    within_m: Positive = 2.0
+    """Distance at which a way-point counts as reached, by the same manners."""
+
+
 Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded | Script
-"""A path known in advance, unlike `Driven`."""
+"""A path known in advance, unlike `Driven` and `Goal`."""
 
 
 class Gait(Section):

@@ -17,7 +17,7 @@ from mecazen.config.crowd import CrowdConfig
 from mecazen.config.follower import FollowerConfig
 from mecazen.config.guard import GuardConfig
 from mecazen.config.hardware import HardwareConfig
-from mecazen.config.people import Body
+from mecazen.config.people import Body, Goal
 from mecazen.config.physics import PhysicsConfig
 from mecazen.config.recorder import RecorderConfig
 from mecazen.config.robots import RobotConfig
@@ -140,9 +140,13 @@ class Scenario(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """The features of the graph: those of the sensors, the guard with a lidar, and hardware."""
-        sensed = with_guard(self.sensor.features, enabled=self.guard.enabled)
-        return sensed | {"hardware"} if "hardware" in self.services else sensed
+        """The features of the graph: of the sensors, the guard, hardware and who gives way."""
+        found = with_guard(self.sensor.features, enabled=self.guard.enabled)
+        if "hardware" in self.services:
+            found |= {"hardware"}
+        if any(isinstance(self.of(name).target.path, Goal) for name in self.names):
+            found |= {"goal"}
+        return found
 
     @property
     def command_timeout_s(self) -> float:

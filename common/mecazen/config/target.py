@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from mecazen.config.people import Body, Driven, Gait, UTrack, Walk
+from mecazen.config.people import Body, Driven, Gait, Goal, UTrack, Walk
 from mecazen.schema import Section
 
 
 class TargetConfig(Section):
     """The person."""
 
-    path: Walk | Driven = UTrack()
+    path: Walk | Driven | Goal = UTrack()
     """Where the person walks; `kind` selects the struct."""
     gait: Gait | None = None
     body: Body = Body()

@@ -6,17 +6,19 @@ import math
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.config.crowd import Goal, Walker
+from mecazen.config.crowd import Walker
+from mecazen.config.people import Goal
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.graph import TABLE
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.walker import Walker as Body
+from mecazen_people.manners.choice import make_walkers
+from mecazen_people.manners.helbing import drawn
+from mecazen_people.manners.walking import Errand, Other, Outline, Walkers
 from mecazen_people.motion import Motion, Path
 from mecazen_people.paths import make_path
-
-from mecazen_crowd.reactive import Errand, Other, Pedestrians, drawn
 
 ROBOT_MARGIN_M = 0.1
 """People keep farther from a robot's corners than from each other."""
@@ -48,10 +50,8 @@ class CrowdNode(Node):
             made = {body: Body(body) for body in dict.fromkeys(bodies)}
             self.bodies = [made[body].twin() for body in bodies]
         self.radius = scenario.world.person.radius_m
-        self.reach = {
-            name: math.hypot(*scenario.of(name).robot.footprint) + ROBOT_MARGIN_M
-            for name in scenario.names
-        }
+        self.footprints = {name: scenario.of(name).robot.footprint for name in scenario.names}
+        self.reach = {n: math.hypot(*size) + ROBOT_MARGIN_M for n, size in self.footprints.items()}
 
     def reset(self, seed: int) -> None:
         """Begin a run, with walkers drawn from `seed`."""
@@ -60,7 +60,7 @@ class CrowdNode(Node):
         self.robots: dict[str, m.Odometry] = {}
         self.targets: dict[str, m.Odometry] = {}
         self.skeletons: dict[str, m.Skeleton] = {}
-        self.pedestrians: Pedestrians | None = None
+        self.pedestrians: Walkers | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return all people and robots, in ticks in which bodies move."""
@@ -89,13 +89,17 @@ class CrowdNode(Node):
         on_paths = [None if path is None else path.at(time) for path in self.paths]
         others = [_other(motion, self.radius) for motion in on_paths if motion is not None]
         others += [_other(_motion(odometry), self.radius) for odometry in self.targets.values()]
-        others += [_other(_motion(one), self.reach[name]) for name, one in self.robots.items()]
+        for name, robot in self.robots.items():
+            other = _other(motion := _motion(robot), self.reach[name])
+            length, width = self.footprints[name]
+            outline = Outline(length, length, width, motion.pose.yaw)
+            others.append(other._replace(outline=outline))
         if self.pedestrians is None:
             obstacles, errands = self.scenario.world.solids, list(self.errands)
             if self.config.reactive is not None:
                 taken = [one[:2] for one in others] + [one.start[:2] for one in errands]
                 errands += drawn(self.config.reactive, self.seed, taken, obstacles)
-            self.pedestrians = Pedestrians(errands, obstacles, self.radius, self.seed)
+            self.pedestrians = make_walkers(self.scenario, errands, self.seed)
         for _ in range(steps):
             self.pedestrians.step(time, self.period * self.scenario.sim.tick_s, others)
         reacting = iter(self.pedestrians.motions)

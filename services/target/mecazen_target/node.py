@@ -8,10 +8,12 @@ from typing import Any
 from mecazen import messages as m
 from mecazen.config import Scenario, people
 from mecazen.errors import ConfigError
+from mecazen.geometry import rotate
 from mecazen.graph import TABLE
 from mecazen.keys import (
     GROUND_TRUTH,
     OBSERVATION,
+    PEOPLE,
     TARGET_CMD_VEL,
     TARGET_ODOM,
     TARGET_SKELETON,
@@ -20,6 +22,8 @@ from mecazen.keys import (
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.posture import Posture
 from mecazen_people.body.walker import Walker
+from mecazen_people.manners.choice import make_walkers
+from mecazen_people.manners.walking import Errand, Other, Walkers
 from mecazen_people.motion import Driven, Motion, with_gait
 from mecazen_people.paths import make_path, start_pose
 
@@ -39,7 +43,7 @@ class TargetNode(Node):
         self.config = scenario.target
         path = self.config.path
         try:
-            self.path = None if isinstance(path, people.Driven) else make_path(path)
+            self.path = None if isinstance(path, people.Driven | people.Goal) else make_path(path)
         except ConfigError as error:
             raise ConfigError(f"target.path: {error}") from None
         # both refuse what does not suit the tick
@@ -56,6 +60,10 @@ class TargetNode(Node):
         path, tick_s = self.config.path, self.scenario.sim.tick_s
         timeout_s = path.timeout_s if isinstance(path, people.Driven) else 0.0
         self.driven = Driven(start_pose(path), timeout_s, tick_s)
+        self.walkers: Walkers | None = None
+        self.others: list[Other] = []
+        if isinstance(path, people.Goal):
+            self.walkers = make_walkers(self.scenario, [Errand.of(path)], seed)
         self.tick = 0
         self.motion = self.motion_at(0)
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
@@ -66,10 +74,13 @@ class TargetNode(Node):
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the person's pose, and in ticks that bring a frame what the sensor saw."""
         command = inputs.get(TARGET_CMD_VEL)
-        if command is not None and self.path is not None:
+        if command is not None and not isinstance(self.config.path, people.Driven):
             inputs.refuse(TARGET_CMD_VEL, "the path is known; target.path.kind = 'driven' obeys")
         elif command is not None:
             self.driven.command(command.to_planar())
+        if (crowd := inputs.get(PEOPLE)) is not None:
+            own = self.scenario.robot_name or "target"
+            self.others = [self._other(one) for one in crowd.persons if one.id != own]
         person = self.motion = self.motion_at(tick.number)
         outputs: dict[Topic[Any], m.Message] = {
             TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
@@ -97,16 +108,25 @@ class TargetNode(Node):
 
     def motion_at(self, tick: int) -> Motion:
         """Return the motion at a tick, which is not before the last one."""
+        tick_s, missed = self.scenario.sim.tick_s, tick - self.tick
         if self.path is not None:
-            motion = self.path.at(tick * self.scenario.sim.tick_s)
+            motion = self.path.at(tick * tick_s)
+        elif self.walkers is not None:
+            for number in range(self.tick + 1, tick + 1):
+                self.walkers.step(number * tick_s, tick_s, self.others)
+            motion = self.walkers.motions[0]
         else:
-            missed = tick - self.tick
             motion = self.driven.step(missed) if missed else self.driven.motion
         self.tick = tick
         # a body sways by itself
         if self.config.gait is None or self.walker is not None:
             return motion
         return with_gait(motion, self.config.gait)
+
+    def _other(self, person: m.Person) -> Other:
+        pose, twist = person.pose.to_planar(), person.twist.to_planar()
+        vx, vy = rotate(twist.x, twist.y, pose.yaw)
+        return Other(pose.x, pose.y, vx, vy, self.scenario.world.person.radius_m)
 
     def _message(self, frame: Frame) -> m.Observation:
         captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)

@@ -4,56 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from mecazen.config.crowd import Goal, Reactive
+from mecazen.config.crowd import Reactive
 from mecazen.config.world import Box, Cylinder
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats
-from mecazen_people.motion import Motion
-from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
 from numpy.random import PCG64, Generator
 
-from mecazen_crowd import forces
+from mecazen_people.manners import forces
+from mecazen_people.manners.walking import Errand, Other, walked
+from mecazen_people.motion import Motion
 
 ARRIVED_M = 0.3
 """A goal is reached within this distance."""
-TURN_HZ = 5.0
-"""Gain by which a body turns to where it goes."""
 CLEAR_M = 0.8
 """Minimum distance of a start from all people and things [m]."""
 DRAWS = 200
 """Number of start places tried for a walker, since an area may be full."""
-
-
-class Other(NamedTuple):
-    """Another person or thing that moves, as a disc."""
-
-    x: float
-    y: float
-    vx: float
-    vy: float
-    radius: float
-
-
-class Errand(NamedTuple):
-    """The goals of a walker."""
-
-    start: Pose2D
-    goals: tuple[tuple[float, float], ...]
-    """One after the other."""
-    endless: bool
-    """Whether the first comes again after the last."""
-    speed: float
-    start_after: float = 0.0
-
-    @classmethod
-    def of(cls, path: Goal) -> Errand:
-        """Return the errand of a path."""
-        start = Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
-        goals = (path.goal_m, (path.x_m, path.y_m)) if path.back_and_forth else (path.goal_m,)
-        return cls(start, goals, path.back_and_forth, path.speed_m_s, path.start_after_s)
 
 
 def drawn(
@@ -126,7 +94,6 @@ class Pedestrians:
         self._places: Floats = np.array([one.start[:2] for one in errands]).reshape(-1, 2)
         self._velocities: Floats = np.zeros_like(self._places)
         self._fastest = np.array([forces.FASTEST * one.speed for one in errands])
-        self._yaws = [one.start.yaw for one in errands]
         self._next = [0] * len(errands)
         self._random = [Generator(PCG64([seed, n, 1])) for n in range(len(errands))]
         self.motions = [Motion(one.start) for one in errands]
@@ -157,7 +124,9 @@ class Pedestrians:
         self._velocities = forces.limited(self._velocities + force * dt, self._fastest)
         self._places = self._places + self._velocities * dt
         rows = zip(self._places.tolist(), self._velocities.tolist(), strict=True)
-        self.motions = [self._motion(n, place, v, dt) for n, (place, v) in enumerate(rows)]
+        self.motions = [
+            walked(last, place, v, dt) for last, (place, v) in zip(self.motions, rows, strict=True)
+        ]
 
     def _preferred(self, number: int, time: float) -> tuple[float, float]:
         """Return the preferred velocity of a walker [m/s]."""
@@ -175,15 +144,3 @@ class Pedestrians:
         return errand.speed * (gx - x) / max(distance, 1e-9), errand.speed * (gy - y) / max(
             distance, 1e-9
         )
-
-    def _motion(self, number: int, place: list[float], velocity: list[float], dt: float) -> Motion:
-        """Return a walker's motion; the body turns to its direction of travel at a human rate."""
-        (x, y), (vx, vy) = place, velocity
-        speed, yaw = math.hypot(vx, vy), self._yaws[number]
-        rate = 0.0
-        if speed > STANDING_M_S:
-            lag = wrap(math.atan2(vy, vx) - yaw)
-            rate = min(max(TURN_HZ * lag, -MAX_YAW_RATE), MAX_YAW_RATE)
-        yaw = self._yaws[number] = wrap(yaw + rate * dt)
-        walked = self.motions[number].distance + speed * dt
-        return Motion(Pose2D(x, y, yaw), Twist2D(*rotate(vx, vy, -yaw), rate), walked)

@@ -4,10 +4,12 @@ import math
 from itertools import combinations, pairwise
 
 import pytest
-from mecazen.config.crowd import Goal, Reactive
+from mecazen.config.crowd import Reactive
+from mecazen.config.people import Goal
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen_crowd.reactive import CLEAR_M, Errand, Other, Pedestrians, drawn
+from mecazen_people.manners.helbing import CLEAR_M, Pedestrians, drawn
+from mecazen_people.manners.walking import Errand, Other
 
 RADIUS_M, DT_S = 0.2, 0.02
 AREA = Reactive(count=12, x_m=(-4.0, 4.0), y_m=(-3.0, 3.0))
