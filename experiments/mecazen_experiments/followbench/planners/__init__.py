@@ -1,0 +1,19 @@
+"""Planners that follow the target of an episode: a view in, a speed and a yaw rate out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from mecazen_experiments.followbench.planners.proportional import Proportional
+from mecazen_experiments.followbench.planners.social import Social
+from mecazen_experiments.followbench.planners.window import Window
+from mecazen_experiments.followbench.view import Planner
+
+PLANNERS: dict[str, Callable[[], Planner]] = {
+    "social": Social,
+    "window": Window,
+    "proportional": partial(Proportional, brakes=False),
+    "braking": partial(Proportional, brakes=True),
+}
+"""Makers of the planners by their names."""
