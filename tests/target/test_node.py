@@ -185,7 +185,11 @@ def test_a_person_with_a_goal_gives_way_to_others_and_not_to_the_robot():
 
 def test_the_manners_of_the_scenario_are_those_of_the_person():
     straight, planned = (Target(GOAL, crowd=CrowdConfig(manners=m)) for m in ("helbing", "orca"))
-    ends = [[target.person(k) for k in range(20)][-1].x for target in (straight, planned)]
+    behind = Pose2D(-2.0)
+    ends = [
+        pose_of([target.tick(k, behind) for k in range(20)][-1][keys.TARGET_ODOM]).x
+        for target in (straight, planned)
+    ]
     # by the force the speed grows over 0.5 s; else it is there after the first way-point
     assert ends[0] < ends[1]
 

@@ -103,6 +103,7 @@ class Pedestrians:
         """Advance to a time by `dt` [s] among others."""
         if not self._errands:
             return
+        others = [one for one in others if one.is_heeded]
         preferred = np.array([self._preferred(n, time) for n in range(len(self._errands))])
         heading = forces.limited(preferred * 1e3, 1.0)
         around = np.array([one[:4] for one in others]).reshape(-1, 4)

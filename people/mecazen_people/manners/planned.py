@@ -53,7 +53,8 @@ class Planned:
     ) -> None:
         self._errands, self._radius, self._manners, self._grid = errands, radius, manners, grid
         self._walls = Walls(obstacles)
-        self._states = [(one.start.x, one.start.y, 0.0, 0.0) for one in errands]
+        self.states = [(one.start.x, one.start.y, 0.0, 0.0) for one in errands]
+        """Place and velocity of each walker [m, m/s]."""
         self._ways = [self._way(one, one.start[:2]) for one in errands]
         self._next = [0] * len(errands)
         self._braking = [False] * len(errands)
@@ -64,10 +65,10 @@ class Planned:
         """Advance to a time by `dt` [s] among others."""
         self._since += dt
         chooses = self._since > STEP_S - 1e-9
-        for n, (last_x, last_y, *now) in enumerate(self._states):
+        for n, (last_x, last_y, *now) in enumerate(self.states):
             vx, vy = self._choice(n, time, others) if chooses else now
             x, y = last_x + dt * vx, last_y + dt * vy
-            self._states[n] = x, y, vx, vy
+            self.states[n] = x, y, vx, vy
             self._advance(n, x, y)
             self.motions[n] = walked(self.motions[n], (x, y), (vx, vy), dt)
         if chooses:
@@ -93,9 +94,9 @@ class Planned:
         errand, goal = self._errands[n], self._ways[n][self._next[n]]
         if time < errand.start_after:
             return 0.0, 0.0
-        x, y, vx, vy = self._states[n]
-        walkers = (*self._states[:n], *self._states[n + 1 :])
-        everybody = (*walkers, *(other[:4] for other in others))
+        x, y, vx, vy = self.states[n]
+        walkers = (*self.states[:n], *self.states[n + 1 :])
+        everybody = (*walkers, *(other[:4] for other in others if other.is_heeded))
         wall = self._walls.nearest(x, y)
         if self._manners == "sfm":
             vx, vy = social.velocity(

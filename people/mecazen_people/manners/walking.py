@@ -42,6 +42,8 @@ class Other(NamedTuple):
     vy: float
     radius: float
     outline: Outline | None = None
+    is_heeded: bool = True
+    """Whether people give way to it; otherwise they only brake where they touch it."""
 
     def gap(self, x: float, y: float) -> float:
         """Return the distance of a place from the outline, or else from the disc [m]."""

@@ -23,7 +23,7 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.posture import Posture
 from mecazen_people.body.walker import Walker
 from mecazen_people.manners.choice import make_walkers
-from mecazen_people.manners.walking import Errand, Other, Walkers
+from mecazen_people.manners.walking import Errand, Other, Outline, Walkers
 from mecazen_people.motion import Driven, Motion, with_gait
 from mecazen_people.paths import make_path, start_pose
 
@@ -78,9 +78,8 @@ class TargetNode(Node):
             inputs.refuse(TARGET_CMD_VEL, "the path is known; target.path.kind = 'driven' obeys")
         elif command is not None:
             self.driven.command(command.to_planar())
-        if (crowd := inputs.get(PEOPLE)) is not None:
-            own = self.scenario.robot_name or "target"
-            self.others = [self._other(one) for one in crowd.persons if one.id != own]
+        if self.walkers is not None:
+            self._look_round(inputs)
         person = self.motion = self.motion_at(tick.number)
         outputs: dict[Topic[Any], m.Message] = {
             TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
@@ -113,7 +112,7 @@ class TargetNode(Node):
             motion = self.path.at(tick * tick_s)
         elif self.walkers is not None:
             for number in range(self.tick + 1, tick + 1):
-                self.walkers.step(number * tick_s, tick_s, self.others)
+                self.walkers.step(number * tick_s, tick_s, [self.robot, *self.others])
             motion = self.walkers.motions[0]
         else:
             motion = self.driven.step(missed) if missed else self.driven.motion
@@ -122,6 +121,16 @@ class TargetNode(Node):
         if self.config.gait is None or self.walker is not None:
             return motion
         return with_gait(motion, self.config.gait)
+
+    def _look_round(self, inputs: Inputs) -> None:
+        """Note where the robot is, and the crowd of the tick before."""
+        x, y, yaw = inputs[GROUND_TRUTH].pose.pose.to_planar()
+        length, width = self.scenario.robot.footprint
+        outline = Outline(length, length, width, yaw)
+        self.robot = Other(x, y, 0.0, 0.0, math.hypot(length, width), outline, is_heeded=False)
+        if (crowd := inputs.get(PEOPLE)) is not None:
+            own = self.scenario.robot_name or "target"
+            self.others = [self._other(one) for one in crowd.persons if one.id != own]
 
     def _other(self, person: m.Person) -> Other:
         pose, twist = person.pose.to_planar(), person.twist.to_planar()
