@@ -47,8 +47,9 @@ def velocity(
     apart = [(px - x, py - y, vx - ux, vy - uy) for px, py, ux, uy in others]
     apart.sort(key=_squared)
     lines = [line(one, now, radius, 0.5) for one in apart]
-    fixed = [line((px - x, py - y, vx, vy), now, radius, 1.0) for px, py in cells]
-    lines += fixed
+    fixed = [(px - x, py - y, vx, vy) for px, py in cells]
+    # as in Follow-Bench, a cell nearer than the radius has no line
+    lines += [line(one, now, radius, 1.0) for one in fixed if _squared(one) > radius * radius]
     failed, chosen = _nearest(lines, wanted, fastest)
     if failed < len(lines):
         chosen = _least_bad(lines, failed, len(fixed), chosen, fastest)

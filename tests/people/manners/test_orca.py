@@ -28,6 +28,11 @@ def test_a_blocked_cell_ahead_takes_all_of_the_change():
     assert chosen[0] == pytest.approx(0.6)
 
 
+def test_a_blocked_cell_within_the_radius_changes_nothing():
+    chosen = orca.velocity(HERE, EAST, (1.5, 0.0), [], [(0.8, 0.0)], 0.9, 1.5)
+    assert chosen == (1.5, 0.0)
+
+
 def test_whoever_is_too_near_is_left_within_a_step():
     # 0.8 m of 0.9: the gap of 0.1 m in 0.1 s, half of it here
     chosen = orca.velocity(HERE, HERE, HERE, [(0.8, 0.0, 0.0, 0.0)], [], 0.9, 1.5)
