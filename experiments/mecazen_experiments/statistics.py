@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from statistics import fmean
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.stats import bootstrap
 
 SEED = 1
 """Seed of the resampling: the same values give the same interval."""
+Key = TypeVar("Key", int, str)
+"""What two runs have in common: a seed, or the name of an episode."""
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -40,9 +43,9 @@ def mean_interval(values: Sequence[float]) -> Interval:
     return Interval(mean, float(interval.low), float(interval.high), n)
 
 
-def paired_difference(a: Mapping[int, float], b: Mapping[int, float]) -> Interval:
-    """Return the mean of b - a, each by seed, over the seeds that both have.
+def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:
+    """Return the mean of b - a, each by seed or episode, over those that both have.
 
     Common effects of a seed, such as its noise, cancel in the difference.
     """
-    return mean_interval([b[seed] - a[seed] for seed in sorted(a.keys() & b.keys())])
+    return mean_interval([b[key] - a[key] for key in sorted(a.keys() & b.keys())])

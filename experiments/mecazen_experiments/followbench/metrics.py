@@ -1,0 +1,181 @@
+"""The metrics of Follow-Bench 1.0, as its code computes them, and ours next to them.
+
+Its code records a row after each step: the start is no row, and the first step adds no path. A run
+that ends early counts the rest of the episode as out of sight and outside of every zone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import msgspec
+import numpy as np
+from mecazen.geometry import Pose2D
+from mecazen.portable import Floats, arctan2
+
+from mecazen_experiments.followbench.play import Record
+from mecazen_experiments.followbench.unicycle import HALF, PERSON_RADIUS, gaps
+from mecazen_experiments.followbench.view import Place
+from mecazen_experiments.statistics import Interval, mean_interval, paired_difference
+from mecazen_experiments.table import wrap
+
+RADII_M = math.hypot(*HALF) + PERSON_RADIUS
+"""Radius of the circle about the robot's outline, and that of a person [m]."""
+PRIVATE_M, PERSONAL_M = 0.45, 1.2
+"""Outer radii of the private and the personal zone of a person [m], after E. T. Hall, 1966."""
+MIN_SPEED_M_S = 0.01
+"""A slower target keeps its heading."""
+
+
+class Metrics(msgspec.Struct, frozen=True):
+    """The measures of an episode; shares are between 0 and 1."""
+
+    sr: float
+    """1 for a success: no contact, and never out of sight for too long."""
+    asr: float
+    """1 without contact."""
+    tvr: float
+    """Share of the longest episode with the target visible."""
+    tin_tperson: float
+    """Share of it in the target's personal zone, outside of the private one."""
+    tin_private: float
+    """Share of it in the private zone of another person."""
+    pl_m: float
+    """Length of the path of the axle."""
+    avg_vel_m_s: float
+    avg_acc_m_s2: float
+    jerk_m_s3: float
+    search_path_m: float
+    """Length of the path while the target is out of sight."""
+    search_time_s: float
+    caused_contact: float
+    """1 for a contact that the robot caused, see `has_caused_contact`; this and the following are
+    not of Follow-Bench."""
+    in_view: float
+    """Share of the driven steps with the target visible."""
+    d_err_m: float
+    """Mean of |D - D0|, D the distance from axle to target."""
+    theta_err_deg: float | None
+    """Mean error of the robot's heading; None beside a target that never moves.
+
+    Behind the target the robot shall face it, beside it look along its motion.
+    """
+
+
+def measure(record: Record, place: Place, distance: float) -> Metrics:
+    """Return the metrics of an episode in which the robot should keep a place and distance [m]."""
+    dt, most = record.step_s, record.max_steps
+    robot, target, visible = record.robot[1:], record.target[1:], record.visible[1:]
+    to_target = np.hypot(*(target - robot[:, :2]).T)
+    free = to_target - RADII_M
+    others = np.hypot(*np.moveaxis(record.humans[1:] - robot[:, None, :2], -1, 0))
+    nearest = others.min(axis=1, initial=np.inf) - RADII_M
+    path = np.hypot(*np.diff(robot[:, :2], axis=0).T)
+    velocity = velocities(record)
+    has_avoided = not record.collided
+    has_kept = _longest((~visible).tolist()) <= record.max_search_steps
+    heading_errors = _heading_errors(record, place)
+    return Metrics(
+        sr=float(has_avoided and has_kept),
+        asr=float(has_avoided),
+        tvr=np.count_nonzero(visible) / most,
+        tin_tperson=np.count_nonzero((free > PRIVATE_M) & (free < PERSONAL_M)) / most,
+        tin_private=np.count_nonzero(nearest < PRIVATE_M) / most,
+        pl_m=float(path.sum()),
+        avg_vel_m_s=_mean_norm(velocity),
+        avg_acc_m_s2=_mean_norm(np.diff(velocity, axis=0, prepend=velocity[:1]) / dt),
+        jerk_m_s3=_mean_norm(np.diff(velocity, n=2, axis=0, prepend=velocity[:2]) / dt**2),
+        search_path_m=float(path[~visible[1:]].sum()),
+        search_time_s=float(np.count_nonzero(~visible) * dt),
+        caused_contact=float(has_caused_contact(record)),
+        in_view=float(visible.mean()),
+        d_err_m=float(np.abs(to_target - distance).mean()),
+        theta_err_deg=float(np.degrees(np.abs(heading_errors).mean()))
+        if len(heading_errors)
+        else None,
+    )
+
+
+def velocities(record: Record) -> Floats:
+    """Return the velocity (n, 2) [m/s] of the axle in the world in each step.
+
+    Its code multiplies the speed of a step by the heading after it; the robot moves along the
+    heading before it.
+    """
+    before, after = record.robot[:-1, 2], record.robot[1:, 2]
+    dx, dy = np.diff(record.robot[:, :2], axis=0).T / record.step_s
+    speed = np.cos(before) * dx + np.sin(before) * dy
+    return np.stack((speed * np.cos(after), speed * np.sin(after)), axis=1)
+
+
+def has_caused_contact(record: Record) -> bool:
+    """Return whether the episode ended in a contact that the robot caused.
+
+    A contact arises in the robot's move of the last step, or before it, in a person's move of the
+    step before. The robot caused it if the person would not have touched the outline had the
+    robot stood still in that step. A contact with a box is always caused by the robot.
+    """
+    if not record.collided:
+        return False
+    last = len(record.robot) - 1
+    poses = [Pose2D(*record.robot[max(last - back, 0)].tolist()) for back in range(3)]
+    people = np.vstack((record.target[last - 1], record.humans[last - 1]))
+    touched = people[gaps(poses[0], people) <= 0.0]
+    if not len(touched):
+        return True
+    arose_before = gaps(poses[1], touched) <= 0.0
+    return bool(np.any(~arose_before | (gaps(poses[2], touched) > 0.0)))
+
+
+def summarise(runs: Iterable[Metrics]) -> dict[str, Interval]:
+    """Return mean and 95 % confidence interval of each metric over runs, by bootstrap."""
+    runs = list(runs)
+    values = {name: [getattr(run, name) for run in runs] for name in Metrics.__struct_fields__}
+    known = {name: [v for v in column if v is not None] for name, column in values.items()}
+    return {name: mean_interval(column) for name, column in known.items() if column}
+
+
+def compare(a: Mapping[str, Metrics], b: Mapping[str, Metrics]) -> dict[str, Interval]:
+    """Return mean and interval of b - a for each metric, over the episodes that both drove.
+
+    Args:
+        a: The metrics of a planner by the name of the episode.
+        b: Those of another.
+    """
+    differences = {}
+    for name in Metrics.__struct_fields__:
+        columns = [
+            {episode: getattr(run, name) for episode, run in runs.items()} for runs in (a, b)
+        ]
+        one, other = ({k: v for k, v in each.items() if v is not None} for each in columns)
+        if one.keys() & other.keys():
+            differences[name] = paired_difference(one, other)
+    return differences
+
+
+def _mean_norm(vectors: Floats) -> float:
+    """Return the mean length of vectors (n, 2), 0 for none: a run of one step has no jerk."""
+    return float(np.hypot(*vectors.T).mean()) if len(vectors) else 0.0
+
+
+def _longest(flags: Iterable[bool]) -> int:
+    """Return the length of the longest run of true flags."""
+    longest = now = 0
+    for flag in flags:
+        now = now + 1 if flag else 0
+        longest = max(longest, now)
+    return longest
+
+
+def _heading_errors(record: Record, place: Place) -> Floats:
+    """Return the error of the robot's heading in each step that defines one [rad]."""
+    heading = record.robot[1:, 2]
+    if place == "back":
+        wanted = arctan2(*(record.target[1:] - record.robot[1:, :2]).T[::-1])
+        return wrap(heading - wanted)
+    moves = np.diff(record.target, axis=0)
+    is_moving = np.hypot(*moves.T) >= MIN_SPEED_M_S * record.step_s
+    last = np.maximum.accumulate(np.where(is_moving, np.arange(len(moves)), -1))
+    wanted = arctan2(*moves[last].T[::-1])
+    return wrap(heading - wanted)[last >= 0]
