@@ -33,7 +33,7 @@ SCENARIO = re.compile(
 Manners = Literal["orca", "sfm"]
 """How people avoid each other: velocity obstacles or social forces."""
 Loader: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-"""Every value stays a text, until its key says what it is."""
+"""Every value stays a text; the type of its key converts it."""
 
 
 class Walk(NamedTuple):
@@ -61,7 +61,7 @@ class Box(NamedTuple):
 
 
 class Density(NamedTuple):
-    """What makes the episodes of a class more or less difficult."""
+    """The difficulty of an episode of its class."""
 
     humans: int
     """People besides the target."""

@@ -52,7 +52,7 @@ class Scenario(NamedTuple):
 
 
 class _Setting(NamedTuple):
-    """What all episodes of a class share, and the start of the robot."""
+    """The values that all episodes of a class share, and the start of the robot."""
 
     size: tuple[float, float]
     inflation_cells: int

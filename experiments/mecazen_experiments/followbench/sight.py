@@ -92,7 +92,7 @@ class KnownArea:
     """The cells about the robot that are known, in its frame: x by column, y by row.
 
     At first, all within 5 m is known. Each scan draws the part of the map about its ends again;
-    cells outside keep what they were.
+    cells outside of it do not change.
     """
 
     def __init__(self) -> None:

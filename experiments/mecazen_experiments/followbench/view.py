@@ -1,4 +1,4 @@
-"""What a planner of Follow-Bench receives in each step, and the interface that it implements."""
+"""The input of a planner of Follow-Bench in each step, and the interface that it implements."""
 
 from __future__ import annotations
 
