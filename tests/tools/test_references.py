@@ -8,28 +8,43 @@ from mecazen_tools.references import commands, configuration
 CONFIGURATION = configuration()
 
 
-def test_a_setting_shows_type_range_default_and_docstring():
-    row = (
-        "| `margin_m` | number ≥ 0, live | `0.06` | Clearance of the robot's outline from things. |"
-    )
-    assert row in CONFIGURATION
+def chapter(title: str) -> str:
+    return CONFIGURATION.partition(f"## {title}\n")[2].partition("\n## ")[0]
 
 
-def test_each_table_has_one_chapter_that_rows_link_to():
-    chapters = [line for line in CONFIGURATION.splitlines() if line.startswith("## ")]
-    assert len(set(chapters)) == len(chapters)
-    assert "## sensors.lidar" in chapters
-    assert "[table](#sensorslidar)" in CONFIGURATION
+def test_a_setting_shows_default_range_and_docstring():
+    row = "| `margin_m` | `0.06`, ≥ 0, live | Clearance of the robot's outline from things. |"
+    assert row in chapter("guard")
 
 
-def test_a_choice_of_tables_names_the_value_that_selects_each():
-    assert "## follower.control, kind pid" in CONFIGURATION
-    assert '| `kind` | `"pid"` |  | selects this table |' in CONFIGURATION
+def test_a_setting_without_a_default_is_required_or_none():
+    assert "| `base.mass_kg` | required, > 0 |  |" in chapter("robot")
+    assert "| `counts_per_turn` | none, > 0 |" in chapter("hardware")
+
+
+def test_settings_that_differ_in_their_names_alone_share_a_row():
+    assert "| `base.length_m`, `base.width_m`, `base.height_m` |" in chapter("robot")
+
+
+def test_the_chapter_of_a_section_holds_its_tables():
+    assert "[sensors](#sensors)" in chapter("top level")
+    assert "| `lidar.beams` |" in chapter("sensors")
+    assert "| `walls[].doors[].width_m` |" in chapter("world")
+
+
+def test_a_table_of_several_sections_is_described_once():
+    assert "| `robot` | none, as [robot](#robot) |" in chapter("robots")
+    assert "as [target.path](#target)" in chapter("crowd")
+
+
+def test_a_choice_of_tables_names_the_kinds_that_have_a_setting():
+    assert '| `control.kind` | `"pid"` |' in chapter("follower")
+    assert "| `control.feed_forward` (pid) |" in chapter("follower")
+    assert "| `obstacles[].friction` |" in chapter("world")  # of boxes and cylinders
 
 
 def test_an_inherited_setting_keeps_its_docstring():
-    *_, straight = CONFIGURATION.partition("## target.path, kind straight")
-    assert "Time before the person sets off" in straight.partition("\n## ")[0]
+    assert "Time before the person sets off" in chapter("target")
 
 
 def test_a_command_shows_its_options_and_an_example_as_code():

@@ -11,9 +11,9 @@ from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
 from functools import cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from types import NoneType
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 import typer
@@ -28,82 +28,160 @@ ALWAYS = {"--help", "--install-completion", "--show-completion"}
 """Options that need no row."""
 SHARED = 3
 """An option of at least this number of commands is described once."""
-HEAD = "| key | type | default | meaning |\n| --- | --- | --- | --- |"
+HEAD = "| key | value | meaning |\n| --- | --- | --- |"
+
+
+class _Row(NamedTuple):
+    """A setting: its key below the chapter's, its default and range, its docstring."""
+
+    keys: tuple[str, ...]
+    value: str
+    meaning: str
+    kinds: tuple[str, ...] = ()
+    """The tables that have it, where `kind` selects one of several."""
 
 
 def configuration() -> str:
-    """Return a chapter for each table of a scenario, with a row for each of its keys."""
+    """Return a chapter for each section of a scenario, with a row for each of its keys."""
     return "\n\n".join(_Chapters().write(Scenario))
 
 
 class _Chapters:
-    """The structs of a scenario, each described where it is met first."""
+    """The sections of a scenario; a struct is described where it is met first."""
 
     def __init__(self) -> None:
-        self._titles: dict[type, str] = {}
-        self._queue: list[type] = []
+        self._homes: dict[type, str] = {}
 
     def write(self, root: type) -> Iterator[str]:
-        self._titles[root] = "top level"
-        self._queue = [root]
-        while self._queue:
-            struct = self._queue.pop(0)
-            kind = types.type_info(struct)
-            assert isinstance(kind, types.StructType)
-            before = len(self._queue)
-            rows = [self._row(struct, field) for field in kind.fields if field.name not in NO_KEYS]
-            if kind.tag_field:
-                choice = (f"`{kind.tag_field}`", f'`"{kind.tag}"`', "", "selects this table")
-                rows.insert(0, _cells(*choice))
-            if struct is not root:  # a table's own tables come next
-                found = self._queue[before:]
-                self._queue = found + self._queue[:before]
-            yield "\n\n".join(
-                (f"## {self._titles[struct]}", _about(struct), "\n".join((HEAD, *rows)))
-            )
+        fields = [one for one in _fields(root) if one.name not in NO_KEYS]
+        sections = [one for one in fields if _structs(one.type)]
+        rows = [self._link(one) for one in sections if one.name in _docs(root)]
+        rows += [self._plain(root, one, "") for one in fields if one not in sections]
+        links = ", ".join(f"[{one.encode_name}](#{one.encode_name})" for one in sections)
+        yield _chapter("top level", root, f"Tables: {links}.", rows)
+        for one in sections:
+            (struct,) = _structs(one.type)
+            self._homes[struct.cls] = one.encode_name
+            yield _chapter(one.encode_name, struct.cls, "", self._rows(struct, one.encode_name, ""))
 
-    def _row(self, struct: type, field: types.Field) -> str:
-        title = "" if struct is Scenario else f"{self._titles[struct].partition(',')[0]}."
-        kind, live = _bare(field.type)
-        words = self._words(kind, f"{title}{field.encode_name}")
-        if live:
-            words += ", live"
+    def _link(self, field: types.Field) -> _Row:
+        name = field.encode_name
+        return _Row((name,), f"[table](#{name})", _docs(Scenario).get(field.name, ""))
+
+    def _plain(self, struct: type, field: types.Field, prefix: str) -> _Row:
         meaning = _docs(struct).get(field.name, "")
-        return _cells(f"`{field.encode_name}`", words, _default(field), meaning)
+        return _Row((f"{prefix}{field.encode_name}",), _shown(field), meaning)
 
-    def _words(self, kind: types.Type, key: str) -> str:
-        """Return a type in words; a struct that is new gets a chapter with `key` as title."""
-        kind, _ = _bare(kind)
-        match kind:
-            case types.StructType():
-                return self._link(kind, key)
-            case types.UnionType():
-                words = [self._words(one, key) for one in kind.types]
-                return " or ".join(dict.fromkeys(words))
-            case types.LiteralType():
-                return ", ".join(f'`"{value}"`' for value in kind.values)
-            case types.VarTupleType() | types.ListType():
-                return f"list of {self._words(kind.item_type, key)}"
-            case types.TupleType():
-                return f"[{', '.join(self._words(one, key) for one in kind.item_types)}]"
-            case types.DictType():
-                return f"table of {self._words(kind.value_type, key)}"
-            case types.FloatType():
-                return f"number{_range(kind)}"
-            case types.IntType():
-                return f"integer{_range(kind)}"
-            case types.CustomType():
-                return "folder" if kind.cls.__name__ == "Folder" else "file"
-        plain = {types.BoolType: "`true`, `false`", types.StrType: "text", types.NoneType: "none"}
-        return plain.get(type(kind), "any value")
+    def _rows(self, struct: types.StructType, section: str, prefix: str) -> list[_Row]:
+        """Return the rows of a struct and of the structs in it that are met first."""
+        rows = []
+        for field in struct.fields:
+            row = self._plain(struct.cls, field, prefix)
+            if found := _structs(field.type):
+                rows += self._nested(row, field, found, section)
+            else:
+                rows.append(row)
+        return rows
 
-    def _link(self, kind: types.StructType, key: str) -> str:
-        if kind.cls not in self._titles:
-            title = key if kind.tag is None else f"{key}, kind {kind.tag}"
-            self._titles[kind.cls] = title
-            self._queue.append(kind.cls)
-        title = self._titles[kind.cls]
-        return f"[{kind.tag or 'table'}](#{_anchor(title)})"
+    def _nested(
+        self, row: _Row, field: types.Field, found: list[types.StructType], section: str
+    ) -> list[_Row]:
+        (key,) = row.keys
+        if _is_list(field.type):
+            key += "[]"
+        if found[0].cls in self._homes:
+            home = self._homes[found[0].cls]
+            link = f"as [{home}](#{_anchor(home.partition('.')[0])})"
+            return [row._replace(value=", ".join(filter(None, (row.value, link))))]
+        self._homes |= {one.cls: f"{section}.{key}" for one in found}
+        if len(found) == 1:
+            about = " ".join(filter(None, (row.meaning, _line(_about(found[0].cls)))))
+            first = row._replace(keys=(key,), meaning=about)
+            return [first, *self._rows(found[0], section, f"{key}.")]
+        merged: dict[_Row, tuple[str, ...]] = {}
+        for one in found:
+            tag = str(one.tag)
+            for inner in self._rows(one, section, f"{key}."):
+                merged[inner] = (*merged.get(inner, ()), tag)
+        kinds = [_Row((f"{key}.kind",), f'`"{one.tag}"`', _line(_about(one.cls))) for one in found]
+        every = tuple(str(one.tag) for one in found)
+        own = [one._replace(kinds=() if tags == every else tags) for one, tags in merged.items()]
+        return [row._replace(keys=(key,)), *kinds, *sorted(own, key=lambda one: bool(one.kinds))]
+
+
+def _fields(struct: type) -> tuple[types.Field, ...]:
+    kind = types.type_info(struct)
+    assert isinstance(kind, types.StructType)
+    return kind.fields
+
+
+def _is_list(kind: types.Type) -> bool:
+    return isinstance(_bare(kind)[0], types.VarTupleType | types.ListType)
+
+
+def _structs(kind: types.Type) -> list[types.StructType]:
+    """Return the structs that a type is made of."""
+    kind, _ = _bare(kind)
+    match kind:
+        case types.StructType():
+            return [kind]
+        case types.UnionType():
+            return [found for one in kind.types for found in _structs(one)]
+        case types.VarTupleType() | types.ListType():
+            return _structs(kind.item_type)
+    return []
+
+
+def _chapter(title: str, struct: type, links: str, rows: list[_Row]) -> str:
+    """Return a chapter; neighbours that differ in their keys alone share a row."""
+    lines = []
+    for same, group in groupby(rows, key=lambda one: one[1:]):
+        value, meaning, kinds = same
+        keys = ", ".join(f"`{key}`" for one in group for key in one.keys)
+        lines.append(_cells(f"{keys} ({', '.join(kinds)})" if kinds else keys, value, meaning))
+    return "\n\n".join(
+        filter(None, (f"## {title}", _about(struct), links, "\n".join((HEAD, *lines))))
+    )
+
+
+def _shown(field: types.Field) -> str:
+    """Return the default of a field and what else it may be."""
+    kind, live = _bare(field.type)
+    default = _default(field)
+    parts = [default, *_words(kind, default), *(["live"] if live else [])]
+    return ", ".join(dict.fromkeys(filter(None, parts)))
+
+
+def _words(kind: types.Type, default: str) -> list[str]:
+    """Return what values a type has, as far as `default` does not show it."""
+    kind, _ = _bare(kind)
+    known = default.startswith("`") and default not in ("`[]`", "`{}`")
+    match kind:
+        case types.UnionType():
+            return [word for one in kind.types for word in _words(one, default)]
+        case types.LiteralType():
+            return [f'`"{value}"`' for value in kind.values]
+        case types.VarTupleType() | types.ListType():
+            inner = ", ".join(_words(kind.item_type, default))
+            if isinstance(_bare(kind.item_type)[0], types.FloatType):
+                inner = f"numbers {inner}"
+            return [inner if known or not inner else f"list of {inner}"]
+        case types.TupleType():
+            (each,) = {" ".join(_words(one, "`")) for one in kind.item_types}
+            count = "" if known else f"{len(kind.item_types)} numbers"
+            return [" ".join(filter(None, (count, each and f"each {each}")))]
+        case types.DictType():
+            return [] if known else [f"table of {' or '.join(_words(kind.value_type, default))}"]
+        case types.FloatType():
+            return [_range(kind) or ("" if known else "number")]
+        case types.IntType():
+            return [_range(kind) if known else f"integer {_range(kind)}".strip()]
+        case types.CustomType():
+            return ["folder" if kind.cls.__name__ == "Folder" else "file"]
+        case types.StructType() | types.NoneType():
+            return []
+    plain = {types.BoolType: "boolean", types.StrType: "text"}
+    return [] if known else [plain.get(type(kind), "any value")]
 
 
 def commands(app: typer.Typer) -> str:
@@ -189,7 +267,9 @@ def _range(kind: types.FloatType | types.IntType) -> str:
         words.append(f"{'>' if kind.gt is not None else '≥'} {low:.10g}")
     if high is not None:
         words.append(f"{'<' if kind.lt is not None else '≤'} {high:.10g}")
-    return " " + ", ".join(words) if words else ""
+    if len(words) == 2 and kind.gt is None and kind.lt is None:
+        return f"{low:.10g} to {high:.10g}"
+    return " and ".join(words)
 
 
 def _default(field: types.Field) -> str:
@@ -199,15 +279,16 @@ def _default(field: types.Field) -> str:
     if value is msgspec.NODEFAULT:
         value = field.default_factory() if callable(field.default_factory) else None
     if value is None:
-        return ""
+        return "none"
     if isinstance(value, msgspec.Struct):
         tag = value.__struct_config__.tag
-        return f"`{tag}`" if tag else ""
+        return f'`"{tag}"`' if tag else ""
     return f"`{json.dumps(msgspec.to_builtins(value, enc_hook=str))}`"
 
 
 def _about(struct: type) -> str:
-    return _paragraphs(inspect.getdoc(struct) or "")
+    text, _, _ = (inspect.getdoc(struct) or "").partition("\n\nRaises:")
+    return _paragraphs(text)
 
 
 @cache
