@@ -67,9 +67,9 @@ def test_a_command_shows_its_options_and_an_example_as_code():
 
     text = commands(app)
     assert "## mecazen walk\n\nWalk.\n\n```sh\nmecazen walk\nmecazen walk --quiet\n```" in text
-    assert "| `--speed NUMBER` | `1.0` | Speed \\| pace. |" in text
-    assert "| `--how fast\\|slow` | `slow` | Manner. |" in text
-    assert "| `--quiet` |  | Print nothing. |" in text
+    assert "- `--speed NUMBER` (`1.0`): Speed | pace." in text
+    assert "- `--how fast|slow` (`slow`): Manner." in text
+    assert "- `--quiet`: Print nothing." in text
     assert "## mecazen stand\n\nStand still." in text
 
 
@@ -84,3 +84,14 @@ def test_an_option_of_several_commands_is_described_once():
     text = commands(app)
     assert text.count("Seed.") == 1
     assert text.count("[Shared](#options-of-several-commands): `--seed INTEGER`.") == 3
+
+
+def test_an_option_with_another_meaning_stays_with_its_command():
+    app = typer.Typer()
+    for name, words in (("one", "Seed."), ("two", "Seed."), ("three", "First seed.")):
+
+        @app.command(name)
+        def command(seed: Annotated[int, typer.Option(help=words)] = 1) -> None:
+            """Run."""
+
+    assert "## mecazen three\n\nRun.\n\n- `--seed INTEGER` (`1`): First seed." in commands(app)

@@ -26,8 +26,8 @@ WIDE = 1e9
 """Bounds of this magnitude only exclude infinity; they are not shown."""
 ALWAYS = {"--help", "--install-completion", "--show-completion"}
 """Options that need no row."""
-SHARED = 3
-"""An option of at least this number of commands is described once."""
+SHARED = 2
+"""An option of at least this number of commands is described once, in its most common meaning."""
 HEAD = "| key | value | meaning |\n| --- | --- | --- |"
 
 
@@ -187,15 +187,17 @@ def _words(kind: types.Type, default: str) -> list[str]:
 def commands(app: typer.Typer) -> str:
     """Return a chapter for each command of `mecazen`, with its arguments and options."""
     found = list(_walk(typer.main.get_command(app), "mecazen"))
-    counts = Counter(row for _, command in found for row in _rows(command))
-    shared = sorted(row for row, count in counts.items() if count >= SHARED)
-    parts = ["## Options of several commands", _table(shared)]
+    counts = Counter(row for _, command in found for row in set(_rows(command)))
+    often = {_name(row): row for row, n in reversed(counts.most_common()) if n >= SHARED}
+    shared = sorted(often.values())
+    parts = ["## Options of several commands", "\n".join(shared)]
     for name, command in found:
         rows = _rows(command)
         parts += [f"## {name}", _help(command.help or "")]
-        parts += [_table(own)] if (own := [row for row in rows if row not in shared]) else []
-        if both := [row.split(" | ")[0].strip("| ") for row in rows if row in shared]:
-            parts.append(f"[Shared](#options-of-several-commands): {', '.join(both)}.")
+        own = [row for row in rows if row not in shared]
+        if both := [f"`{_name(row)}`" for row in rows if row in shared]:
+            own.append(f"- [Shared](#options-of-several-commands): {', '.join(both)}.")
+        parts += ["\n".join(own)] if own else []
     return "\n\n".join(parts)
 
 
@@ -209,11 +211,12 @@ def _rows(command: Any) -> list[str]:
     return [_option(one) for one in command.params if not ALWAYS & set(one.opts)]
 
 
-def _table(rows: list[str]) -> str:
-    return "\n".join(("| option | default | meaning |", "| --- | --- | --- |", *rows))
+def _name(row: str) -> str:
+    return row.split("`")[1]
 
 
 def _option(one: Any) -> str:
+    """Return an argument or option as an item of a list."""
     if one.param_type_name == "argument":
         name = one.metavar or one.name.upper()
     else:
@@ -221,14 +224,15 @@ def _option(one: Any) -> str:
         name = ", ".join(one.opts) + value
     shown = one.show_default
     if one.required:
-        default = "required"
+        default = ""
     elif isinstance(shown, str):
         default = shown.replace("<", "&lt;")
     elif shown and one.default not in (None, False, ()):
         default = f"`{one.default}`"
     else:
         default = ""
-    return _cells(f"`{name}`", default, _line(one.help or ""))
+    words = f"`{name}` ({default})" if default not in ("", "none") else f"`{name}`"
+    return f"- {words}: {_line(one.help)}" if one.help else f"- {words}"
 
 
 def _value(kind: Any) -> str:
