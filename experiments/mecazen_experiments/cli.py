@@ -186,6 +186,69 @@ def fuzz(
 
 
 @app.command()
+def followbench(
+    folder: Annotated[
+        Path | None,
+        Argument(
+            metavar="FOLDER",
+            help="Episodes of Follow-Bench, as a clone of it has them.",
+            show_default="generated ones",
+        ),
+    ] = None,
+    follower: Annotated[
+        list[str] | None,
+        Option(
+            metavar="NAME",
+            help="social, window, proportional, braking, ours, or file.py:Class of your own. "
+            "May be given several times.",
+            show_default="all five",
+        ),
+    ] = None,
+    episodes: Annotated[
+        int, Option(min=1, max=1_000_000, help="Generated ones of each cell and place.")
+    ] = 20,
+    seed: Annotated[
+        int, Option(min=0, help="Of the first; below 1000 are those for choosing parameters.")
+    ] = 1000,
+    only: Annotated[
+        list[str] | None,
+        Option(
+            metavar="CLASS",
+            help="Circular, Crowd, Parallel, Perpendicular, Corridor, Intersection, Doorway, "
+            "Clutter, or a track. May be given several times.",
+            show_default="all",
+        ),
+    ] = None,
+    own_robot: Annotated[
+        bool, Option("--own-robot", help="The mecanum robot with its senses and the guard.")
+    ] = False,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    store: Store = STORE,
+    json: Json = None,
+) -> None:
+    """Follow a person through the episodes of the public benchmark Follow-Bench.
+
+    By default the rules are those of the benchmark: its robot, true positions, any contact fails.
+    Finished episodes are kept: after Ctrl-C the same command continues from there.
+
+    Examples: mecazen experiment followbench --follower ours --only Corridor --episodes 5 ·
+    mecazen experiment followbench --follower mine.py:Mine --follower ours --json mine.json
+    """
+    from mecazen_experiments import commands  # noqa: PLC0415
+
+    commands.followbench(
+        commands.Options(jobs, scheduler, store, json),
+        follower or ("social", "window", "proportional", "braking", "ours"),
+        folder=folder,
+        episodes=episodes,
+        seed=seed,
+        only=only or (),
+        own_robot=own_robot,
+    )
+
+
+@app.command()
 def validate(
     recordings: Annotated[
         Path, Argument(metavar="FOLDER", help="Sessions in OptiOdom's format.", show_default=False)

@@ -41,6 +41,9 @@ from mecazen_experiments.executor import (
     local_workers,
     run_all,
 )
+from mecazen_experiments.followbench import kind as bench
+from mecazen_experiments.followbench.entrants import entrant
+from mecazen_experiments.followbench.episodes import read_folder
 from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, Key, Series, expand
 from mecazen_experiments.kinds import KINDS
@@ -193,6 +196,34 @@ def fuzz(
     _write(options, {"minutes": done})
     if any(one.scores.contacts for one in done):
         raise MecazenError("the robot has touched something")
+
+
+def followbench(
+    options: Options,
+    followers: Sequence[str],
+    *,
+    folder: Path | None,
+    episodes: int,
+    seed: int,
+    only: Sequence[str],
+    own_robot: bool,
+) -> None:
+    """Play Follow-Bench's episodes, or generated ones like them; print and write the tables."""
+    for name in followers:
+        entrant(name)  # refuses one that does not exist before the first episode
+    kind: Kind[Any] = bench.OWN_ROBOT if own_robot else bench.FOLLOWBENCH
+    names = [bench.OURS] if own_robot else followers
+    if folder is not None:
+        files, problems = read_folder(folder)
+        for problem in problems:
+            typer.echo(f"left out: {problem}", err=True)
+        todo = bench.read_from(names, files)
+    else:
+        todo = bench.drawn(names, range(seed, seed + episodes), only)
+    with _session(options, "episodes") as session:
+        rows = session.rows(kind, todo)
+    _write(options, {"rows": rows}, kind.tables(rows))
+    console(WIDTH).print(*kind.tables(rows), sep="\n")
 
 
 def _load(

@@ -194,7 +194,7 @@ def fingerprint(scenario: Scenario) -> str:
     scenario = msgspec.structs.replace(
         in_lockstep(scenario),
         seed=0,
-        programs={part: _with_content(name) for part, name in scenario.programs.items()},
+        programs={part: with_content(name) for part, name in scenario.programs.items()},
     )
     canonical = msgspec.json.encode(scenario, enc_hook=_content, order="sorted")
     return hashlib.sha256(canonical).hexdigest()
@@ -208,7 +208,7 @@ def _content(value: Any) -> str:
     return hashlib.sha256(read_bytes(value)).hexdigest()
 
 
-def _with_content(program: str) -> str:
+def with_content(program: str) -> str:
     """Return a program's name, or its class and the content of its file if it has one."""
     place, colon, name = program.partition(":")
     if not colon:

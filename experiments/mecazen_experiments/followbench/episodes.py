@@ -178,8 +178,8 @@ def read(path: Path) -> Episode:
         raise _invalid(path, f"{where}: {problem}" if where else problem) from None
 
 
-def read_folder(folder: Path) -> tuple[list[Episode], list[str]]:
-    """Return the episodes below a folder, sorted by path, and a line for each unreadable file.
+def read_folder(folder: Path) -> tuple[dict[Path, Episode], list[str]]:
+    """Return the episodes below a folder by their files, and a line for each unreadable file.
 
     Raises:
         ConfigError: There is no YAML file.
@@ -187,10 +187,11 @@ def read_folder(folder: Path) -> tuple[list[Episode], list[str]]:
     paths = sorted(folder.rglob("*.yaml"))
     if not paths:
         raise ConfigError(one_line(f"{folder}: must be a folder with episodes (*.yaml)"))
-    episodes, problems = [], []
+    episodes: dict[Path, Episode] = {}
+    problems: list[str] = []
     for path in paths:
         try:
-            episodes.append(read(path))
+            episodes[path] = read(path)
         except ConfigError as error:
             problems.append(str(error))
     return episodes, problems

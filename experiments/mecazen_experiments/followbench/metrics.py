@@ -17,7 +17,7 @@ from mecazen.portable import Floats, arctan2
 from mecazen_experiments.followbench.play import Record
 from mecazen_experiments.followbench.unicycle import HALF, PERSON_RADIUS, gaps
 from mecazen_experiments.followbench.view import Place
-from mecazen_experiments.statistics import Interval, mean_interval, paired_difference
+from mecazen_experiments.statistics import Interval, paired_difference
 from mecazen_experiments.table import wrap
 
 RADII_M = math.hypot(*HALF) + PERSON_RADIUS
@@ -79,9 +79,9 @@ def measure(record: Record, place: Place, distance: float) -> Metrics:
     return Metrics(
         sr=float(has_avoided and has_kept),
         asr=float(has_avoided),
-        tvr=np.count_nonzero(visible) / most,
-        tin_tperson=np.count_nonzero((free > PRIVATE_M) & (free < PERSONAL_M)) / most,
-        tin_private=np.count_nonzero(nearest < PRIVATE_M) / most,
+        tvr=float(np.count_nonzero(visible) / most),
+        tin_tperson=float(np.count_nonzero((free > PRIVATE_M) & (free < PERSONAL_M)) / most),
+        tin_private=float(np.count_nonzero(nearest < PRIVATE_M) / most),
         pl_m=float(path.sum()),
         avg_vel_m_s=_mean_norm(velocity),
         avg_acc_m_s2=_mean_norm(np.diff(velocity, axis=0, prepend=velocity[:1]) / dt),
@@ -126,14 +126,6 @@ def has_caused_contact(record: Record) -> bool:
         return True
     arose_before = gaps(poses[1], touched) <= 0.0
     return bool(np.any(~arose_before | (gaps(poses[2], touched) > 0.0)))
-
-
-def summarise(runs: Iterable[Metrics]) -> dict[str, Interval]:
-    """Return mean and 95 % confidence interval of each metric over runs, by bootstrap."""
-    runs = list(runs)
-    values = {name: [getattr(run, name) for run in runs] for name in Metrics.__struct_fields__}
-    known = {name: [v for v in column if v is not None] for name, column in values.items()}
-    return {name: mean_interval(column) for name, column in known.items() if column}
 
 
 def compare(a: Mapping[str, Metrics], b: Mapping[str, Metrics]) -> dict[str, Interval]:

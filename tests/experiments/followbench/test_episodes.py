@@ -82,7 +82,7 @@ def test_the_whole_sample_is_readable_and_as_dense_as_its_names_say():
 
     assert problems == []
     assert len(episodes) == 32
-    for one in episodes:
+    for one in episodes.values():
         assert f"H{len(one.humans)}" in one.name or not one.humans
         assert one.density.humans == len(one.humans)
         assert all(len(walk.goals) >= 1 for walk in one.humans)
@@ -106,7 +106,7 @@ def test_a_folder_reports_what_it_can_not_read_and_goes_on(tmp_path, broken):
 
     episodes, problems = read_folder(tmp_path)
 
-    assert [one.name for one in episodes] == ["CorridorOrcaH4W5.6_back_2"]
+    assert [one.name for one in episodes.values()] == ["CorridorOrcaH4W5.6_back_2"]
     assert len(problems) == 1
     assert "world.width" in problems[0]
 

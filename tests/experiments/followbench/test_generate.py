@@ -10,7 +10,7 @@ from mecazen_experiments.followbench.episodes import SAMPLE, Density, read_folde
 from mecazen_experiments.followbench.generate import generate, scenarios, tracks
 from scipy import stats
 
-PUBLISHED, _ = read_folder(SAMPLE)
+PUBLISHED = list(read_folder(SAMPLE)[0].values())
 CLASSES = ["Circular", "Crowd", "Parallel", "Perpendicular", "Corridor", "Intersection", "Doorway"]
 
 

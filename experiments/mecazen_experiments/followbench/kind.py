@@ -1,0 +1,265 @@
+"""Follow-Bench as two kinds of experiments: by its rules, and with our robot in its episodes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import msgspec
+from mecazen.portable import Floats
+from rich.table import Table
+
+from mecazen_experiments.config import Case
+from mecazen_experiments.followbench.entrants import entrant
+from mecazen_experiments.followbench.episodes import Density, Episode, read
+from mecazen_experiments.followbench.generate import generate, scenarios, tracks
+from mecazen_experiments.followbench.metrics import Metrics, compare, measure
+from mecazen_experiments.followbench.play import play
+from mecazen_experiments.followbench.scenario import scenario_of
+from mecazen_experiments.followbench.view import Place
+from mecazen_experiments.jobs import Job, Key, Series, version, with_content
+from mecazen_experiments.report import Kind, Record, Row, regroup
+from mecazen_experiments.safety import COLUMNS as OWN_COLUMNS
+from mecazen_experiments.safety import SAFETY
+from mecazen_experiments.safety_scores import Safety, safety
+from mecazen_experiments.statistics import Interval
+from mecazen_experiments.tables import Column, table
+from mecazen_experiments.watch import watch
+
+PLACES: tuple[Place, ...] = ("back", "left_side")
+LAYOUTS = ("Corridor", "Intersection", "Doorway", "Clutter")
+CROWDS = ("Circular", "Crowd", "Parallel", "Perpendicular")
+MISSING = "lShape45", "left_side"
+"""The only track without an episode for one of the places."""
+OURS = "our robot"
+"""The follower of table B."""
+CAPTION = (
+    "By the rules of Follow-Bench. Means over the episodes, each with its 95 % interval; SR, ASR, "
+    "TVR and the times in % of the episode"
+)
+PAIRED = "Differences over the same episodes, each with its 95 % interval"
+OWN_CAPTION = (
+    "Our robot with its own limits and senses in the same episodes; not comparable with published "
+    "numbers. Contacts: sums over the episodes, those that the robot caused and all"
+)
+COLUMNS: tuple[Column, ...] = (
+    ("SR\n\\[%]", "sr", 0),
+    ("ASR\n\\[%]", "asr", 0),
+    ("TVR\n\\[%]", "tvr", 1),
+    ("TinT-\nPerson", "tin_tperson", 1),
+    ("Tin-\nPrivate", "tin_private", 1),
+    ("PL\n\\[m]", "pl_m", 1),
+    ("AvgVel\n\\[m/s]", "avg_vel_m_s", 2),
+    ("AvgAcc\n\\[m/s²]", "avg_acc_m_s2", 2),
+    ("Jerk\n\\[m/s³]", "jerk_m_s3", 1),
+    ("search\n\\[s]", "search_time_s", 1),
+    ("caused\n\\[%]", "caused_contact", 0),
+    ("D_err\n\\[m]", "d_err_m", 2),
+    ("Θ_err\n\\[°]", "theta_err_deg", 0),
+)
+SHARES = ("sr", "asr", "tvr", "tin_tperson", "tin_private", "caused_contact", "in_view")
+"""Metrics that the tables show in percent."""
+
+
+class Source(msgspec.Struct, frozen=True):
+    """Where an episode comes from: a file, or the generator."""
+
+    follower: str
+    file: str = ""
+    cls: str = ""
+    place: Place = "back"
+    density: Density = Density(0)
+
+    def episode(self, seed: int) -> Episode:
+        """Return the episode."""
+        if self.file:
+            return read(Path(self.file))
+        return generate(self.cls, self.place, self.density, seed)
+
+
+def drawn(followers: Sequence[str], seeds: Sequence[int], only: Sequence[str]) -> list[Series]:
+    """Return the generated episodes of all cells for each follower; of `only` some classes."""
+    cells = [one for one in (*scenarios(), *tracks()) if not only or one.cls in only]
+    todo = []
+    for follower in followers:
+        for cell in cells:
+            for place in PLACES:
+                if (cell.cls, place) == MISSING:
+                    continue
+                source = Source(follower, "", cell.cls, place, cell.density)
+                # a track has no chance in it
+                chosen = seeds if cell.cls in (*CROWDS, *LAYOUTS) else seeds[:1]
+                todo.append(_series(source, cell.cls, cell.density, place, chosen))
+    return todo
+
+
+def read_from(followers: Sequence[str], files: Mapping[Path, Episode]) -> list[Series]:
+    """Return the episodes of files for each follower, by class, density and place."""
+    groups: dict[tuple[str, Density, Place], list[Path]] = {}
+    for file, episode in files.items():
+        groups.setdefault((episode.cls, episode.density, episode.place), []).append(file)
+    return [
+        _of_files(follower, *cell, paths)
+        for follower in followers
+        for cell, paths in groups.items()
+    ]
+
+
+def _of_files(
+    follower: str, cls: str, density: Density, place: Place, files: Sequence[Path]
+) -> Series:
+    todo = [
+        _series(Source(follower, str(file)), cls, density, place, [number])
+        for number, file in enumerate(files)
+    ]
+    jobs = tuple(job for one in todo for job in one.jobs)
+    return todo[0]._replace(jobs=jobs)
+
+
+def _series(
+    source: Source, cls: str, density: Density, place: Place, seeds: Iterable[int]
+) -> Series:
+    labels = {"follower": source.follower, "class": cls, "place": place, "density": said(density)}
+    row = ", ".join(labels.values())
+    text = msgspec.json.encode(source).decode()
+    digest = hashlib.sha256()
+    for part in (text, with_content(source.follower)):
+        digest.update(f"{part}\n".encode())
+    if source.file:
+        digest.update(Path(source.file).read_bytes())
+    sha256 = digest.hexdigest()
+    file = Path(source.file)
+    jobs = tuple(Job(row, None, file, (text,), Key(sha256, s, version())) for s in seeds)
+    return Series(row, Case(name=row, scenario=file), jobs, dict(labels))
+
+
+def said(density: Density) -> str:
+    """Return a density in words."""
+    parts = [f"{density.humans} people"]
+    if density.width is not None:
+        parts.append(f"{density.width:g} m wide")
+    if density.obstacles is not None:
+        parts.append(f"{density.obstacles} boxes")
+    return ", ".join(parts)
+
+
+def _measure(job: Job) -> tuple[Metrics, str]:
+    source = msgspec.json.decode(job.settings[0], type=Source)
+    episode = source.episode(job.key.seed)
+    record = play(episode, entrant(source.follower)(), job.key.seed)
+    digest = hashlib.sha256()
+    for values in cast(tuple[Floats, ...], record[:4]):
+        digest.update(values.tobytes())
+    return measure(record, episode.place, episode.distance), digest.hexdigest()
+
+
+def _measure_own(job: Job) -> tuple[Safety, str]:
+    source = msgspec.json.decode(job.settings[0], type=Source)
+    scenario = scenario_of(source.episode(job.key.seed), job.key.seed)
+    seen = watch(scenario)
+    return safety(seen, scenario), seen.trajectory_sha256
+
+
+def _kind_of(cls: Any) -> str:
+    return "open" if cls in CROWDS else "layouts" if cls in LAYOUTS else "tracks"
+
+
+def tables(rows: Sequence[Row[Metrics]]) -> list[Table]:
+    """Return tables over all episodes, by density in the open, and by class."""
+    found = _tables(FOLLOWBENCH, rows, COLUMNS, CAPTION)
+    pairs = _pairs(rows)
+    if pairs:
+        found.append(table(["follower", "minus", "in"], COLUMNS, pairs, caption=PAIRED))
+    return found
+
+
+def _pairs(rows: Sequence[Row[Metrics]]) -> list[Row[Metrics]]:
+    """Return the differences of each follower from the first, over the same episodes."""
+    runs: dict[tuple[str, str], dict[str, Metrics]] = {}
+    for row in rows:
+        labels = row.labels
+        where = ", ".join(str(labels[axis]) for axis in ("class", "place", "density"))
+        some = runs.setdefault(_total(row), {})
+        some.update({f"{where}, {r.record.key.seed}": r.record.scores for r in row.runs})
+    first = str(rows[0].labels["follower"]) if rows else ""
+    return [
+        Row(
+            f"{follower}, {kind}",
+            {n: _scaled(n, v) for n, v in compare(runs[first, kind], found).items()},
+            runs=tuple(r for row in rows if _total(row) == (follower, kind) for r in row.runs),
+            labels={"follower": follower, "minus": first, "in": kind},
+        )
+        for (follower, kind), found in runs.items()
+        if follower != first
+    ]
+
+
+def _total(row: Row[Any]) -> tuple[str, str]:
+    """Return the follower of a row, and whether it is open, a layout or a track."""
+    return str(row.labels["follower"]), _kind_of(row.labels["class"])
+
+
+def _scaled(name: str, value: Interval) -> Interval:
+    part = 100.0 if name in SHARES else 1.0
+    return Interval(part * value.mean, part * value.low, part * value.high, value.n)
+
+
+def own_tables(rows: Sequence[Row[Safety]]) -> list[Table]:
+    """Return the same tables of our robot."""
+    return _tables(OWN_ROBOT, rows, OWN_COLUMNS, OWN_CAPTION)
+
+
+def _tables(
+    kind: Kind[Any], rows: Sequence[Row[Any]], columns: Sequence[Column], caption: str
+) -> list[Table]:
+    def total(row: Row[Any]) -> dict[str, str | float]:
+        return dict(zip(("follower", "in"), _total(row), strict=True))
+
+    def by_place(row: Row[Any]) -> dict[str, str | float]:
+        return {**total(row), "place": row.labels["place"]}
+
+    def by_people(row: Row[Any]) -> dict[str, str | float]:
+        labels = row.labels
+        return {
+            "follower": labels["follower"],
+            "open, place": labels["place"],
+            "density": labels["density"],
+        }
+
+    def by_class(row: Row[Any]) -> dict[str, str | float]:
+        labels = row.labels
+        return {
+            "follower": labels["follower"],
+            "class": labels["class"],
+            "place": labels["place"],
+        }
+
+    in_open = [row for row in rows if _kind_of(row.labels["class"]) == "open"]
+    shown = [
+        (["follower", "in"], regroup(kind, rows, total)),
+        (["follower", "in", "place"], regroup(kind, rows, by_place)),
+        (["follower", "open, place", "density"], regroup(kind, in_open, by_people)),
+        (["follower", "class", "place"], regroup(kind, rows, by_class)),
+    ]
+    return [table(heads, columns, some, caption=caption) for heads, some in shown if some]
+
+
+def _in_percent(metrics: Metrics) -> dict[str, float | None]:
+    values = msgspec.structs.asdict(metrics)
+    return {name: 100.0 * v if name in SHARES else v for name, v in values.items()}
+
+
+FOLLOWBENCH = Kind("followbench", Record[Metrics], _measure, _in_percent, tables)
+"""Table A: their robot and rules."""
+OWN_ROBOT = Kind(
+    "followbench_own",
+    Record[Safety],
+    _measure_own,
+    msgspec.structs.asdict,
+    own_tables,
+    sums=SAFETY.sums,
+    least=SAFETY.least,
+)
+"""Table B: our robot, its senses and the guard."""

@@ -1,0 +1,80 @@
+"""An episode of Follow-Bench as a scenario of mecazen: our robot, its own senses, the guard."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D
+from mecazen.loading import from_tables, named_file
+
+from mecazen_experiments.followbench import unicycle
+from mecazen_experiments.followbench.episodes import Episode, Walk
+
+VIEWS = {"back": "back", "left_side": "side_left"}
+WALL_M = 2.0
+"""Height of the boxes [m]; theirs have none."""
+LOST_AFTER_S = 4.0
+"""As in other scenarios with people between robot and person."""
+
+
+def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
+    """Return the tables of the scenario: the nexus robot in the middle of their robot's outline.
+
+    People have their way, speed and manners, and a body that walks.
+    """
+    x, y, yaw = episode.robot.compose(Pose2D(unicycle.CENTRE))
+    return {
+        "robot": str(named_file("nexus", "robot")),
+        "seed": seed,
+        "services": ["physics", "controller", "target", "crowd", "sensors", "follower", "guard"],
+        "sim": {"mode": "lockstep", "duration_s": episode.max_steps * episode.step_s},
+        "start": {"x_m": x, "y_m": y, "yaw_deg": math.degrees(yaw)},
+        "sensor": {"kind": "fused"},
+        "target": {"path": _goal(episode.target)},
+        "crowd": {
+            "manners": episode.manners,
+            "inflation_cells": episode.inflation_cells,
+            "walkers": [{"path": _goal(walk)} for walk in episode.humans],
+        },
+        "world": {
+            "person": {"radius_m": unicycle.PERSON_RADIUS},
+            "obstacles": [
+                {
+                    "kind": "box",
+                    "size_m": [box.length, box.width, WALL_M],
+                    "position_m": [box.x, box.y],
+                    "yaw_deg": math.degrees(box.yaw),
+                }
+                for box in episode.boxes
+            ],
+        },
+        "follower": {
+            "view": VIEWS[episode.place],
+            "standoff_m": episode.distance,
+            "lost_after_s": LOST_AFTER_S,
+            "planner": {},
+        },
+    }
+
+
+def scenario_of(episode: Episode, seed: int) -> Scenario:
+    """Return the scenario of an episode."""
+    return from_tables(tables_of(episode, seed), Path(episode.name))
+
+
+def _goal(walk: Walk) -> dict[str, Any]:
+    *via, goal = walk.goals
+    return {
+        "kind": "goal",
+        "x_m": walk.start.x,
+        "y_m": walk.start.y,
+        "yaw_deg": math.degrees(walk.start.yaw),
+        "via_m": [list(place) for place in via],
+        "goal_m": list(goal),
+        "speed_m_s": 1.5,
+        "keeps_m": walk.safe_dist,
+        "within_m": walk.goal_threshold,
+    }
