@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from mecazen_experiments.followbench.planners.ours import Ours
 from mecazen_experiments.followbench.planners.proportional import Proportional
 from mecazen_experiments.followbench.planners.social import Social
 from mecazen_experiments.followbench.planners.window import Window
 from mecazen_experiments.followbench.view import Planner
 
 PLANNERS: dict[str, Callable[[], Planner]] = {
+    "ours": Ours,
     "social": Social,
     "window": Window,
     "proportional": partial(Proportional, brakes=False),
