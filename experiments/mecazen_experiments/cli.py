@@ -222,6 +222,27 @@ def followbench(
     own_robot: Annotated[
         bool, Option("--own-robot", help="The mecanum robot with its senses and the guard.")
     ] = False,
+    figures: Annotated[
+        Path | None,
+        Option(metavar="FOLDER", help="Draw the success in the open there.", show_default="none"),
+    ] = None,
+    films: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER",
+            help="Write the first failure of each row there, else its first episode: GIF.",
+            show_default="none",
+        ),
+    ] = None,
+    leaderboard: Annotated[
+        list[Path] | None,
+        Option(
+            metavar="FILE",
+            help="Play nothing; make one table of such results of --json. May be given several "
+            "times.",
+            show_default="none",
+        ),
+    ] = None,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     store: Store = STORE,
@@ -237,6 +258,9 @@ def followbench(
     """
     from mecazen_experiments import commands  # noqa: PLC0415
 
+    if leaderboard:
+        commands.leaderboard(leaderboard, figures)
+        return
     commands.followbench(
         commands.Options(jobs, scheduler, store, json),
         follower or ("social", "window", "proportional", "braking", "ours"),
@@ -245,6 +269,8 @@ def followbench(
         seed=seed,
         only=only or (),
         own_robot=own_robot,
+        figures=figures,
+        films=films,
     )
 
 

@@ -207,23 +207,49 @@ def followbench(
     seed: int,
     only: Sequence[str],
     own_robot: bool,
+    figures: Path | None,
+    films: Path | None,
 ) -> None:
     """Play Follow-Bench's episodes, or generated ones like them; print and write the tables."""
+    for option, into in (("--figures", figures), ("--films", films)):
+        if into is not None and own_robot:
+            raise ConfigError(f"{option}: there are none of --own-robot")
+        if into is not None:
+            files.make_folder(into, option)
     for name in followers:
         entrant(name)  # refuses one that does not exist before the first episode
     kind: Kind[Any] = bench.OWN_ROBOT if own_robot else bench.FOLLOWBENCH
     names = [bench.OURS] if own_robot else followers
     if folder is not None:
-        files, problems = read_folder(folder)
+        found, problems = read_folder(folder)
         for problem in problems:
             typer.echo(f"left out: {problem}", err=True)
-        todo = bench.read_from(names, files)
+        todo = bench.read_from(names, found)
     else:
         todo = bench.drawn(names, range(seed, seed + episodes), only)
+    written: list[Path] = []
     with _session(options, "episodes") as session:
         rows = session.rows(kind, todo)
+        if figures is not None:
+            written += bench.draw(figures, rows)
+        if films is not None:
+            record = partial(bench.film_of, films)
+            worst = [bench.worst(*one) for one in zip(todo, rows, strict=True)]
+            written += [file for _, file in do_all(record, worst, session.workers)]
     _write(options, {"rows": rows}, kind.tables(rows))
     console(WIDTH).print(*kind.tables(rows), sep="\n")
+    for file in written:
+        typer.echo(file)
+
+
+def leaderboard(results: Sequence[Path], figures: Path | None) -> None:
+    """Print the tables of results of several entries as one, and draw its figure."""
+    rows = [row for file in results for row in bench.rows_of(file)]
+    console(WIDTH).print(*bench.FOLLOWBENCH.tables(rows), sep="\n")
+    if figures is not None:
+        files.make_folder(figures, "--figures")
+        for file in bench.draw(figures, rows):
+            typer.echo(file)
 
 
 def _load(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import msgspec
+from mecazen.errors import ConfigError
+from mecazen.files import read_bytes
 from mecazen.portable import Floats
 from rich.table import Table
 
@@ -21,12 +23,15 @@ from mecazen_experiments.followbench.scenario import scenario_of
 from mecazen_experiments.followbench.view import Place
 from mecazen_experiments.jobs import Job, Key, Series, version, with_content
 from mecazen_experiments.report import Kind, Record, Row, regroup
+from mecazen_experiments.run import file_name
 from mecazen_experiments.safety import COLUMNS as OWN_COLUMNS
 from mecazen_experiments.safety import SAFETY
 from mecazen_experiments.safety_scores import Safety, safety
 from mecazen_experiments.statistics import Interval
 from mecazen_experiments.tables import Column, table
 from mecazen_experiments.watch import watch
+
+T = TypeVar("T")
 
 PLACES: tuple[Place, ...] = ("back", "left_side")
 LAYOUTS = ("Corridor", "Intersection", "Doorway", "Clutter")
@@ -171,8 +176,18 @@ def tables(rows: Sequence[Row[Metrics]]) -> list[Table]:
     found = _tables(FOLLOWBENCH, rows, COLUMNS, CAPTION)
     pairs = _pairs(rows)
     if pairs:
-        found.append(table(["follower", "minus", "in"], COLUMNS, pairs, caption=PAIRED))
+        heads = ["follower", "minus", "in"]
+        found.append(table(heads, COLUMNS, pairs, title="Paired", caption=PAIRED))
     return found
+
+
+def _in_open(rows: Sequence[Row[T]]) -> list[Row[T]]:
+    return [row for row in rows if _kind_of(row.labels["class"]) == "open"]
+
+
+def _by_people(row: Row[Any]) -> dict[str, str | float]:
+    follower, place, density = (row.labels[name] for name in ("follower", "place", "density"))
+    return {"follower": follower, "open, place": place, "density": density}
 
 
 def _pairs(rows: Sequence[Row[Metrics]]) -> list[Row[Metrics]]:
@@ -220,14 +235,6 @@ def _tables(
     def by_place(row: Row[Any]) -> dict[str, str | float]:
         return {**total(row), "place": row.labels["place"]}
 
-    def by_people(row: Row[Any]) -> dict[str, str | float]:
-        labels = row.labels
-        return {
-            "follower": labels["follower"],
-            "open, place": labels["place"],
-            "density": labels["density"],
-        }
-
     def by_class(row: Row[Any]) -> dict[str, str | float]:
         labels = row.labels
         return {
@@ -236,19 +243,69 @@ def _tables(
             "place": labels["place"],
         }
 
-    in_open = [row for row in rows if _kind_of(row.labels["class"]) == "open"]
     shown = [
-        (["follower", "in"], regroup(kind, rows, total)),
-        (["follower", "in", "place"], regroup(kind, rows, by_place)),
-        (["follower", "open, place", "density"], regroup(kind, in_open, by_people)),
-        (["follower", "class", "place"], regroup(kind, rows, by_class)),
+        ("Overall", ["follower", "in"], regroup(kind, rows, total)),
+        ("By place", ["follower", "in", "place"], regroup(kind, rows, by_place)),
+        (
+            "In the open",
+            ["follower", "open, place", "density"],
+            regroup(kind, _in_open(rows), _by_people),
+        ),
+        ("By class", ["follower", "class", "place"], regroup(kind, rows, by_class)),
     ]
-    return [table(heads, columns, some, caption=caption) for heads, some in shown if some]
+    return [
+        table(heads, columns, some, title=title, caption=caption)
+        for title, heads, some in shown
+        if some
+    ]
 
 
 def _in_percent(metrics: Metrics) -> dict[str, float | None]:
     values = msgspec.structs.asdict(metrics)
     return {name: 100.0 * v if name in SHARES else v for name, v in values.items()}
+
+
+def draw(folder: Path, rows: Sequence[Row[Metrics]]) -> list[Path]:
+    """Write the figure of the success in the open into a folder, and return the files."""
+    from mecazen_experiments.followbench import figure  # noqa: PLC0415  # imports Matplotlib
+
+    return figure.draw(regroup(FOLLOWBENCH, _in_open(rows), _by_people), folder)
+
+
+def film_of(folder: Path, job: Job) -> Path:
+    """Play an episode again, write it as a film into a folder, and return the file."""
+    from mecazen_experiments.followbench.film import film  # noqa: PLC0415  # imports Matplotlib
+
+    source = msgspec.json.decode(job.settings[0], type=Source)
+    episode = source.episode(job.key.seed)
+    record = play(episode, entrant(source.follower)(), job.key.seed)
+    file = folder / f"{file_name(job)}.gif"
+    film(episode, record, job.row, file)
+    return file
+
+
+def worst(series: Series, row: Row[Metrics]) -> Job:
+    """Return the first episode of a row that failed, or else its first one."""
+    failed = {run.record.key for run in row.runs if not run.record.scores.sr}
+    return next((job for job in series.jobs if job.key in failed), series.jobs[0])
+
+
+def rows_of(file: Path) -> list[Row[Metrics]]:
+    """Return the rows of a result that `--json` wrote.
+
+    Raises:
+        ConfigError: The file is no such result.
+    """
+    try:
+        return msgspec.json.decode(read_bytes(file), type=Result).rows
+    except (msgspec.DecodeError, OSError) as error:
+        raise ConfigError(f"--leaderboard {file}: no result of followbench: {error}") from None
+
+
+class Result(msgspec.Struct):
+    """A result of `--json`."""
+
+    rows: list[Row[Metrics]]
 
 
 FOLLOWBENCH = Kind("followbench", Record[Metrics], _measure, _in_percent, tables)

@@ -138,3 +138,36 @@ def test_the_command_reports_files_that_it_can_not_read(tmp_path):
     assert result.exit_code == 0
     assert "left out: " in result.output
     assert "uTurn_back_2.yaml" in result.output
+
+
+def test_results_of_several_entries_make_one_table_and_a_figure(tmp_path):
+    runner, store = CliRunner(), ["--store", str(tmp_path / "s.sqlite"), "--jobs", "1"]
+    results = []
+    for name in ("social", "braking"):
+        file = tmp_path / f"{name}.json"
+        chosen = ["--follower", name, "--only", "uTurn", "--json", str(file)]
+        runner.invoke(app, ["followbench", *chosen, *store], catch_exceptions=False)
+        results += ["--leaderboard", str(file)]
+    arguments = ["followbench", *results, "--figures", str(tmp_path / "figures")]
+    result = runner.invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "social" in result.output
+    assert "braking" in result.output
+    assert (tmp_path / "figures" / "followbench.png").stat().st_size
+
+
+def test_a_leaderboard_of_another_file_is_one_line(tmp_path):
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    with pytest.raises(ConfigError, match="other.json: no result of followbench"):
+        bench.rows_of(other)
+
+
+def test_the_film_of_a_row_is_its_first_failure(tmp_path):
+    # beside the target, their reference does not look where it turns
+    arguments = ["followbench", "--follower", "social", "--only", "uTurn", "--jobs", "1"]
+    arguments += ["--store", str(tmp_path / "s.sqlite"), "--films", str(tmp_path / "films")]
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    films = sorted(file.name for file in (tmp_path / "films").iterdir())
+    assert films == ["social-uTurn-back-0_people.gif", "social-uTurn-left_side-0_people.gif"]
