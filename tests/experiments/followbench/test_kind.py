@@ -1,5 +1,8 @@
 """Follow-Bench as an experiment: which episodes, who plays, and what the tables show."""
 
+import re
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
@@ -47,6 +50,7 @@ class Pure:
 class Neither:
     pass
 """
+DOCUMENT = Path(__file__).parents[3] / "docs" / "followbench.md"
 EPISODE = generate("Parallel", "back", Density(5), 1)
 
 
@@ -82,6 +86,16 @@ def test_a_node_a_policy_and_a_pure_class_may_enter(tmp_path, name):
     # a twentieth of a turn in 1 s; the heading before each step counts
     assert record.robot[-1, 2] - record.robot[0, 2] == pytest.approx(0.5)
     assert np.hypot(*(record.robot[-1, :2] - record.robot[0, :2])) == pytest.approx(1.0, rel=0.02)
+
+
+def test_the_planner_of_the_documents_follows_the_target(tmp_path):
+    (code,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    file = tmp_path / "mine.py"
+    file.write_text(code)
+    alone = msgspec.structs.replace(EPISODE, humans=())
+    record = play(alone, entrant(f"{file}:Mine")(), 1)
+    assert not record.collided
+    assert record.visible.all()
 
 
 @pytest.mark.parametrize(
@@ -159,7 +173,7 @@ def test_results_of_several_entries_make_one_table_and_a_figure(tmp_path):
 def test_a_leaderboard_of_another_file_is_one_line(tmp_path):
     other = tmp_path / "other.json"
     other.write_text("{}")
-    with pytest.raises(ConfigError, match="other.json: no result of followbench"):
+    with pytest.raises(ConfigError, match=r"other\.json: no result of followbench"):
         bench.rows_of(other)
 
 
