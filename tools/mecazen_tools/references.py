@@ -95,7 +95,7 @@ class _Chapters:
             return [row._replace(value=", ".join(filter(None, (row.value, link))))]
         self._homes |= {one.cls: f"{section}.{key}" for one in found}
         if len(found) == 1:
-            about = " ".join(filter(None, (row.meaning, _line(_about(found[0].cls)))))
+            about = " ".join(filter(None, (row.meaning, _brief(found[0].cls))))
             first = row._replace(keys=(key,), meaning=about)
             return [first, *self._rows(found[0], section, f"{key}.")]
         merged: dict[_Row, tuple[str, ...]] = {}
@@ -103,7 +103,7 @@ class _Chapters:
             tag = str(one.tag)
             for inner in self._rows(one, section, f"{key}."):
                 merged[inner] = (*merged.get(inner, ()), tag)
-        kinds = [_Row((f"{key}.kind",), f'`"{one.tag}"`', _line(_about(one.cls))) for one in found]
+        kinds = [_Row((f"{key}.kind",), f'`"{one.tag}"`', _brief(one.cls)) for one in found]
         every = tuple(str(one.tag) for one in found)
         own = [one._replace(kinds=() if tags == every else tags) for one, tags in merged.items()]
         return [row._replace(keys=(key,)), *kinds, *sorted(own, key=lambda one: bool(one.kinds))]
@@ -293,6 +293,11 @@ def _default(field: types.Field) -> str:
 def _about(struct: type) -> str:
     text, _, _ = (inspect.getdoc(struct) or "").partition("\n\nRaises:")
     return _paragraphs(text)
+
+
+def _brief(struct: type) -> str:
+    """Return the first paragraph of a struct's description."""
+    return _about(struct).partition("\n\n")[0]
 
 
 @cache
