@@ -99,8 +99,6 @@ class Episode(msgspec.Struct, frozen=True):
     step_s: float
     inflation_cells: int
     """Side of the square, in cells of the grid, by which obstacles grow for planned ways."""
-    skip: int
-    """Cells of a planned way between two of its way-points."""
     max_steps: int
     max_search_steps: int
     distance: float = 1.5
@@ -114,7 +112,8 @@ State = tuple[Coordinate, Coordinate, Coordinate]
 
 class _Planner(msgspec.Struct):
     dialate: Annotated[int, msgspec.Meta(ge=0, le=100)]
-    skip_num: Annotated[int, msgspec.Meta(ge=1, le=1000)]
+    skip_num: Literal[5]
+    """Cells from one way-point to the next; all files have the same."""
 
 
 class _World(msgspec.Struct):
@@ -247,7 +246,6 @@ def _episode(name: str, scenario: str, place: Any, file: _File) -> Episode:
         size=(world.width, world.height),
         step_s=world.step_time,
         inflation_cells=world.planner.dialate,
-        skip=world.planner.skip_num,
         max_steps=length.max_steps,
         max_search_steps=length.max_search_steps,
     )

@@ -161,7 +161,6 @@ def generate(
         size=setting.size,
         step_s=0.1,
         inflation_cells=setting.inflation_cells,
-        skip=5,
         max_steps=length.max_steps,
         max_search_steps=length.max_search_steps,
         distance=distance,

@@ -29,7 +29,7 @@ def test_a_drawn_episode_has_the_frame_of_the_published_one(published):
 
     for key in ("cls", "manners", "place", "density", "size", "step_s", "inflation_cells"):
         assert getattr(drawn, key) == getattr(published, key)
-    for key in ("skip", "max_steps", "max_search_steps", "distance"):
+    for key in ("max_steps", "max_search_steps", "distance"):
         assert getattr(drawn, key) == getattr(published, key)
     assert len(drawn.humans) == len(published.humans)
     for one, other in zip(
