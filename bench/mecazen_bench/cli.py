@@ -113,7 +113,7 @@ def compare(before: File, after: File) -> None:
 def results(
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="STAGE", help="May be given several times.", show_default="all"),
+        typer.Option(metavar="STAGE", help="Repeatable.", show_default="all"),
     ] = None,
     scheduler: Annotated[
         str | None,

@@ -57,7 +57,7 @@ def run(
         list[str] | None,
         Option(
             metavar="KEY=V1,V2",
-            help="Run every case with each of these values. May be given several times.",
+            help="Run every case with each of these values. Repeatable.",
             show_default=False,
         ),
     ] = None,
@@ -66,7 +66,7 @@ def run(
         Option(
             metavar="AXIS=NAME",
             help="One case or another choice of the experiment, as case='hard stop' or view=back. "
-            "May be given several times.",
+            "Repeatable.",
             show_default="all",
         ),
     ] = None,
@@ -164,7 +164,7 @@ def budget(
 @app.command()
 def fuzz(
     hours: Annotated[float, Option(min=0.01, max=10000, help="Simulated time.")] = 0.2,
-    seed: Annotated[int, Option(min=0, help="Of the first minute; each has the next.")] = 1,
+    seed: Annotated[int, Option(min=0, help="Seed of the first minute; each has the next.")] = 1,
     physics: Annotated[bool, Option("--physics", help="In DART, not in a plane.")] = False,
     follower: Annotated[bool, Option("--follower", help="A follower drives, not chance.")] = False,
     freezes: Annotated[bool, Option("--freezes", help="Services freeze now and then.")] = False,
@@ -200,7 +200,7 @@ def followbench(
         Option(
             metavar="NAME",
             help="social, window, proportional, braking, ours, or file.py:Class of your own. "
-            "May be given several times.",
+            "Repeatable.",
             show_default="all five",
         ),
     ] = None,
@@ -208,14 +208,14 @@ def followbench(
         int, Option(min=1, max=1_000_000, help="Generated ones of each cell and place.")
     ] = 20,
     seed: Annotated[
-        int, Option(min=0, help="Of the first; below 1000 are those for choosing parameters.")
+        int, Option(min=0, help="Seed of the first; those below 1000 are for choosing parameters.")
     ] = 1000,
     only: Annotated[
         list[str] | None,
         Option(
             metavar="CLASS",
             help="Circular, Crowd, Parallel, Perpendicular, Corridor, Intersection, Doorway, "
-            "Clutter, or a track. May be given several times.",
+            "Clutter, or a track. Repeatable.",
             show_default="all",
         ),
     ] = None,
@@ -238,8 +238,7 @@ def followbench(
         list[Path] | None,
         Option(
             metavar="FILE",
-            help="Play nothing; make one table of such results of --json. May be given several "
-            "times.",
+            help="Play nothing; make one table of such results of --json. Repeatable.",
             show_default="none",
         ),
     ] = None,

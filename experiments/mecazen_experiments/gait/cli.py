@@ -17,7 +17,7 @@ def gait(
         typer.Option(metavar="N", help="Which run; see mecazen info.", show_default="the last"),
     ] = None,
     robot: Annotated[
-        str, typer.Option(metavar="NAME", help="Of several robots, whose.", show_default=False)
+        str, typer.Option(metavar="NAME", help="The robot, of several.", show_default=False)
     ] = "",
     export: Annotated[
         Path | None,

@@ -157,7 +157,7 @@ def emulate(
         typer.Option(
             metavar="NAME=CHANCE|NAME@SECONDS",
             help="drop=, corrupt=, cut=, merge= CHANCE of a frame; delay=SECONDS; silence@, "
-            "unplug@, brownout@, jump@ SECONDS. May be given several times.",
+            "unplug@, brownout@, jump@ SECONDS. Repeatable.",
             show_default=False,
         ),
     ] = None,

@@ -106,13 +106,13 @@ def replay(
     speed: Annotated[
         float, typer.Option(min=0.01, max=1000, help="Simulated seconds per wall second.")
     ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin anew at the end.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
     keys: Annotated[
         list[str] | None,
         typer.Option(
             "--keys",
             metavar="KEY",
-            help="A key, or an expression such as 'target/**'. May be given several times.",
+            help="A key, or an expression such as 'target/**'. Repeatable.",
             show_default="all",
         ),
     ] = None,
@@ -127,8 +127,8 @@ def replay(
         str | None,
         typer.Option(
             metavar="SERVICE",
-            help="Publish nothing: feed a service (or file.py:Class) with what it was given, and "
-            "compare what it answers with the recording. Ends with 1 at the first difference.",
+            help="Publish nothing: feed a service (or file.py:Class) with its recorded inputs, and "
+            "compare its outputs with the recording. Ends with 1 at the first difference.",
             show_default=False,
         ),
     ] = None,

@@ -93,7 +93,7 @@ def run(
     ],
     scenario: ScenarioArgument,
     robot: Annotated[
-        str, typer.Option(metavar="NAME", help="Of several robots, whose.", show_default=False)
+        str, typer.Option(metavar="NAME", help="The robot, of several.", show_default=False)
     ] = "",
     settings: Settings = None,
 ) -> None:
@@ -288,7 +288,7 @@ def create(
         list[str] | None,
         typer.Option(
             metavar="NAME_OR_IP",
-            help="A host that services listen on, besides loopback. May be given several times.",
+            help="A host that services listen on, besides loopback. Repeatable.",
             show_default=False,
         ),
     ] = None,

@@ -33,7 +33,7 @@ Settings = Annotated[
         metavar="KEY=VALUE",
         envvar=SETTINGS_VARIABLE,
         help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
-        "is a string. May be given several times.",
+        "is a string. Repeatable.",
         show_default=False,
     ),
 ]

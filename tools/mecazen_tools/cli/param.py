@@ -45,7 +45,7 @@ def _print(message: Message) -> None:
 @app.command(name="list")
 def list_(
     section: Annotated[
-        str, typer.Argument(metavar="[SECTION]", help="Of it only, e.g. follower.")
+        str, typer.Argument(metavar="[SECTION]", help="One section only, e.g. follower.")
     ] = "",
     as_json: AsJson = False,
     connect: Connect = None,

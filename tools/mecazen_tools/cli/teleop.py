@@ -174,7 +174,7 @@ class Driven:
 def teleop(
     person: Annotated[bool, typer.Option("--person", help="Walk the person instead.")] = False,
     robot: Annotated[
-        str, typer.Option(metavar="NAME", help="Of several robots, which.", show_default=False)
+        str, typer.Option(metavar="NAME", help="The robot, of several.", show_default=False)
     ] = "",
     speed: Annotated[
         float, typer.Option(metavar="M_S", min=0.01, max=10, help="Along the ground, at 100 %.")
