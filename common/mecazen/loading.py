@@ -198,7 +198,8 @@ def _take_sensors(raw: dict[str, Any]) -> None:
     if "hardware" in listed:  # a real robot has sensors of its own
         needed.pop("sensors", None)
     crowd = raw.get(CROWD)
-    walked = any(crowd.values()) if isinstance(crowd, dict) else False
+    walkers = ("walkers", "reactive")
+    walked = isinstance(crowd, dict) and any(crowd.get(name) for name in walkers)
     if walked or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
         needed[CROWD] = None
     raw["services"] = [*listed, *(name for name in needed if name not in listed)]
