@@ -45,6 +45,8 @@ DISCS_M = CENTRE - HALF[0] / 2, CENTRE + HALF[0] / 2
 """Centers of two discs about the halves of the outline, ahead of the axle ..."""
 DISC_M = math.hypot(HALF[0] / 2, HALF[1])
 """... and their radius."""
+FIT_M, CHECKS = 0.3, 50
+"""Distance from walls that a straight way needs, and the number of places where it is checked."""
 AFTER = 4
 """Number of steps whose jerk counts."""
 
@@ -59,6 +61,9 @@ class Weights(NamedTuple):
     margin_m: float = 0.45
     growth_m_s: float = 0.1
     """... the margin, which grows with time for 1.5 s."""
+    patience_s: float = 3.0
+    """Time without sight of the target after which being near people costs half: those who wait
+    for a robot that blocks a door give way when it comes."""
     wall: float = 30.0
     wall_margin_m: float = 0.25
     fade_s: float = 1.2
@@ -94,8 +99,9 @@ class Ours:
         self._target.update(view)
         v, w, gentle = sample(self._plan, self._random)
         ways = roll(view.robot, (view.v, view.w), (v, w), gentle)
-        cost = self._people(view, ways) + self._walls(view, ways)
-        cost += self._place(view, ways) + self._smoothness(view, ways)
+        walls = Walls(view)
+        cost = self._people(view, ways) + self._walls(walls, ways)
+        cost += self._place(view, walls, ways) + self._smoothness(view, ways)
         best = int(cost.argmin())
         self._plan = ways.v[best], ways.w[best]
         v0, w0 = float(ways.v[best, 0]), float(ways.w[best, 0])
@@ -122,25 +128,20 @@ class Ours:
         near = np.maximum(1.0 - gaps / self._margin[:, None], 0.0)
         least = gaps.min(axis=2)
         weights = self._weights
-        cost: Floats = weights.near * (self._fade * (near * near).sum(axis=2)).mean(axis=1)
+        shyness = weights.near / (1.0 + self._target.unseen_s / weights.patience_s)
+        cost: Floats = shyness * (self._fade * (near * near).sum(axis=2)).mean(axis=1)
         cost += weights.touch * (self._fade * (least < TOUCHING_M)).mean(axis=1)
         cost += 10.0 * weights.touch * (least[:, 0] < TOUCHING_NOW_M)
         return cost
 
-    def _walls(self, view: View, ways: Ways) -> Floats:
+    def _walls(self, walls: Walls, ways: Ways) -> Floats:
         """Return the cost of each way (n) of being near what the scan meets besides people."""
-        things = _things(view)
-        if not len(things):
+        if walls.table is None:
             return np.zeros(len(ways.x))
-        free = np.ones((CELLS, CELLS), bool)
-        i, j = _cells(things[:, 0] - view.robot.x), _cells(things[:, 1] - view.robot.y)
-        free[i, j] = False
-        table = (CELL_M * distance_transform_edt(free)).ravel()
         gaps = np.full_like(ways.x, np.inf)
         for ahead in DISCS_M:
-            i = _cells(ways.x + ahead * ways.c - view.robot.x)
-            j = _cells(ways.y + ahead * ways.s - view.robot.y)
-            np.minimum(gaps, table.take(i * CELLS + j), out=gaps)
+            x, y = ways.x + ahead * ways.c, ways.y + ahead * ways.s
+            np.minimum(gaps, walls.distance(x, y), out=gaps)
         gaps -= DISC_M
         weights = self._weights
         near = np.maximum(1.0 - gaps / weights.wall_margin_m, 0.0)
@@ -149,15 +150,15 @@ class Ours:
         cost += 10.0 * weights.touch * (gaps[:, 0] < 0.0)
         return cost
 
-    def _place(self, view: View, ways: Ways) -> Floats:
+    def _place(self, view: View, walls: Walls, ways: Ways) -> Floats:
         """Return the cost of each way (n) of being off the place, and far from the target."""
         target = self._target
         if target.last is None:
             return np.zeros(len(ways.x))
-        x, y = target.ahead(TIMES).T
-        dx, dy = ways.x - x, ways.y - y
+        goals, is_seen = self._goals(walls)
+        dx, dy = ways.x - goals[:, 0], ways.y - goals[:, 1]
         distance = np.sqrt(dx * dx + dy * dy)
-        if view.target is None:
+        if not is_seen:
             error = distance
         elif view.place == "back":
             error = np.abs(distance - view.distance)
@@ -170,9 +171,29 @@ class Ours:
         near = np.minimum(error, 1.0)
         later = np.linspace(0.5, 1.5, STEPS)
         cost: Floats = weights.place * (later * near * (2.0 * error - near)).mean(axis=1)
-        far = np.maximum(distance - weights.far_m, 0.0)
-        cost += weights.far * (far * far).mean(axis=1)
+        if is_seen:
+            far = np.maximum(distance - weights.far_m, 0.0)
+            cost += weights.far * (far * far).mean(axis=1)
         return cost
+
+    def _goals(self, walls: Walls) -> tuple[Floats, bool]:
+        """Return where to go at each time (STEPS, 2), and whether it is the seen target.
+
+        Where a wall is on the way to an unseen target, its trail leads round the wall. At the
+        end of the trail, the robot looks at places that it can drive to.
+        """
+        target = self._target
+        is_seen = not target.unseen_s
+        if is_seen or walls.table is None or walls.is_free(target.guesses()[:1])[0]:
+            return target.ahead(TIMES), is_seen
+        if target.trail:
+            places = np.array(target.trail)
+            free = np.flatnonzero(walls.is_free(places))
+            return np.repeat(places[[free[-1] if len(free) else 0]], STEPS, axis=0), False
+        free = np.flatnonzero(walls.is_free(target.guesses()))
+        if not len(free):
+            target.restart()
+        return target.ahead(TIMES, int(free[0]) if len(free) else 0), False
 
     def _smoothness(self, view: View, ways: Ways) -> Floats:
         """Return the cost of each way (n) of changing the acceleration, and of turning."""
@@ -189,6 +210,33 @@ class Ours:
             jy = vy[k + 2] - 2.0 * vy[k + 1] + vy[k]
             cost += self._weights.jerk * np.sqrt(jx * jx + jy * jy)
         return cost
+
+
+class Walls:
+    """Distances from what the scan meets besides people."""
+
+    def __init__(self, view: View) -> None:
+        self._x, self._y = view.robot[:2]
+        self.table: Floats | None = None
+        """Distance of each cell [m]; None if nothing is there."""
+        things = _things(view)
+        if len(things):
+            free = np.ones((CELLS, CELLS), bool)
+            free[_cells(things[:, 0] - self._x), _cells(things[:, 1] - self._y)] = False
+            self.table = (CELL_M * distance_transform_edt(free)).ravel()
+
+    def distance(self, x: Floats, y: Floats) -> Floats:
+        """Return the distances [m] of places in the world from the nearest thing."""
+        assert self.table is not None
+        return self.table.take(_cells(x - self._x) * CELLS + _cells(y - self._y))
+
+    def is_free(self, places: Floats) -> npt.NDArray[np.bool_]:
+        """Return whether the robot fits between walls on straight ways to places (n, 2)."""
+        share = np.linspace(0.0, 1.0, CHECKS)
+        dx, dy = places[:, :1] - self._x, places[:, 1:] - self._y
+        gaps = self.distance(self._x + share * dx, self._y + share * dy)
+        free: npt.NDArray[np.bool_] = gaps.min(axis=1) > FIT_M
+        return free
 
 
 def _things(view: View) -> Floats:

@@ -61,6 +61,23 @@ def test_it_goes_where_a_lost_target_should_be() -> None:
     assert robot.pose.x > 54.0
 
 
+def test_it_follows_the_trail_of_a_lost_target_round_a_wall() -> None:
+    wall = (53.0, 53.0, 0.0, 6.0, 0.4)  # the target goes round its left end, at x = 50
+    planner, robot = Ours(), Unicycle(Pose2D(51.5, 51.0))
+    way = [(49.0, 51.0 + 0.15 * k) for k in range(20)] + [
+        (49.0 + 0.15 * k, 54.0) for k in range(30)
+    ]
+    for k in range(120):
+        place = way[min(k, len(way) - 1)]
+        velocity = (0.0, 1.5) if k < 20 else (1.5, 0.0)
+        is_hidden = place[1] > 52.0 and robot.pose.y < 52.5
+        target = None if is_hidden else Seen(*place, *velocity)
+        seen = view(robot.pose, target, boxes=[wall], v=robot.v, w=robot.w)
+        robot = robot.step(*planner.command(seen), 0.1, SIZE)
+    assert robot.pose.y > 53.5
+    assert robot.pose.x > 50.5
+
+
 def test_a_robot_that_never_saw_the_target_stays() -> None:
     v, w = Ours().command(view(target=None))
     assert (v, w) == (0.0, 0.0)

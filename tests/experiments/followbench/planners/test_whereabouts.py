@@ -25,8 +25,20 @@ def test_a_zigzag_is_smoothed() -> None:
     target = Whereabouts()
     for k in range(100):
         target.update(view(target=Seen(52.0, 50.0, 1.0, 1.0 if k % 2 else -1.0)))
-    assert target.ahead(NOW_AND_LATER)[1] == pytest.approx((54.0, 50.0), abs=0.2)  # a tenth of 2 m
-    assert target.heading == pytest.approx(0.0, abs=0.1)
+    # 1 s with a tenth of its speed across, and 1 s with less
+    assert target.ahead(NOW_AND_LATER)[1] == pytest.approx((54.0, 50.0), abs=0.15)
+    assert target.heading == pytest.approx(0.0, abs=0.15)
+
+
+def test_a_step_aside_does_not_last() -> None:
+    target = Whereabouts()
+    for _ in range(60):
+        target.update(view(target=Seen(52.0, 50.0, 1.0, 0.0)))
+    for _ in range(5):
+        target.update(view(target=Seen(52.0, 50.0, 0.0, 1.0)))
+    x, y = (target.ahead(np.array([6.0]))[0] - (52.0, 50.0)).tolist()
+    assert x > 4.5
+    assert 0.5 < y < 3.0  # straight on with its velocity, it would be 3.8
 
 
 def test_an_unseen_target_goes_on_as_before() -> None:
@@ -46,6 +58,18 @@ def test_a_target_that_is_not_where_it_should_be_is_sought_elsewhere() -> None:
         target.update(view(target=None))
     # ... and once one of them is far enough to be true, it counts
     assert math.dist(target.ahead(NOW_AND_LATER)[0], (50.0, 50.0)) > 4.0
+
+
+def test_the_robot_comes_to_the_places_of_the_trail_one_after_the_other() -> None:
+    target = Whereabouts()
+    for k in range(21):
+        target.update(view(target=Seen(52.0 + 0.1 * k, 50.0, 1.0, 0.0)))
+    assert target.trail[0] == (52.0, 50.0)
+    assert target.trail[-1] == pytest.approx((54.0, 50.0), abs=0.3)  # one each 0.3 m
+    target.update(view(Pose2D(52.0, 50.5), target=None))
+    assert 52.5 < target.trail[0][0] < 53.2
+    target.update(view(Pose2D(54.0, 50.0), target=None))
+    assert target.trail == []
 
 
 def test_what_hides_a_guess_keeps_it() -> None:
