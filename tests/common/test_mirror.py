@@ -14,10 +14,12 @@ APART = {"bus", "runtime"}
 
 
 def has_logic(module: Path) -> bool:
-    """Return whether a module has a function besides properties and checks of declarations."""
+    """Return whether a module has a function with statements, besides properties and checks."""
     functions = (n for n in ast.walk(ast.parse(module.read_text())) if type(n) is ast.FunctionDef)
     return any(
-        f.name != "__post_init__" and "property" not in map(ast.unparse, f.decorator_list)
+        f.name != "__post_init__"
+        and "property" not in map(ast.unparse, f.decorator_list)
+        and not all(isinstance(one, ast.Expr) for one in f.body)  # a protocol
         for f in functions
     )
 
@@ -28,7 +30,9 @@ def test_each_module_with_logic_has_a_file_of_tests(folder):
     for module in package.rglob("*.py"):
         shares = module.parent != package and module.parent.name not in APART
         names = {module.stem, module.parent.name if shares else module.stem}
-        found = any((ROOT / "tests" / folder / f"test_{name}.py").exists() for name in names)
+        tests = ROOT / "tests" / folder
+        beside = tests / module.parent.relative_to(package) / f"test_{module.stem}.py"
+        found = any(file.exists() for file in (beside, *(tests / f"test_{n}.py" for n in names)))
         if not module.stem.startswith("__") and has_logic(module) and not found:
             lacking.append(str(module.relative_to(package)))
     assert lacking == []

@@ -1,0 +1,32 @@
+"""An episode as a scenario: our robot in the place of theirs, people on the same errands."""
+
+import msgspec
+import pytest
+from mecazen_experiments.followbench.episodes import Density
+from mecazen_experiments.followbench.generate import generate
+from mecazen_experiments.followbench.scenario import scenario_of
+from mecazen_experiments.safety_scores import safety
+from mecazen_experiments.watch import watch
+
+EPISODE = generate("Parallel", "back", Density(5), 1)
+
+
+def test_the_same_episode_is_a_scenario_with_our_robot():
+    scenario = scenario_of(EPISODE, 3)
+    assert scenario.start.pose.x == pytest.approx(EPISODE.robot.x + 0.25)  # its middle
+    assert len(scenario.crowd.walkers) == len(EPISODE.humans)
+    short = msgspec.structs.replace(
+        scenario, sim=msgspec.structs.replace(scenario.sim, duration_s=1.0)
+    )
+    seen = watch(short)
+    assert len(seen.others) == len(EPISODE.humans)
+    assert not safety(seen, short).contacts_person_all
+
+
+def test_boxes_and_ways_are_those_of_the_episode():
+    door = generate("Doorway", "left_side", Density(2, 2.8), 1)
+    scenario = scenario_of(door, 1)
+    assert len(scenario.world.solids) == len(door.boxes)
+    assert scenario.target.path.goal_m == door.target.goals[-1]
+    assert scenario.crowd.inflation_cells == door.inflation_cells
+    assert scenario.follower.view == "side_left"
