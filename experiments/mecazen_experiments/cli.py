@@ -262,7 +262,7 @@ def followbench(
         return
     commands.followbench(
         commands.Options(jobs, scheduler, store, json),
-        follower or ("social", "window", "proportional", "braking", "ours"),
+        follower or (),
         folder=folder,
         episodes=episodes,
         seed=seed,

@@ -44,6 +44,7 @@ from mecazen_experiments.executor import (
 from mecazen_experiments.followbench import kind as bench
 from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import read_folder
+from mecazen_experiments.followbench.planners import PLANNERS
 from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, Key, Series, expand
 from mecazen_experiments.kinds import KINDS
@@ -216,6 +217,9 @@ def followbench(
             raise ConfigError(f"{option}: there are none of --own-robot")
         if into is not None:
             files.make_folder(into, option)
+    if own_robot and followers:
+        raise ConfigError("--follower: the robot of --own-robot has its own follower")
+    followers = followers or tuple(PLANNERS)
     for name in followers:
         entrant(name)  # refuses one that does not exist before the first episode
     kind: Kind[Any] = bench.OWN_ROBOT if own_robot else bench.FOLLOWBENCH
@@ -224,7 +228,7 @@ def followbench(
         found, problems = read_folder(folder)
         for problem in problems:
             typer.echo(f"left out: {problem}", err=True)
-        todo = bench.read_from(names, found)
+        todo = bench.read_from(names, found, only)
     else:
         todo = bench.drawn(names, range(seed, seed + episodes), only)
     written: list[Path] = []

@@ -15,12 +15,14 @@ from mecazen.keys import CMD_VEL, ODOM, PEOPLE, SCAN, Topic
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import imported
+from mecazen.wire import NS_PER_S
+from mecazen_people.manners.walking import STEP_S
 
 from mecazen_experiments.followbench import sight
 from mecazen_experiments.followbench.planners import PLANNERS
 from mecazen_experiments.followbench.view import Planner, Seen, View
 
-STEP_NS = 100_000_000
+STEP_NS = round(STEP_S * NS_PER_S)
 NEAREST = 5
 """Number of people in the observation of a policy."""
 
@@ -41,8 +43,8 @@ class NodePlanner:
 
     def command(self, view: View) -> tuple[float, float]:
         """Return the forward speed and yaw rate of the node's last `cmd_vel`."""
-        number = round(view.time_s * 1e9) // STEP_NS
-        tick = Tick(number, number * STEP_NS, STEP_NS / 1e9)
+        number = round(view.time_s / STEP_S)
+        tick = Tick(number, number * STEP_NS, STEP_S)
         samples: dict[Topic[Any], m.Message] = {
             ODOM: _odometry(tick, view),
             PEOPLE: _people(tick, view),

@@ -17,6 +17,8 @@ import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import between, to_rectangle
+from mecazen_people.manners.grid import CELL_M
+from mecazen_people.manners.walking import STEP_S
 
 from mecazen_experiments.followbench.episodes import (
     SAMPLE,
@@ -31,8 +33,6 @@ from mecazen_experiments.followbench.episodes import (
 )
 from mecazen_experiments.followbench.view import Place
 
-CELL_M = 0.2
-"""Cell of the grid on which people plan [m]."""
 CLEAR_M = 1.5
 """Least distance of people from target and robot at the start [m]."""
 TRIES = 1000
@@ -93,12 +93,11 @@ SETTINGS = {
 
 def scenarios(manners: Manners = "orca") -> list[Scenario]:
     """Return the scenarios with people; there are layouts with `orca` only."""
-    found = (
+    return [
         Scenario(name, *class_and_density(name, int(name.rpartition("H")[2].partition("W")[0])))
         for name in episode_lengths()
         if manners.capitalize() in name
-    )
-    return list(found)
+    ]
 
 
 def tracks() -> list[Scenario]:
@@ -159,7 +158,7 @@ def generate(
         humans=tuple(walk(way) for way in drawn.ways),
         boxes=drawn.boxes,
         size=setting.size,
-        step_s=0.1,
+        step_s=STEP_S,
         inflation_cells=setting.inflation_cells,
         max_steps=length.max_steps,
         max_search_steps=length.max_search_steps,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -16,8 +17,9 @@ from rich.table import Table
 from mecazen_experiments.config import Case
 from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import Density, Episode, read
-from mecazen_experiments.followbench.generate import generate, scenarios, tracks
+from mecazen_experiments.followbench.generate import SETTINGS, generate, scenarios, tracks
 from mecazen_experiments.followbench.metrics import Metrics, compare, measure
+from mecazen_experiments.followbench.play import Record as Played
 from mecazen_experiments.followbench.play import play
 from mecazen_experiments.followbench.scenario import scenario_of
 from mecazen_experiments.followbench.view import Place
@@ -34,7 +36,6 @@ from mecazen_experiments.watch import watch
 T = TypeVar("T")
 
 PLACES: tuple[Place, ...] = ("back", "left_side")
-LAYOUTS = ("Corridor", "Intersection", "Doorway", "Clutter")
 CROWDS = ("Circular", "Crowd", "Parallel", "Perpendicular")
 MISSING = "lShape45", "left_side"
 """The only track without an episode for one of the places."""
@@ -68,14 +69,15 @@ SHARES = ("sr", "asr", "tvr", "tin_tperson", "tin_private", "caused_contact", "i
 """Metrics that the tables show in percent."""
 
 
-class Source(msgspec.Struct, frozen=True):
-    """Where an episode comes from: a file, or the generator."""
+class Entry(msgspec.Struct, frozen=True):
+    """A follower, and an episode from a file or from the generator."""
 
     follower: str
+    cls: str
+    place: Place
+    density: Density
     file: str = ""
-    cls: str = ""
-    place: Place = "back"
-    density: Density = Density(0)
+    """Empty for the generator."""
 
     def episode(self, seed: int) -> Episode:
         """Return the episode."""
@@ -85,59 +87,77 @@ class Source(msgspec.Struct, frozen=True):
 
 
 def drawn(followers: Sequence[str], seeds: Sequence[int], only: Sequence[str]) -> list[Series]:
-    """Return the generated episodes of all cells for each follower; of `only` some classes."""
-    cells = [one for one in (*scenarios(), *tracks()) if not only or one.cls in only]
+    """Return the generated episodes of all cells for each follower, of all classes or of `only`.
+
+    Raises:
+        ConfigError: There is no such class.
+    """
+    cells = [*scenarios(), *tracks()]
+    _check(only, {cell.cls for cell in cells})
     todo = []
-    for follower in followers:
-        for cell in cells:
-            for place in PLACES:
-                if (cell.cls, place) == MISSING:
-                    continue
-                source = Source(follower, "", cell.cls, place, cell.density)
-                # a track has no chance in it
-                chosen = seeds if cell.cls in (*CROWDS, *LAYOUTS) else seeds[:1]
-                todo.append(_series(source, cell.cls, cell.density, place, chosen))
+    for follower, cell, place in product(followers, cells, PLACES):
+        if (cell.cls, place) == MISSING or (only and cell.cls not in only):
+            continue
+        entry = Entry(follower, cell.cls, place, cell.density)
+        # a track has no chance in it
+        chosen = seeds if cell.cls in SETTINGS else seeds[:1]
+        todo.append(_series([(entry, seed) for seed in chosen]))
     return todo
 
 
-def read_from(followers: Sequence[str], files: Mapping[Path, Episode]) -> list[Series]:
-    """Return the episodes of files for each follower, by class, density and place."""
-    groups: dict[tuple[str, Density, Place], list[Path]] = {}
+def read_from(
+    followers: Sequence[str], files: Mapping[Path, Episode], only: Sequence[str]
+) -> list[Series]:
+    """Return the episodes of files for each follower, by class, density and place.
+
+    Raises:
+        ConfigError: The files have no class of `only`.
+    """
+    _check(only, {episode.cls for episode in files.values()})
+    groups: dict[tuple[str, Place, Density], list[str]] = {}
     for file, episode in files.items():
-        groups.setdefault((episode.cls, episode.density, episode.place), []).append(file)
+        if not only or episode.cls in only:
+            cell = episode.cls, episode.place, episode.density
+            groups.setdefault(cell, []).append(str(file))
     return [
-        _of_files(follower, *cell, paths)
+        _series([(Entry(follower, *cell, file), number) for number, file in enumerate(names)])
         for follower in followers
-        for cell, paths in groups.items()
+        for cell, names in groups.items()
     ]
 
 
-def _of_files(
-    follower: str, cls: str, density: Density, place: Place, files: Sequence[Path]
-) -> Series:
-    todo = [
-        _series(Source(follower, str(file)), cls, density, place, [number])
-        for number, file in enumerate(files)
-    ]
-    jobs = tuple(job for one in todo for job in one.jobs)
-    return todo[0]._replace(jobs=jobs)
+def _check(only: Sequence[str], known: Collection[str]) -> None:
+    if unknown := sorted(set(only) - set(known)):
+        raise ConfigError(f"--only {unknown[0]}: no such class; known: {', '.join(sorted(known))}")
 
 
-def _series(
-    source: Source, cls: str, density: Density, place: Place, seeds: Iterable[int]
-) -> Series:
-    labels = {"follower": source.follower, "class": cls, "place": place, "density": said(density)}
+def _series(runs: Sequence[tuple[Entry, int]]) -> Series:
+    """Return the runs of entries with seeds, which share a row of the table."""
+    first, _ = runs[0]
+    labels = {
+        "follower": first.follower,
+        "class": first.cls,
+        "place": first.place,
+        "density": said(first.density),
+    }
     row = ", ".join(labels.values())
-    text = msgspec.json.encode(source).decode()
-    digest = hashlib.sha256()
-    for part in (text, with_content(source.follower)):
-        digest.update(f"{part}\n".encode())
-    if source.file:
-        digest.update(Path(source.file).read_bytes())
-    sha256 = digest.hexdigest()
-    file = Path(source.file)
-    jobs = tuple(Job(row, None, file, (text,), Key(sha256, s, version())) for s in seeds)
-    return Series(row, Case(name=row, scenario=file), jobs, dict(labels))
+    jobs = tuple(
+        Job(row, None, Path(entry.file), (_text(entry),), Key(_sha256(entry), seed, version()))
+        for entry, seed in runs
+    )
+    return Series(row, Case(name=row, scenario=Path(first.file)), jobs, dict(labels))
+
+
+def _text(entry: Entry) -> str:
+    return msgspec.json.encode(entry).decode()
+
+
+def _sha256(entry: Entry) -> str:
+    """Return the SHA-256 of an entry, with the contents of its files."""
+    digest = hashlib.sha256(f"{_text(entry)}\n{with_content(entry.follower)}\n".encode())
+    if entry.file:
+        digest.update(read_bytes(Path(entry.file)))
+    return digest.hexdigest()
 
 
 def said(density: Density) -> str:
@@ -150,10 +170,22 @@ def said(density: Density) -> str:
     return ", ".join(parts)
 
 
+def _episode(job: Job) -> tuple[str, Episode]:
+    """Return the follower and the episode of a job."""
+    entry = msgspec.json.decode(job.settings[0], type=Entry)
+    if entry.file:
+        return entry.follower, read(Path(entry.file))
+    return entry.follower, generate(entry.cls, entry.place, entry.density, job.key.seed)
+
+
+def _played(job: Job) -> tuple[Episode, Played]:
+    """Play the episode of a job."""
+    follower, episode = _episode(job)
+    return episode, play(episode, entrant(follower)(), job.key.seed)
+
+
 def _measure(job: Job) -> tuple[Metrics, str]:
-    source = msgspec.json.decode(job.settings[0], type=Source)
-    episode = source.episode(job.key.seed)
-    record = play(episode, entrant(source.follower)(), job.key.seed)
+    episode, record = _played(job)
     digest = hashlib.sha256()
     for values in cast(tuple[Floats, ...], record[:4]):
         digest.update(values.tobytes())
@@ -161,14 +193,14 @@ def _measure(job: Job) -> tuple[Metrics, str]:
 
 
 def _measure_own(job: Job) -> tuple[Safety, str]:
-    source = msgspec.json.decode(job.settings[0], type=Source)
-    scenario = scenario_of(source.episode(job.key.seed), job.key.seed)
+    _, episode = _episode(job)
+    scenario = scenario_of(episode, job.key.seed)
     seen = watch(scenario)
     return safety(seen, scenario), seen.trajectory_sha256
 
 
 def _kind_of(cls: Any) -> str:
-    return "open" if cls in CROWDS else "layouts" if cls in LAYOUTS else "tracks"
+    return "open" if cls in CROWDS else "layouts" if cls in SETTINGS else "tracks"
 
 
 def tables(rows: Sequence[Row[Metrics]]) -> list[Table]:
@@ -236,12 +268,7 @@ def _tables(
         return {**total(row), "place": row.labels["place"]}
 
     def by_class(row: Row[Any]) -> dict[str, str | float]:
-        labels = row.labels
-        return {
-            "follower": labels["follower"],
-            "class": labels["class"],
-            "place": labels["place"],
-        }
+        return {name: row.labels[name] for name in ("follower", "class", "place")}
 
     shown = [
         ("Overall", ["follower", "in"], regroup(kind, rows, total)),
@@ -276,9 +303,7 @@ def film_of(folder: Path, job: Job) -> Path:
     """Play an episode again, write it as a film into a folder, and return the file."""
     from mecazen_experiments.followbench.film import film  # noqa: PLC0415  # imports Matplotlib
 
-    source = msgspec.json.decode(job.settings[0], type=Source)
-    episode = source.episode(job.key.seed)
-    record = play(episode, entrant(source.follower)(), job.key.seed)
+    episode, record = _played(job)
     file = folder / f"{file_name(job)}.gif"
     film(episode, record, job.row, file)
     return file
@@ -288,6 +313,12 @@ def worst(series: Series, row: Row[Metrics]) -> Job:
     """Return the first episode of a row that failed, or else its first one."""
     failed = {run.record.key for run in row.runs if not run.record.scores.sr}
     return next((job for job in series.jobs if job.key in failed), series.jobs[0])
+
+
+class Result(msgspec.Struct):
+    """A result of `--json`."""
+
+    rows: list[Row[Metrics]]
 
 
 def rows_of(file: Path) -> list[Row[Metrics]]:
@@ -300,12 +331,6 @@ def rows_of(file: Path) -> list[Row[Metrics]]:
         return msgspec.json.decode(read_bytes(file), type=Result).rows
     except (msgspec.DecodeError, OSError) as error:
         raise ConfigError(f"--leaderboard {file}: no result of followbench: {error}") from None
-
-
-class Result(msgspec.Struct):
-    """A result of `--json`."""
-
-    rows: list[Row[Metrics]]
 
 
 FOLLOWBENCH = Kind("followbench", Record[Metrics], _measure, _in_percent, tables)

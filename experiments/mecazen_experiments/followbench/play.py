@@ -28,7 +28,7 @@ OUTLINE = Outline(
 
 
 class Record(NamedTuple):
-    """What happened in an episode: row 0 is the start, row k the state after step k."""
+    """The course of an episode: row 0 is the start, row k the state after step k."""
 
     robot: Floats
     """Poses of the rear axle (k, 3)."""

@@ -9,6 +9,7 @@ from typing import Any
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D
 from mecazen.loading import from_tables, named_file
+from mecazen_people.manners.walking import SPEED_M_S
 
 from mecazen_experiments.followbench import unicycle
 from mecazen_experiments.followbench.episodes import Episode, Walk
@@ -74,7 +75,7 @@ def _goal(walk: Walk) -> dict[str, Any]:
         "yaw_deg": math.degrees(walk.start.yaw),
         "via_m": [list(place) for place in via],
         "goal_m": list(goal),
-        "speed_m_s": 1.5,
+        "speed_m_s": SPEED_M_S,
         "keeps_m": walk.safe_dist,
         "within_m": walk.goal_threshold,
     }

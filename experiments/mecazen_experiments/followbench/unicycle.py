@@ -9,6 +9,7 @@ import numpy as np
 from mecazen.geometry import Pose2D, wrap
 from mecazen.geometry_batch import between, to_rectangle
 from mecazen.portable import Floats
+from mecazen_people.manners.grid import CELL_M
 
 MAX_V, MAX_W = 2.0, math.pi
 """Maximum speed [m/s] and yaw rate [rad/s], forwards and backwards."""
@@ -20,8 +21,6 @@ CENTRE, HALF = 0.25, (0.35, 0.275)
 """Centre of the outline ahead of the axle, half its length and width [m]: 0.70 x 0.55."""
 PERSON_RADIUS = 0.3
 """Radius of the disc of a person [m]."""
-CELL = 0.2
-"""Cell of their map [m]: the axle may leave the map by less than one."""
 
 
 class Unicycle(NamedTuple):
@@ -35,13 +34,13 @@ class Unicycle(NamedTuple):
         """Return the state after a step of `dt` [s] on a map of `size` (width, height) [m].
 
         Euler's method: the robot moves along the heading before the step. A step that would
-        leave the map stops the robot.
+        leave the map by a cell stops the robot.
         """
         v = _limit(v, self.v, MAX_V, ACCELERATION_V * dt)
         w = _limit(w, self.w, MAX_W, ACCELERATION_W * dt)
         x = self.pose.x + v * math.cos(self.pose.yaw) * dt
         y = self.pose.y + v * math.sin(self.pose.yaw) * dt
-        if not all(-CELL < at < length + CELL for at, length in zip((x, y), size, strict=True)):
+        if not all(-CELL_M < at < length + CELL_M for at, length in zip((x, y), size, strict=True)):
             return Unicycle(self.pose)
         return Unicycle(Pose2D(x, y, wrap(self.pose.yaw + w * dt)), v, w)
 

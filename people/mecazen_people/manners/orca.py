@@ -1,8 +1,9 @@
 """ORCA in the variant of Follow-Bench: velocities that avoid others, who do half of it.
 
 J. van den Berg, S. J. Guy, M. Lin & D. Manocha, Reciprocal n-body collision avoidance, Robotics
-Research, 2011. Here only the walker's own radius counts, everybody is a neighbour, the horizon is
-one second, and blocked cells of the grid have lines of their own.
+Research, 2011. In this variant only the walker's own radius counts, all others are neighbours, and
+blocked cells of the grid have lines of their own. The horizon is 1 s, and one step for those who
+are nearer than the radius.
 
 Plain numbers are four times as fast as arrays for the twenty lines of a walker.
 """
@@ -12,8 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-STEP_S = 0.1
-"""Horizon for those who are nearer than the radius [s]; the others' is 1 s."""
+from mecazen_people.manners.walking import STEP_S
+
 PARALLEL = 1e-6
 """Sine below which two lines count as parallel."""
 

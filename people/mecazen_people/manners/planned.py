@@ -1,7 +1,8 @@
 """Walkers who plan a way round obstacles and give way by ORCA or by social forces.
 
-They are the pedestrians of Follow-Bench 1.0, to the letter: they choose velocities one after the
-other, so that each sees what those before it have done, and who touches something brakes.
+They are the pedestrians of Follow-Bench 1.0, with the differences that docs/followbench.md lists.
+They choose velocities one after the other, so each one sees the new places of those before it. A
+walker who touches something brakes.
 """
 
 from __future__ import annotations
@@ -14,14 +15,12 @@ from mecazen.config.world import Box, Cylinder
 
 from mecazen_people.manners import orca, social
 from mecazen_people.manners.grid import Grid
-from mecazen_people.manners.walking import Errand, Other, walked
+from mecazen_people.manners.walking import STEP_S, Errand, Other, walked
 from mecazen_people.manners.walls import Walls
 from mecazen_people.motion import Motion
 
-STEP_S = 0.1
-"""Time between two choices of the velocities [s]."""
 SKIN_M = 0.1
-"""What ORCA adds to a body's radius."""
+"""Addition of ORCA to a body's radius."""
 GROWN_M = 0.05
 """A body that touches something when it is grown by this brakes ..."""
 BRAKED = 1.0 / 20.0

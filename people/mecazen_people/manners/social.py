@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-STEP_S = 0.1
+from mecazen_people.manners.walking import STEP_S
+
 DRIVE_HZ = 1.5
 PEOPLE_M_S2, PEOPLE_M = 7.0, 0.3
 """Strength and range of the repulsion by others."""

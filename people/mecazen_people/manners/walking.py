@@ -1,4 +1,4 @@
-"""What all manners share: errands, other people and things, and the body's turns."""
+"""The common parts of all manners: errands, other people and things, and the body's turns."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_people.motion import Motion
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
 
+STEP_S = 0.1
+"""Time between two choices of the velocities by ORCA and SFM [s]."""
+SPEED_M_S = 1.5
+"""Preferred speed of the pedestrians of Follow-Bench."""
 TURN_HZ = 5.0
 """Gain by which a body turns to where it goes."""
 
@@ -61,7 +65,7 @@ class Errand(NamedTuple):
     """One after the other."""
     endless: bool = False
     """Whether the first comes again after the last."""
-    speed: float = 1.5
+    speed: float = SPEED_M_S
     start_after: float = 0.0
     safe: float = 0.5
     """Distance to be kept from others beyond the own body [m]: for ORCA and SFM."""

@@ -6,7 +6,7 @@ from mecazen.errors import ConfigError
 from mecazen_experiments.cli import app
 from mecazen_experiments.followbench import kind as bench
 from mecazen_experiments.followbench.episodes import SAMPLE, Density, read_folder
-from mecazen_experiments.followbench.generate import generate
+from mecazen_experiments.followbench.generate import SETTINGS, generate
 from typer.testing import CliRunner
 
 EPISODE = generate("Parallel", "back", Density(5), 1)
@@ -14,7 +14,7 @@ EPISODE = generate("Parallel", "back", Density(5), 1)
 
 def test_all_cells_of_the_benchmark_are_drawn_and_each_track_once():
     todo = bench.drawn(["social"], range(1000, 1002), [])
-    people = [one for one in todo if one.labels["class"] in (*bench.CROWDS, *bench.LAYOUTS)]
+    people = [one for one in todo if one.labels["class"] in SETTINGS]
     assert len(people) == 52 * 2
     assert {len(one.jobs) for one in people} == {2}
     assert sum(len(one.jobs) for one in todo if one not in people) == 15
@@ -27,9 +27,23 @@ def test_some_classes_may_be_chosen():
     assert {one.labels["class"] for one in todo} == {"Doorway"}
 
 
+def test_a_class_that_does_not_exist_is_one_line():
+    with pytest.raises(ConfigError, match=r"^--only Dorway: no such class; known: .*Doorway"):
+        bench.drawn(["social"], [1], ["Dorway"])
+    files, _ = read_folder(SAMPLE / "dynamic")
+    with pytest.raises(ConfigError, match=r"^--only Doorway: no such class; known: .*Crowd"):
+        bench.read_from(["social"], files, ["Doorway"])
+
+
+def test_our_robot_takes_no_other_follower():
+    arguments = ["followbench", "--own-robot", "--follower", "social"]
+    with pytest.raises(ConfigError, match="--own-robot has its own follower"):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
+
+
 def test_a_folder_has_a_row_for_each_class_density_and_place():
     files, _ = read_folder(SAMPLE)
-    todo = bench.read_from(["social", "window"], files)
+    todo = bench.read_from(["social", "window"], files, [])
     assert sum(len(one.jobs) for one in todo) == 2 * len(files)
     labels = {tuple(one.labels.values()) for one in todo}
     assert ("window", "Doorway", "left_side", "2 people, 2.8 m wide") in labels

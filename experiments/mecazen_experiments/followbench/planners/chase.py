@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from mecazen.geometry import Pose2D
+from mecazen_people.manners.walking import STEP_S
 
 from mecazen_experiments.followbench.view import Place, Seen, View
 
@@ -16,7 +17,6 @@ AHEAD_S = 2.0
 """Horizon of the prediction [s]."""
 SEARCH_M = 0.2
 """Distance from the prediction at which a search ends [m]."""
-STEP_S = 0.1
 INITIAL, PROCESS, MEASURED = 0.1**2, 0.05**2, 0.5**2
 """Variances of position [m²] and velocity [m²/s²]: at first, of a step, of a measurement."""
 STANDING_M_S = 0.01

@@ -9,15 +9,13 @@ from mecazen.geometry import wrap
 
 from mecazen_experiments.followbench.planners.chase import Chase
 from mecazen_experiments.followbench.planners.scan import points
+from mecazen_experiments.followbench.unicycle import CENTRE, HALF, MAX_V, MAX_W
 from mecazen_experiments.followbench.view import View
 
 SPEED_GAIN, TURN_GAIN = 1.0, 2.0
 """Gains of distance and bearing [1/s]."""
-SPEED_M_S, TURN_RAD_S = 2.0, math.pi
 NEAR_M = 0.3
 """Nearer to its place than this, the robot turns to the heading of the place."""
-FRONT_M, HALF_WIDTH_M = 0.6, 0.275
-"""The outline ahead of the axle and beside it."""
 MARGIN_M, REACTION_S = 0.2, 0.5
 """Braking keeps this gap, and this time to a thing ahead."""
 
@@ -42,11 +40,11 @@ class Proportional:
         if view.target is not None:
             c, s = math.cos(view.robot.yaw), math.sin(view.robot.yaw)
             v += c * view.target.vx + s * view.target.vy
-        v = max(0.0, min(v, SPEED_M_S))
+        v = max(0.0, min(v, MAX_V))
         if self._brakes:
             v = min(v, max(0.0, (_free(view) - MARGIN_M) / REACTION_S))
         w = TURN_GAIN * wrap(bearing)
-        return v, max(-TURN_RAD_S, min(w, TURN_RAD_S))
+        return v, max(-MAX_W, min(w, MAX_W))
 
 
 def _free(view: View) -> float:
@@ -54,5 +52,5 @@ def _free(view: View) -> float:
     places = points(view) - np.array(view.robot[:2])
     c, s = math.cos(view.robot.yaw), math.sin(view.robot.yaw)
     ahead, beside = c * places[:, 0] + s * places[:, 1], c * places[:, 1] - s * places[:, 0]
-    blocking = (np.abs(beside) < HALF_WIDTH_M + MARGIN_M / 2) & (ahead > 0.0)
-    return float(ahead[blocking].min(initial=math.inf)) - FRONT_M
+    blocking = (np.abs(beside) < HALF[1] + MARGIN_M / 2) & (ahead > 0.0)
+    return float(ahead[blocking].min(initial=math.inf)) - (CENTRE + HALF[0])

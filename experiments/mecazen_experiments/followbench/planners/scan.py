@@ -1,4 +1,4 @@
-"""What a planner reads off the scan: points, and clusters of them."""
+"""Points of a scan, and clusters of them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import math
 import numpy as np
 from mecazen.portable import Floats
 
+from mecazen_experiments.followbench.sight import RANGE
 from mecazen_experiments.followbench.view import View
 
-RANGE_M = 5.0
 NOTHING_M = 0.01
 """A beam that ends less than this before its range met nothing [m]."""
 REACH_M, LEAST = 0.5, 3
@@ -19,7 +19,7 @@ REACH_M, LEAST = 0.5, 3
 def points(view: View) -> Floats:
     """Return where beams met something, in the world (n, 2) [m]."""
     number = len(view.ranges)
-    hit = np.flatnonzero(view.ranges < RANGE_M - NOTHING_M)
+    hit = np.flatnonzero(view.ranges < RANGE - NOTHING_M)
     angles = hit * (math.tau / number) + view.robot.yaw
     ranges = view.ranges[hit]
     x, y = view.robot.x + ranges * np.cos(angles), view.robot.y + ranges * np.sin(angles)
@@ -49,7 +49,7 @@ def clusters(places: Floats) -> list[Floats]:
 def center(places: Floats) -> tuple[float, float]:
     """Return the center of the smallest rectangle around points (n, 2).
 
-    One of its sides lies on a side of their convex hull (Freeman & Shapira, 1975).
+    The rectangle shares a side with the convex hull of the points (Freeman & Shapira, 1975).
     """
     hull = _hull(sorted(set(map(tuple, places.tolist()))))
     best, middle = math.inf, (hull[0][0], hull[0][1])

@@ -6,20 +6,20 @@ import math
 
 import numpy as np
 from mecazen.portable import Floats, arctan2
+from mecazen_people.manners.walking import STEP_S
 
-from mecazen_experiments.followbench.planners.chase import STEP_S
+from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
 from mecazen_experiments.followbench.view import Seen, View
 
 SMOOTH_S, DRIFT_S, PACE_S = 0.5, 1.5, 3.0
 """Time constants of the velocity, of the drift's direction and of its speed [s]; a target that
 gives way zigzags."""
 DRIFTS_S = 1.0
-"""Time after which the target goes on with its drift instead of its velocity [s]."""
+"""Time after which a guess follows the drift instead of the velocity [s]."""
 WALKING_M_S = 0.3
 """Below this smoothed speed, the target keeps the heading of before."""
 SURE_M = 4.5
 """A target nearer than this in the open would be seen."""
-RADIUS_M = 0.3
 REACHED_M = 1.2
 """The robot has come to a place within this distance [m]."""
 APART_M, LONGEST = 0.3, 40
@@ -115,7 +115,7 @@ class Whereabouts:
         distance = np.sqrt(dx * dx + dy * dy)
         number = len(view.ranges)
         beam = np.rint((arctan2(dy, dx) - view.robot.yaw) * (number / math.tau)).astype(int)
-        seen = (distance < SURE_M) & (view.ranges[beam % number] > distance - RADIUS_M)
+        seen = (distance < SURE_M) & (view.ranges[beam % number] > distance - PERSON_RADIUS)
         self._left = [one for one, is_seen in zip(self._left, seen, strict=True) if not is_seen]
         if not self._left:
             self.restart()

@@ -10,14 +10,14 @@ import math
 
 import numpy as np
 from mecazen.portable import Floats, arctan2
+from mecazen_people.manners.walking import STEP_S
 
-from mecazen_experiments.followbench.planners.chase import STEP_S, Chase
+from mecazen_experiments.followbench.planners.chase import Chase
 from mecazen_experiments.followbench.planners.scan import points
+from mecazen_experiments.followbench.unicycle import MAX_V, MAX_W
 from mecazen_experiments.followbench.view import View
 
-SPEED_M_S, TURN_RAD_S = 2.0, math.pi
-"""Limits; the accelerations in m/s² and rad/s² have the same numbers."""
-SPEEDS_M_S, TURNS_RAD_S = 0.01 * SPEED_M_S, 0.01 * TURN_RAD_S
+SPEEDS_M_S, TURNS_RAD_S = 0.01 * MAX_V, 0.01 * MAX_W
 """Distance between sampled commands."""
 HEADING, OBSTACLE, SPEED = 3.0, 0.1, 1.0
 """Weights of the costs, each scaled to 0 … 1."""
@@ -44,26 +44,26 @@ class Window:
     def command(self, view: View) -> tuple[float, float]:
         """Return speed [m/s] and yaw rate [rad/s] for the next step."""
         goal, robot = self._chase.goal(view), view.robot
-        speeds = _window(view.v, SPEED_M_S, SPEEDS_M_S)
-        turns = _window(view.w, TURN_RAD_S, TURNS_RAD_S)
+        speeds = _window(view.v, MAX_V, SPEEDS_M_S)
+        turns = _window(view.w, MAX_W, TURNS_RAD_S)
         x = robot.x + STEP_S * math.cos(robot.yaw) * speeds
         y = robot.y + STEP_S * math.sin(robot.yaw) * speeds
         gap = self._gap(view, x, y)
         free = gap > 0.0
         if not free.any():
-            return CREEP_M_S, TURN_RAD_S if self._random.random() > 0.5 else -TURN_RAD_S
+            return CREEP_M_S, MAX_W if self._random.random() > 0.5 else -MAX_W
         speeds, x, y, gap = speeds[free], x[free], y[free], gap[free]
         bearing = arctan2(goal.y - y, goal.x - x) - robot.yaw
         off = np.abs(bearing[:, None] - STEP_S * turns)
         off = np.minimum(off % math.tau, math.tau - off % math.tau)
         near = np.where(np.isinf(gap), 0.0, 1.0 / np.maximum(gap, 1e-6))
-        slow = SPEED_M_S - speeds
+        slow = MAX_V - speeds
         cost = HEADING * _scaled(off)
         cost += (OBSTACLE * _scaled(near) + SPEED * _scaled(slow))[:, None]
         i, j = divmod(int(cost.argmin()), len(turns))
         v, w = float(speeds[i]), float(turns[j])
         stuck = abs(v) < STANDING_M_S and abs(view.v) < STANDING_M_S
-        return v, -TURN_RAD_S if stuck else w
+        return v, -MAX_W if stuck else w
 
     def _gap(self, view: View, x: Floats, y: Floats) -> Floats:
         """Return how far the nearest obstacle is from a robot at places (n); inf if none is."""
@@ -80,7 +80,10 @@ class Window:
 
 
 def _window(now: float, limit: float, distance: float) -> Floats:
-    """Return the commands within reach of a step, and those on the way to standing."""
+    """Return the commands within reach of a step, and those on the way to standing.
+
+    The limits of acceleration in m/s² and rad/s² have the same numbers as those of the commands.
+    """
     low = min(max(-limit, now - limit * STEP_S), 0.0)
     high = max(min(limit, now + limit * STEP_S), 0.0)
     return np.linspace(low, high, int((high - low) / distance) + 1)
