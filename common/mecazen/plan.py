@@ -220,7 +220,7 @@ class _Draft:
 def _ordered(drafts: list[_Draft], givers: Mapping[str, _Draft]) -> list[_Draft]:
     """Sort drafts so that each follows those that it waits for; else keep the table's order.
 
-    Who uses a sample of the tick before comes before its giver.
+    A node that uses a sample of the tick before comes before the giver of that sample.
     """
     awaited = {
         id(draft): []

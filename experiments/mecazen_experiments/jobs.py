@@ -87,7 +87,7 @@ def expand(
     and `$yaw_deg`. All rows of a case have the same values of a seed, so they compare in pairs.
 
     Args:
-        experiment: What to run.
+        experiment: The experiment.
         seeds: A run of each.
         settings: Override those of every case.
         sweeps: Values in TOML by key; they replace those of the experiment.

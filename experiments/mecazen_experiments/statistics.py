@@ -13,7 +13,7 @@ from scipy.stats import bootstrap
 SEED = 1
 """Seed of the resampling: the same values give the same interval."""
 Key = TypeVar("Key", int, str)
-"""What two runs have in common: a seed, or the name of an episode."""
+"""The name of a pair of runs: a seed, or the name of an episode."""
 
 
 class Interval(msgspec.Struct, frozen=True):

@@ -83,7 +83,7 @@ def test_two_nodes_that_give_one_topic_are_refused():
         (ODOM, "controller.update_rate_hz"),
         (CMD_VEL, "controller.update_rate_hz"),  # that of the odometry, by which it comes
         (keys.OBSERVATION, "sensor.rate_hz"),
-        (keys.TARGET_CMD_VEL, None),  # nobody's
+        (keys.TARGET_CMD_VEL, None),  # no node's
     ],
 )
 def test_a_topic_comes_at_the_rate_of_its_row_or_of_its_givers_inputs(topic, rate):

@@ -1,4 +1,4 @@
-"""The crowd as a node: who is told of, when, and what a scenario may say of it."""
+"""The crowd as a node: the persons that it reports, the ticks, and the limits of a scenario."""
 
 import msgspec
 import pytest

@@ -144,7 +144,7 @@ def _standoff() -> Iterator[str]:
 
 
 SKETCHES = {"flow": flow, "tick": tick, "standoff": standoff}
-"""What draws each sketch, by the name of its file."""
+"""The functions that draw the sketches, by the names of the files."""
 
 
 def _svg(width: int, height: int, parts: Iterator[str]) -> str:

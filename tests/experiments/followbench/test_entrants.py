@@ -1,4 +1,4 @@
-"""Who may play: a pure class, a node of mecazen, a policy; and one line for any other."""
+"""Entrants: a pure class, a node of mecazen, a policy; and one line for any other."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What all manners share: outlines, errands, and how a body turns to where it goes."""
+"""The common parts of all manners: outlines, errands, and turns of the body."""
 
 import math
 

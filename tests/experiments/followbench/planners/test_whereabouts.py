@@ -26,7 +26,7 @@ def test_a_zigzag_is_smoothed() -> None:
     for k in range(100):
         target.update(view(target=Seen(52.0, 50.0, 1.0, 1.0 if k % 2 else -1.0)))
     x, y = target.ahead(NOW_AND_LATER)[1].tolist()
-    # after a second it goes on at its pace of 1.4 m/s, without the zigzag
+    # after a second the guess keeps the pace of 1.4 m/s, without the zigzag
     assert x == pytest.approx(52.0 + 1.0 + math.sqrt(2.0), abs=0.05)
     assert y == pytest.approx(50.0, abs=0.2)  # a tenth of 2 m
     assert target.heading == pytest.approx(0.0, abs=0.15)
