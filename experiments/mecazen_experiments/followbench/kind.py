@@ -62,6 +62,7 @@ COLUMNS: tuple[Column, ...] = (
     ("Jerk\n\\[m/s³]", "jerk_m_s3", 1),
     ("search\n\\[s]", "search_time_s", 1),
     ("caused\n\\[%]", "caused_contact", 0),
+    ("in view\n\\[%]", "in_view", 0),
     ("D_err\n\\[m]", "d_err_m", 2),
     ("Θ_err\n\\[°]", "theta_err_deg", 0),
 )
