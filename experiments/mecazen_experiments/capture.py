@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -115,9 +116,9 @@ def capture(scenario: Scenario) -> Capture:
 
 def motions(bodies: list[m.Skeleton], frames: list[m.Skeletons]) -> tuple[Motion, Motion]:
     """Return the truth, and the first body of each frame in the frame's own coordinates."""
-    truth = _motion([(body.header, body) for body in bodies])
+    truth = motion_of([(body.header, body) for body in bodies])
     # frames taken before the start have no stamp
-    seen = _motion(
+    seen = motion_of(
         [
             (frame.header, frame.skeletons[0] if frame.skeletons else None)
             for frame in frames
@@ -127,7 +128,7 @@ def motions(bodies: list[m.Skeleton], frames: list[m.Skeletons]) -> tuple[Motion
     return truth, seen
 
 
-def _motion(bodies: list[tuple[m.Header, m.Skeleton | None]]) -> Motion:
+def motion_of(bodies: Sequence[tuple[m.Header, m.Skeleton | None]]) -> Motion:
     """Return stamped bodies as columns."""
     n = len(JOINTS)
     nobody = [[np.nan] * 3] * n

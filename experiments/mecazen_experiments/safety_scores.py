@@ -72,8 +72,8 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     standoff = scenario.follower.standoff
     begin = first_motion(seen.table) or 0
     begins_s = float(seen.table["t_s"][begin])
-    frames = seen.frames >= begins_s
-    looked, shown = seen.frames[frames], seen.seen[frames]
+    frames = seen.seen.where(seen.seen.t >= begins_s)
+    looked, shown = frames.t, frames.reported
     distance, heading = _errors(seen, standoff, looked, shown)
     return Safety(
         contacts_person=_caused(robot, seen, seen.person, to_person),

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.keys import PEOPLE, SKELETONS, TARGET_SKELETON
 from mecazen.skeleton import INDEX, JOINTS
 
+from mecazen_experiments.capture import Motion, motion_of
 from mecazen_experiments.run import observe_bodies
 from mecazen_experiments.table import Floats, Poses, Table
 
@@ -39,10 +39,11 @@ class Watched(NamedTuple):
     """At these times, in the world."""
     person: PersonOverTime
     others: tuple[PersonOverTime, ...]
-    frames: Floats
-    """Times at which the camera took its frames (k,) [s]."""
-    seen: npt.NDArray[np.bool_]
-    """Whether they show the person (k,)."""
+    truth: Motion
+    """The person's joints in the world at the times of the bodies."""
+    seen: Motion
+    """The person's joints in odom at the times of the camera's frames, NaN in frames that do not
+    show the person."""
     trajectory_sha256: str = ""
 
 
@@ -56,15 +57,18 @@ def watch(scenario: Scenario) -> Watched:
     t = np.array([body.header.stamp.ns / 1e9 for body in bodies])
     robot = Poses(*(column[table.ticks(t)] for column in table.poses("robot")))
     person = PersonOverTime(np.array([_joints(body.joints) for body in bodies]), bodies[0].height)
+    # frames taken before the start have no stamp
     taken = [frame for frame in frames if frame.header.stamp.ns]
+    seen = motion_of([(frame.header, _shown(frame, table, t, person)) for frame in taken])
+    odom = Poses(*(column[table.ticks(seen.t)] for column in table.poses("odom")))
     return Watched(
         table,
         t,
         robot,
         person,
         _others(crowds, t),
-        np.array([frame.header.stamp.ns / 1e9 for frame in taken]),
-        np.array([_shows(frame, table, t, person) for frame in taken], dtype=bool),
+        motion_of([(body.header, body) for body in bodies]),
+        seen.placed(odom),
         found.trajectory_sha256,
     )
 
@@ -87,8 +91,10 @@ def _others(crowds: Sequence[m.People], t: Floats) -> tuple[PersonOverTime, ...]
     return tuple(found.values())
 
 
-def _shows(frame: m.Skeletons, table: Table, t: Floats, person: PersonOverTime) -> bool:
-    """Return whether a frame shows a body where the person was when it was taken."""
+def _shown(
+    frame: m.Skeletons, table: Table, t: Floats, person: PersonOverTime
+) -> m.Skeleton | None:
+    """Return the body that a frame shows where the person was when it was taken."""
     taken = frame.header.stamp.ns / 1e9
     at = min(int(np.searchsorted(t, taken - 1e-6)), len(t) - 1)
     robot = table.poses("robot").at(int(table.ticks(np.array([taken]))[0]))
@@ -99,5 +105,5 @@ def _shows(frame: m.Skeletons, table: Table, t: Floats, person: PersonOverTime) 
         pelvis = body.joints[PELVIS]
         place = robot.compose(robot._replace(x=pelvis.x, y=pelvis.y, yaw=0.0))
         if np.hypot(place.x - x, place.y - y) < SAME_M:
-            return True
-    return False
+            return body
+    return None

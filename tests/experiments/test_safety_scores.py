@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from harness import ROOT
 from mecazen.loading import load_scenario
+from mecazen_experiments.capture import Motion
 from mecazen_experiments.safety_scores import safety
 from mecazen_experiments.table import Poses
 from mecazen_experiments.watch import PersonOverTime, Watched
@@ -26,9 +27,16 @@ def watched(robot_x, person_x, other_y=None):
     if other_y is not None:
         others = (PersonOverTime(np.array([body(pose=(0.0, y, 0.0)) for y in other_y]), HEIGHT),)
     t = np.arange(n) * made_up.TICK_S
-    seen = np.arange(n) % 4 != 3
+    truth = Motion(t, step, still, still, still)
+    seen = np.where((np.arange(n) % 4 != 3)[:, None, None], step, np.nan)
     return Watched(
-        ticks, t, Poses(robot_x, still, still), PersonOverTime(step, HEIGHT), others, t, seen
+        ticks,
+        t,
+        Poses(robot_x, still, still),
+        PersonOverTime(step, HEIGHT),
+        others,
+        truth,
+        truth._replace(joints=seen),
     )
 
 

@@ -47,7 +47,7 @@ def watched(monkeypatch):
             frame(0.04),
         ],
     }
-    table = run(10, robot=(1.0, 0.0, 0.0))
+    table = run(10, robot=(1.0, 0.0, 0.0), odom=(0.5, 0.0, 0.0))
     monkeypatch.setattr(module, "observe_bodies", lambda *_: Observed(table, "sha", samples))
     return watch(None)
 
@@ -64,5 +64,7 @@ def test_people_are_where_they_are_reported_and_nowhere_else(watched):
 
 def test_a_frame_shows_the_person_if_a_body_is_seen_where_they_are(watched):
     # at 0.01 s the person is at the next known place, 4 m: 3 m ahead of the robot
-    assert watched.frames.tolist() == [0.01, 0.02, 0.03, 0.04]
-    assert watched.seen.tolist() == [True, False, False, False]
+    assert watched.seen.t.tolist() == [0.01, 0.02, 0.03, 0.04]
+    assert watched.seen.reported.tolist() == [True, False, False, False]
+    assert watched.seen.joints[0, PELVIS].tolist() == [3.6, 0.0, 1.0]  # in odom
+    assert watched.truth.joints[:, PELVIS, 0].tolist() == [3.0, 4.0]

@@ -146,9 +146,9 @@ def _person(name: str, one: Seen) -> m.Person:
 def _scan(tick: Tick, view: View) -> m.LaserScan:
     return m.LaserScan(
         header=m.Header(stamp=tick.time, frame_id="base_link"),
-        angle_min=0.0,
+        angle_min=float(sight.ANGLES[0]),
         angle_max=float(sight.ANGLES[-1]),
-        angle_increment=float(sight.ANGLES[1]),
+        angle_increment=sight.APART,
         range_min=0.0,
         range_max=sight.RANGE,
         ranges=tuple(view.ranges.tolist()),

@@ -19,6 +19,8 @@ from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import Density, Episode, read
 from mecazen_experiments.followbench.generate import SETTINGS, generate, scenarios, tracks
 from mecazen_experiments.followbench.metrics import Metrics, compare, measure
+from mecazen_experiments.followbench.own import COLUMNS as OWN_COLUMNS
+from mecazen_experiments.followbench.own import OwnRun, own_run
 from mecazen_experiments.followbench.play import Record as Played
 from mecazen_experiments.followbench.play import play
 from mecazen_experiments.followbench.scenario import scenario_of
@@ -26,9 +28,7 @@ from mecazen_experiments.followbench.view import Place
 from mecazen_experiments.jobs import Job, Key, Series, version, with_content
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.run import file_name
-from mecazen_experiments.safety import COLUMNS as OWN_COLUMNS
 from mecazen_experiments.safety import SAFETY
-from mecazen_experiments.safety_scores import Safety, safety
 from mecazen_experiments.statistics import Interval
 from mecazen_experiments.tables import Column, table
 from mecazen_experiments.watch import watch
@@ -48,7 +48,8 @@ CAPTION = (
 PAIRED = "Differences over the same episodes, each with its 95 % interval"
 OWN_CAPTION = (
     "Our robot with its own limits and senses in the same episodes; not comparable with published "
-    "numbers. Contacts: sums over the episodes, those that the robot caused and all"
+    "numbers. Contacts: sums over the episodes, those that the robot caused and all; stride: error "
+    "of the mean stride time and length that the robot sees"
 )
 COLUMNS: tuple[Column, ...] = (
     ("SR\n\\[%]", "sr", 0),
@@ -193,11 +194,11 @@ def _measure(job: Job) -> tuple[Metrics, str]:
     return measure(record, episode.place, episode.distance), digest.hexdigest()
 
 
-def _measure_own(job: Job) -> tuple[Safety, str]:
+def _measure_own(job: Job) -> tuple[OwnRun, str]:
     _, episode = _episode(job)
     scenario = scenario_of(episode, job.key.seed)
     seen = watch(scenario)
-    return safety(seen, scenario), seen.trajectory_sha256
+    return own_run(seen, scenario), seen.trajectory_sha256
 
 
 def _kind_of(cls: Any) -> str:
@@ -254,7 +255,7 @@ def _scaled(name: str, value: Interval) -> Interval:
     return Interval(part * value.mean, part * value.low, part * value.high, value.n)
 
 
-def own_tables(rows: Sequence[Row[Safety]]) -> list[Table]:
+def own_tables(rows: Sequence[Row[OwnRun]]) -> list[Table]:
     """Return the same tables of our robot."""
     return _tables(OWN_ROBOT, rows, OWN_COLUMNS, OWN_CAPTION)
 
@@ -338,7 +339,7 @@ FOLLOWBENCH = Kind("followbench", Record[Metrics], _measure, _in_percent, tables
 """Table A: their robot and rules."""
 OWN_ROBOT = Kind(
     "followbench_own",
-    Record[Safety],
+    Record[OwnRun],
     _measure_own,
     msgspec.structs.asdict,
     own_tables,

@@ -51,11 +51,12 @@ class World:
     def __init__(self, episode: Episode) -> None:
         self.episode = episode
         self.boxes: Floats = np.array(episode.boxes).reshape(-1, 5)
-        obstacles = [
-            Box(size_m=(length, width, 1.0), position_m=(x, y), yaw_deg=float(np.degrees(yaw)))
-            for x, y, yaw, length, width in episode.boxes
-        ]
-        grid = Grid(obstacles, (0.0, 0.0), episode.size, episode.inflation_cells)
+        obstacles, grid = _obstacles(episode), grid_of(episode)
+        # as in Follow-Bench, people also avoid the middles of boxes and a thing at the origin
+        self._things = [Other(0.0, 0.0, 0.0, 0.0, 0.0)]
+        for x, y, yaw, length, width in episode.boxes:
+            outline = Outline(length / 2.0, length / 2.0, width / 2.0, yaw)
+            self._things.append(Other(x, y, 0.0, 0.0, 0.0, outline))
 
         def walkers(walks: tuple[Walk, ...]) -> Planned:
             errands = [_errand(walk) for walk in walks]
@@ -67,20 +68,21 @@ class World:
         self.steps = 0
         self.ranges: Floats = np.full(sight.BEAMS, sight.RANGE)
         self._known = sight.KnownArea()
-        self._sense()
 
     def step(self, v: float, w: float) -> bool:
         """Advance by a step; return whether the robot touches something after its own move."""
         dt, time = self.episode.step_s, (self.steps + 1) * self.episode.step_s
         self.robot = self.robot.step(v, w, dt, self.episode.size)
         touches = unicycle.touches(self.robot.pose, self.places, self.boxes)
-        self._sense()
+        self.ranges = sight.scan(self.robot.pose, self.places, self.boxes)
+        self._known.update(self.ranges)
         pose = self.robot.pose
         vx, vy = _velocity(self.robot)
         robot = Other(pose.x, pose.y, vx, vy, 0.0, OUTLINE._replace(yaw=pose.yaw))
         humans = [_other(person) for person in self.humans.states]
-        self.target.step(time, dt, [robot._replace(is_heeded=False), *humans])
-        self.humans.step(time, dt, [robot, _other(self.target.states[0])])
+        unheeded = robot._replace(is_heeded=False)
+        self.target.step(time, dt, [unheeded, *self._things, *humans])
+        self.humans.step(time, dt, [robot, *self._things, _other(self.target.states[0])])
         self.steps += 1
         return touches
 
@@ -109,10 +111,6 @@ class World:
             self.episode.distance,
         )
 
-    def _sense(self) -> None:
-        self.ranges = sight.scan(self.robot.pose, self.places, self.boxes)
-        self._known.update(self.ranges)
-
 
 def play(episode: Episode, planner: Planner, seed: int) -> Record:
     """Return what happened in an episode; it ends at the first contact."""
@@ -138,6 +136,25 @@ def play(episode: Episode, planner: Planner, seed: int) -> Record:
         max_search_steps=episode.max_search_steps,
         step_s=episode.step_s,
     )
+
+
+def grid_of(episode: Episode) -> Grid:
+    """Return the grid of an episode.
+
+    As in Follow-Bench, people heed the blocked cells of a square at the origin alone.
+    """
+    grid = Grid(_obstacles(episode), (0.0, 0.0), episode.size, episode.inflation_cells)
+    side = min(grid.heeded.shape)
+    grid.heeded[side:] = False
+    grid.heeded[:, side:] = False
+    return grid
+
+
+def _obstacles(episode: Episode) -> list[Box]:
+    return [
+        Box(size_m=(length, width, 1.0), position_m=(x, y), yaw_deg=float(np.degrees(yaw)))
+        for x, y, yaw, length, width in episode.boxes
+    ]
 
 
 def _errand(walk: Walk) -> Errand:

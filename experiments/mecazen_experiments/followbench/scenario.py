@@ -14,7 +14,6 @@ from mecazen_people.manners.walking import SPEED_M_S
 from mecazen_experiments.followbench import unicycle
 from mecazen_experiments.followbench.episodes import Episode, Walk
 
-VIEWS = {"back": "back", "left_side": "side_left"}
 WALL_M = 2.0
 """Height of the boxes [m]; theirs have none."""
 LOST_AFTER_S = 4.0
@@ -24,15 +23,17 @@ LOST_AFTER_S = 4.0
 def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
     """Return the tables of the scenario: the nexus robot in the middle of their robot's outline.
 
-    People have their way, speed and manners, and a body that walks.
+    It looks at the target, since its camera does not see all around. Beside the target it stays on
+    the side of its start. People have their way, speed and manners, and a body that walks.
     """
-    x, y, yaw = episode.robot.compose(Pose2D(unicycle.CENTRE))
+    robot, target = episode.robot.compose(Pose2D(unicycle.CENTRE)), episode.target.start
+    yaw = math.atan2(target.y - robot.y, target.x - robot.x)
     return {
         "robot": str(named_file("nexus", "robot")),
         "seed": seed,
         "services": ["physics", "controller", "target", "crowd", "sensors", "follower", "guard"],
         "sim": {"mode": "lockstep", "duration_s": episode.max_steps * episode.step_s},
-        "start": {"x_m": x, "y_m": y, "yaw_deg": math.degrees(yaw)},
+        "start": {"x_m": robot.x, "y_m": robot.y, "yaw_deg": math.degrees(yaw)},
         "sensor": {"kind": "fused"},
         "target": {"path": _goal(episode.target)},
         "crowd": {
@@ -53,7 +54,7 @@ def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
             ],
         },
         "follower": {
-            "view": VIEWS[episode.place],
+            "view": _view(episode),
             "standoff_m": episode.distance,
             "lost_after_s": LOST_AFTER_S,
             "planner": {},
@@ -64,6 +65,15 @@ def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
 def scenario_of(episode: Episode, seed: int) -> Scenario:
     """Return the scenario of an episode."""
     return from_tables(tables_of(episode, seed), Path(episode.name))
+
+
+def _view(episode: Episode) -> str:
+    """Return the view of a place: beside the target it is that of the nearer side."""
+    if episode.place == "back":
+        return "back"
+    start, (x, y) = episode.target.start, episode.target.goals[0]
+    walks = start._replace(yaw=math.atan2(y - start.y, x - start.x))
+    return "side_left" if walks.between(episode.robot).y >= 0.0 else "side_right"
 
 
 def _goal(walk: Walk) -> dict[str, Any]:

@@ -19,8 +19,10 @@ from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
 
 BEAMS, RANGE = 200, 5.0
 """Beams over 360°, and their length [m]."""
-ANGLES: Floats = np.arange(BEAMS, dtype=np.float64) * (2.0 * math.pi / BEAMS)
-"""Angle of each beam [rad], counter-clockwise from the robot's heading on."""
+APART = 2.0 * math.pi / (BEAMS - 1)
+"""Angle between two beams [rad]: the first and the last one point backwards."""
+ANGLES: Floats = np.arange(BEAMS, dtype=np.float64) * APART - math.pi
+"""Angle of each beam to the robot's heading [rad], counter-clockwise."""
 DIRECTIONS: Floats = np.stack((np.cos(ANGLES), np.sin(ANGLES)))
 PER_M = 10
 """Cells per metre of the map of what is known."""

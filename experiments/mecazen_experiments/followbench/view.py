@@ -35,8 +35,8 @@ class View(NamedTuple):
     people: tuple[Seen, ...]
     """The visible people besides the target."""
     ranges: Floats
-    """Distances (200) [m] from the axle, counter-clockwise from the robot's heading on; 5 m
-    where a beam meets nothing."""
+    """Distances (200) [m] from the axle, counter-clockwise from -180° to 180° to the robot's
+    heading; 5 m where a beam meets nothing."""
     place: Place
     distance: float
     """Distance to keep from the target [m]."""

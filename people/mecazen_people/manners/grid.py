@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from mecazen.config.world import Box, Cylinder
-from mecazen.portable import Floats
 
 CELL_M = 0.2
 """Edge of a cell [m]; as the next three of Follow-Bench."""
@@ -23,6 +22,7 @@ STEPS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1))
 Flags = npt.NDArray[np.bool_]
 Point = tuple[float, float]
 Cell = tuple[int, int]
+"""A cell's row (along y) and column (along x)."""
 
 
 class Grid:
@@ -39,16 +39,13 @@ class Grid:
         self, obstacles: Sequence[Box | Cylinder], corner: Point, size: Point, inflation: int
     ) -> None:
         self._corner = corner
-        self._shape = tuple(max(1, math.ceil(edge / CELL_M)) for edge in size)
-        axes = [
-            low + CELL_M * (np.arange(n) + 0.5) for low, n in zip(corner, self._shape, strict=True)
-        ]
-        x, y = np.meshgrid(*axes, indexing="ij")
-        taken = np.zeros(x.shape, dtype=bool)
+        columns, rows = (max(1, math.ceil(edge / CELL_M)) for edge in size)
+        taken = np.zeros((rows, columns), dtype=bool)
         for thing in obstacles:
-            taken |= _covers(thing, x, y)
+            taken |= self._covered(thing, taken.shape)
         self.blocked = _inflated(taken, inflation)
-        self._is_open = not taken.any()
+        self.heeded = self.blocked.copy()
+        """The blocked cells to which walkers who are near keep their distance."""
 
     @classmethod
     def around(
@@ -81,30 +78,54 @@ class Grid:
 
     def near(self, x: float, y: float) -> list[Point]:
         """Return the middles of the blocked cells around a place, the nearest first [m]."""
-        if self._is_open:
+        row, column = self._cell((x, y))
+        low, left = max(0, row - NEAR_CELLS), max(0, column - NEAR_CELLS)
+        region = self.heeded[low : row + NEAR_CELLS + 1, left : column + NEAR_CELLS + 1]
+        if not region.any():
             return []
-        i, j = self._cell((x, y))
-        low_i, low_j = max(0, i - NEAR_CELLS), max(0, j - NEAR_CELLS)
-        region = self.blocked[low_i : i + NEAR_CELLS + 1, low_j : j + NEAR_CELLS + 1]
-        cells = [self._middle((low_i + di, low_j + dj)) for di, dj in np.argwhere(region).tolist()]
+        cells = [self._middle((low + di, left + dj)) for di, dj in np.argwhere(region).tolist()]
         cells.sort(key=lambda cell: (cell[0] - x) ** 2 + (cell[1] - y) ** 2)
         return cells[:NEAR_AT_MOST]
 
+    def _index(self, place: Point) -> Cell:
+        """Return the row and column of a place, even if it is outside."""
+        (low_x, low_y), (x, y) = self._corner, place
+        return int((y - low_y) / CELL_M), int((x - low_x) / CELL_M)
+
     def _cell(self, place: Point) -> Cell:
         """Return the cell of a place; the nearest one if the place is outside."""
-        i, j = (
-            min(max(int((at - low) / CELL_M), 0), n - 1)
-            for at, low, n in zip(place, self._corner, self._shape, strict=True)
-        )
-        return i, j
+        (row, column), (rows, columns) = self._index(place), self.blocked.shape
+        return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
 
     def _middle(self, cell: Cell) -> Point:
-        (low_x, low_y), (i, j) = self._corner, cell
-        return low_x + CELL_M * (i + 0.5), low_y + CELL_M * (j + 0.5)
+        (low_x, low_y), (row, column) = self._corner, cell
+        return low_x + CELL_M * column + CELL_M / 2.0, low_y + CELL_M * row + CELL_M / 2.0
+
+    def _covered(self, thing: Box | Cylinder, shape: tuple[int, ...]) -> Flags:
+        """Return the cells of an obstacle: of a box, those from corner to corner."""
+        rows, columns = np.indices(shape)
+        covered: Flags
+        if isinstance(thing, Cylinder):
+            (low_x, low_y), (x, y) = self._corner, thing.position_m
+            dx = low_x + CELL_M * columns + CELL_M / 2.0 - x
+            dy = low_y + CELL_M * rows + CELL_M / 2.0 - y
+            covered = dx * dx + dy * dy <= thing.size_m[0] ** 2
+            return covered
+        corners = [self._index(corner) for corner in _corners(thing)]
+        covered = np.ones(shape, dtype=bool)
+        for axis, index in enumerate((rows, columns)):
+            edges = [corner[axis] for corner in corners]
+            covered &= (min(edges) <= index) & (index <= max(edges))
+        for (row, column), (to_row, to_column) in pairwise((*corners, corners[0])):
+            along, up = to_column - column, to_row - row
+            outside = up * (columns - column) - along * (rows - row)
+            # a line has the cells whose middles are at most half a cell beside it
+            covered &= 2 * outside <= max(abs(along), abs(up))
+        return covered
 
     def _path(self, start: Cell, goal: Cell) -> list[Cell] | None:
         """Return the cells of the shortest way over eight neighbours; None: there is none."""
-        blocked, (rows, columns) = self.blocked, self._shape
+        blocked, (rows, columns) = self.blocked, self.blocked.shape
         parents: dict[Cell, Cell] = {}
         best = {start: 0.0}
         queue = [(0.0, start)]
@@ -114,7 +135,7 @@ class Grid:
                 break
             if total > best[cell]:
                 continue
-            so_far = total - _straight(cell, goal) if cell != start else 0.0
+            so_far = total - _straight(cell, goal)  # by a constant less, for the start has 0
             for di, dj in STEPS:
                 i, j = other = cell[0] + di, cell[1] + dj
                 if not (0 <= i < rows and 0 <= j < columns) or blocked[i, j]:
@@ -139,31 +160,23 @@ def _straight(one: Cell, other: Cell) -> float:
     return math.sqrt(di * di + dj * dj)
 
 
-def _covers(thing: Box | Cylinder, x: Floats, y: Floats) -> Flags:
-    """Return which places an obstacle covers."""
-    dx, dy = x - thing.position_m[0], y - thing.position_m[1]
-    if isinstance(thing, Cylinder):
-        inside: Flags
-        inside = dx * dx + dy * dy <= thing.size_m[0] ** 2
-        return inside
-    yaw = math.radians(thing.yaw_deg)
+def _corners(thing: Box) -> list[Point]:
+    """Return the corners of a box, counter-clockwise [m]."""
+    (x, y), yaw = thing.position_m, math.radians(thing.yaw_deg)
     c, s = math.cos(yaw), math.sin(yaw)
-    along, across = np.abs(c * dx + s * dy), np.abs(c * dy - s * dx)
-    inside = (along <= thing.size_m[0] / 2.0) & (across <= thing.size_m[1] / 2.0)
-    return inside
+    dx, dy = thing.size_m[0] / 2.0, thing.size_m[1] / 2.0
+    return [
+        (c * along - s * across + x, s * along + c * across + y)
+        for along, across in ((-dx, -dy), (dx, -dy), (dx, dy), (-dx, dy))
+    ]
 
 
-def _bounds(thing: Box | Cylinder) -> tuple[Point, Point]:
-    """Return two corners of the rectangle along x and y that holds an obstacle [m]."""
-    x, y = thing.position_m
-    if isinstance(thing, Cylinder):
-        dx = dy = thing.size_m[0]
-    else:
-        yaw = math.radians(thing.yaw_deg)
-        c, s = abs(math.cos(yaw)), abs(math.sin(yaw))
-        dx = (c * thing.size_m[0] + s * thing.size_m[1]) / 2.0
-        dy = (s * thing.size_m[0] + c * thing.size_m[1]) / 2.0
-    return (x - dx, y - dy), (x + dx, y + dy)
+def _bounds(thing: Box | Cylinder) -> list[Point]:
+    """Return places around an obstacle: its corners, or those of the square that holds it [m]."""
+    if isinstance(thing, Box):
+        return _corners(thing)
+    (x, y), radius = thing.position_m, thing.size_m[0]
+    return [(x - radius, y - radius), (x + radius, y + radius)]
 
 
 def _inflated(taken: Flags, edge: int) -> Flags:

@@ -1,6 +1,6 @@
 """Walkers who plan a way round obstacles and give way by ORCA or by social forces.
 
-They are the pedestrians of Follow-Bench 1.0, with the differences that docs/followbench.md lists.
+They are the pedestrians of Follow-Bench 1.0.
 They choose velocities one after the other, so each one sees the new places of those before it. A
 walker who touches something brakes.
 """

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen_experiments.followbench.episodes import SAMPLE, read
-from mecazen_experiments.followbench.play import World, play
+from mecazen_experiments.followbench.play import World, grid_of, play
 
 OPEN = read(next(SAMPLE.rglob("NormalParallelOrcaH5W0_back_2.yaml")))
+CORRIDOR = read(next(SAMPLE.rglob("CorridorOrcaH4W5.6_back_1.yaml")))
 DOOR = read(next(SAMPLE.rglob("DoorwayOrcaH2W2.8_left_side_1.yaml")))
 
 
@@ -67,3 +68,31 @@ def test_people_give_way_to_the_robot_and_the_target_does_not():
         world.step(0.0, 0.0)
     # the target brakes where it touches, and walks on at a twentieth of its speed
     assert 10.0 < world.target.states[0][0] < 11.0
+
+
+def test_the_first_scan_is_empty_and_the_next_one_is_not():
+    planner = Still()
+    play(DOOR, planner, 1)
+    assert set(planner.views[0].ranges) == {5.0}
+    assert min(planner.views[1].ranges) < 5.0
+
+
+def test_people_heed_the_blocked_cells_of_a_square_at_the_origin_alone():
+    grid = grid_of(CORRIDOR)  # 40 × 10 m, the lower wall up to y = 2.2 m
+    assert grid.near(9.0, 2.5)
+    assert grid.near(12.0, 2.5) == []
+    assert grid.blocked[11].all()
+
+
+def test_people_avoid_the_middle_of_a_box_as_if_it_were_a_person():
+    box = (33.0, 5.1, 0.0, 0.1, 0.1)
+    start, goals = Pose2D(30.0, 5.0), ((38.0, 5.0),)
+    walk = CORRIDOR.humans[0]._replace(start=start, goals=goals, plans=False)
+    world = World(msgspec.structs.replace(CORRIDOR, humans=(walk,), boxes=(box,)))
+    places = []
+    for _ in range(40):
+        world.step(0.0, 0.0)
+        places.append(world.humans.states[0][:2])
+    assert places[-1][0] > 34.0
+    # the distance to a person's middle is 0.9 m, their radius, 0.1 m and 0.5 m, less overshoots
+    assert min(math.dist(place, box[:2]) for place in places) > 0.85

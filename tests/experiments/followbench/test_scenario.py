@@ -1,7 +1,10 @@
 """An episode as a scenario: our robot in the place of theirs, people on the same errands."""
 
+import math
+
 import msgspec
 import pytest
+from mecazen.geometry import Pose2D
 from mecazen_experiments.followbench.episodes import Density
 from mecazen_experiments.followbench.generate import generate
 from mecazen_experiments.followbench.scenario import scenario_of
@@ -29,4 +32,16 @@ def test_boxes_and_ways_are_those_of_the_episode():
     assert len(scenario.world.solids) == len(door.boxes)
     assert scenario.target.path.goal_m == door.target.goals[-1]
     assert scenario.crowd.inflation_cells == door.inflation_cells
-    assert scenario.follower.view == "side_left"
+
+
+@pytest.mark.parametrize(("beside", "view"), [(1.5, "side_left"), (-1.5, "side_right")])
+def test_beside_the_target_the_robot_begins_on_its_side_and_looks_at_the_target(beside, view):
+    target = EPISODE.target.start
+    goal_x = EPISODE.target.goals[0][0]
+    left = beside if goal_x > target.x else -beside
+    episode = msgspec.structs.replace(
+        EPISODE, place="left_side", robot=Pose2D(target.x - 0.25, target.y + left)
+    )
+    scenario = scenario_of(episode, 1)
+    assert scenario.follower.view == view
+    assert scenario.start.yaw_deg == pytest.approx(math.degrees(math.copysign(math.pi / 2, -left)))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from mecazen.geometry import Pose2D
-from mecazen_experiments.followbench.sight import BEAMS, KnownArea, scan
+from mecazen_experiments.followbench.sight import ANGLES, APART, BEAMS, KnownArea, scan
 
 NOBODY = np.empty((0, 2))
 NO_BOX = np.empty((0, 5))
@@ -25,25 +25,38 @@ def test_beams_that_meet_nothing_are_5_m_long():
     assert np.array_equal(scan(Pose2D(1.0, 2.0, 0.5), NOBODY, NO_BOX), np.full(BEAMS, 5.0))
 
 
-def test_beams_start_at_the_heading_and_go_counter_clockwise():
+def beam(bearing_deg, ranges):
+    """Return the range of the beam that is nearest to a bearing."""
+    return ranges[np.abs(ANGLES - math.radians(bearing_deg)).argmin()]
+
+
+def test_beams_go_counter_clockwise_from_behind_and_the_last_is_the_first():
     person = np.array([[0.0, 2.0]])  # to the left of a robot that looks along x
 
     ranges = scan(Pose2D(), person, NO_BOX)
     turned = scan(Pose2D(yaw=math.pi / 2), person, NO_BOX)
+    away = scan(Pose2D(yaw=-math.pi / 2), person, NO_BOX)
 
-    assert ranges[BEAMS // 4] == pytest.approx(1.7)
-    assert turned[0] == pytest.approx(1.7)
-    assert np.count_nonzero(ranges < 5.0) == 9  # 2 asin(0.3 / 2) are 17.3°, of 1.8° each
+    # the nearest beam passes the person's middle by up to 0.9°: 1.700 m to 1.703 m
+    assert beam(90.0, ranges) == pytest.approx(1.7, abs=0.003)
+    assert beam(0.0, turned) == pytest.approx(1.7, abs=0.003)
+    assert away[[0, -1]] == pytest.approx([1.7, 1.7])
+    assert np.count_nonzero(ranges < 5.0) == 10  # 2 asin(0.3 / 2) are 17.3°, of 1.81° each
 
 
 def test_a_beam_meets_a_turned_box_at_its_corner():
     box = np.array([[3.0, 0.0, math.pi / 4, 1.0, 1.0]])
 
-    assert scan(Pose2D(), NOBODY, box)[0] == pytest.approx(3.0 - math.sqrt(0.5))
+    # the robot is turned so that the beam beside the heading meets the corner
+    pose = Pose2D(yaw=APART / 2.0)
+    assert beam(-math.degrees(APART / 2.0), scan(pose, NOBODY, box)) == pytest.approx(
+        3.0 - math.sqrt(0.5)
+    )
 
 
 def test_nothing_behind_a_wall_shortens_a_beam():
-    assert scan(Pose2D(), np.array([[4.0, 0.0]]), WALL)[0] == pytest.approx(2.9)
+    ahead = beam(0.0, scan(Pose2D(), np.array([[4.0, 0.0]]), WALL))
+    assert ahead == pytest.approx(2.9 / math.cos(APART / 2.0))
 
 
 def test_boxes_behind_the_robot_are_met_by_the_beams_behind_it():
@@ -51,8 +64,8 @@ def test_boxes_behind_the_robot_are_met_by_the_beams_behind_it():
 
     ranges = scan(Pose2D(), NOBODY, box)
 
-    assert ranges[BEAMS // 2] == pytest.approx(2.0)
-    assert ranges[0] == 5.0
+    assert ranges[0] == pytest.approx(2.0)
+    assert beam(0.0, ranges) == 5.0
 
 
 @pytest.mark.parametrize(
@@ -103,11 +116,10 @@ def test_an_area_is_what_a_fill_from_the_robot_reaches():
 
     centres = (np.arange(120) + 0.5) / 10.0 - 6.0
     x, y = np.meshgrid(centres, centres)
-    beam = np.arctan2(y, x) / (2.0 * math.pi) * BEAMS
     distance = np.hypot(x, y)
-    low = np.floor(beam).astype(int)
-    shortest = np.minimum(ranges[low % BEAMS], ranges[(low + 1) % BEAMS])
-    longest = np.maximum(ranges[low % BEAMS], ranges[(low + 1) % BEAMS])
+    low = np.floor((np.arctan2(y, x) + math.pi) / APART).astype(int)
+    shortest = np.minimum(ranges[low], ranges[low + 1])
+    longest = np.maximum(ranges[low], ranges[low + 1])
 
     # an outline is drawn in whole cells, an end two cells thick: up to three diagonals of 0.14 m
     inside = area.cells[(distance < shortest - 0.45) & (distance > 0.2)]

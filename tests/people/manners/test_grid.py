@@ -3,6 +3,7 @@
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from mecazen.config.world import Box, Cylinder
 from mecazen_people.manners.grid import CELL_M, Grid
@@ -52,13 +53,25 @@ def test_a_blocked_cell_becomes_a_square(inflation, blocked):
     assert grid(pole, inflation).blocked.sum() == blocked
 
 
-def test_a_turned_box_blocks_the_cells_whose_middles_it_covers():
-    box = Box(size_m=(4.0, 0.6, 1.0), position_m=(5.0, 5.0), yaw_deg=20.0)
+def test_a_box_blocks_all_cells_from_that_of_one_corner_to_that_of_the_other():
+    box = Box(size_m=(2.0, 0.5, 1.0), position_m=(3.15, 5.1))
+    rows, columns = np.nonzero(grid([box], 0).blocked)
+    # y from 4.85 to 5.35 m and x from 2.15 to 4.15 m
+    assert (set(rows), set(columns)) == (set(range(24, 27)), set(range(10, 21)))
+
+
+def test_a_turned_box_blocks_the_polygon_between_the_cells_of_its_corners():
+    box = Box(size_m=(1.0, 1.0, 1.0), position_m=(5.1, 5.1), yaw_deg=45.0)
     blocked = grid([box], 0).blocked
-    along = blocked[[int((5.0 + d) / CELL_M) for d in (-1.5, 0.0, 1.5)]]
-    assert along.any(axis=1).all()
-    # the box's area in cells; its long edges cut half of those along them
-    assert blocked.sum() == pytest.approx(4.0 * 0.6 / CELL_M**2, rel=0.15)
+    # the corners, 0.71 m from the middle, are four cells from the middle's
+    assert [int(row.sum()) for row in blocked[20:31]] == [0, 1, 3, 5, 7, 9, 7, 5, 3, 1, 0]
+
+
+def test_walkers_heed_the_cells_that_are_left_to_be_heeded():
+    made = grid(WALL)
+    made.heeded[:] = False
+    assert made.near(2.0, 4.5) == []
+    assert made.blocked.any()
 
 
 def test_the_nearest_blocked_cells_come_first_and_are_at_most_ten():
@@ -71,4 +84,4 @@ def test_the_nearest_blocked_cells_come_first_and_are_at_most_ten():
 
 def test_the_grid_around_things_holds_all_of_them():
     made = Grid.around(WALL, [(-3.0, 1.0), (1.0, 9.0)], 0)
-    assert made.blocked.shape == (round(13.0 / CELL_M) + 1, round(8.0 / CELL_M) + 1)
+    assert made.blocked.shape == (round(8.0 / CELL_M) + 1, round(13.0 / CELL_M) + 1)

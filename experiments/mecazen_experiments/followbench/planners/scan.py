@@ -7,7 +7,7 @@ import math
 import numpy as np
 from mecazen.portable import Floats
 
-from mecazen_experiments.followbench.sight import RANGE
+from mecazen_experiments.followbench.sight import ANGLES, RANGE
 from mecazen_experiments.followbench.view import View
 
 NOTHING_M = 0.01
@@ -18,10 +18,8 @@ REACH_M, LEAST = 0.5, 3
 
 def points(view: View) -> Floats:
     """Return where beams met something, in the world (n, 2) [m]."""
-    number = len(view.ranges)
-    hit = np.flatnonzero(view.ranges < RANGE - NOTHING_M)
-    angles = hit * (math.tau / number) + view.robot.yaw
-    ranges = view.ranges[hit]
+    hit = view.ranges < RANGE - NOTHING_M
+    angles, ranges = ANGLES[hit] + view.robot.yaw, view.ranges[hit]
     x, y = view.robot.x + ranges * np.cos(angles), view.robot.y + ranges * np.sin(angles)
     return np.stack((x, y), axis=1)
 

@@ -8,6 +8,7 @@ import numpy as np
 from mecazen.portable import Floats, arctan2
 from mecazen_people.manners.walking import STEP_S
 
+from mecazen_experiments.followbench.sight import ANGLES, APART
 from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
 from mecazen_experiments.followbench.view import Seen, View
 
@@ -113,9 +114,9 @@ class Whereabouts:
             return
         dx, dy = (self.guesses() - np.array(view.robot[:2])).T
         distance = np.sqrt(dx * dx + dy * dy)
-        number = len(view.ranges)
-        beam = np.rint((arctan2(dy, dx) - view.robot.yaw) * (number / math.tau)).astype(int)
-        seen = (distance < SURE_M) & (view.ranges[beam % number] > distance - PERSON_RADIUS)
+        from_first = (arctan2(dy, dx) - view.robot.yaw - ANGLES[0]) % math.tau
+        beam = np.rint(from_first / APART).astype(int)
+        seen = (distance < SURE_M) & (view.ranges[beam] > distance - PERSON_RADIUS)
         self._left = [one for one, is_seen in zip(self._left, seen, strict=True) if not is_seen]
         if not self._left:
             self.restart()

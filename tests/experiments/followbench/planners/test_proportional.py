@@ -32,4 +32,5 @@ def test_only_the_braking_law_stops_for_a_person() -> None:
 def test_the_target_two_steps_ahead_slows_the_robot_down() -> None:
     # it is 0.6 m ahead of the front, less the 0.2 m to keep, to be reached in half a second
     near = view(target=Seen(51.5, 50.0, 2.0, 0.0), v=1.0)
-    assert BRAKING.command(near)[0] == pytest.approx(0.8)
+    # a beam passes the person's middle by up to 0.9°, so it ends up to 2 mm later
+    assert BRAKING.command(near)[0] == pytest.approx(0.8, abs=0.004)
