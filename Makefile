@@ -56,7 +56,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing picture run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-chaos test-compose test-dist dist soak
+.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing pictures run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -70,7 +70,7 @@ help:
 	@echo "make results      the experiments and benchmarks whose inputs have changed, their tables and figures (ONLY=table2)"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph        what is made from the code: references, tables, picture, access rules"
-	@echo "make picture      docs/viewer.png and docs/senses.png, from runs in the viewer"
+	@echo "make pictures     the pictures of the documents, from runs (ONLY=hero)"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
 	@echo "make dist         wheels, to be installed elsewhere: docs/deploy.md"
@@ -170,8 +170,8 @@ drawing:
 graph: .venv/developer
 	@.venv/bin/python -m mecazen_tools.generated
 
-picture: .venv/developer drawing
-	@.venv/bin/python docs/make_picture.py
+pictures: .venv/developer drawing
+	@.venv/bin/python -m docs.pictures $(ONLY)
 
 notebook: .venv/developer
 	@.venv/bin/python docs/make_notebook.py

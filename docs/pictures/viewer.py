@@ -1,7 +1,4 @@
-"""Makes docs/viewer.png and docs/senses.png: scenarios as processes, in a viewer without a window.
-
-Run from the repository by `make picture`.
-"""
+"""Pictures of the viewer: scenarios as processes, in a viewer without a window."""
 
 from __future__ import annotations
 
@@ -14,19 +11,16 @@ from mecazen_tools.processes import Supervisor, private_router
 from mecazen_viewer.rerun_process import free_port, headless_viewer, uri
 from PIL import Image
 
-ROOT = Path(__file__).parents[1]
-PICTURES = {"viewer": ("side", 37.0), "senses": ("senses", 7.0)}
-"""By their names: the scenario, and the simulated time at which something is to be seen [s]."""
+ROOT = Path(__file__).parents[2]
 START_S = 30.0
 """Longer than any process is silent while all start."""
 KEPT_BITS = 0b11111100
 """Of each colour: nobody sees the rest, and a fifth of the file is gone."""
 
 
-def make(name: str, scenario: str, at_s: float) -> None:
-    """Take pictures until the viewer shows what is worth one."""
+def draw(picture_file: Path, scenario: str, at_s: float) -> None:
+    """Take pictures of a scenario until the viewer shows a simulated time [s]."""
     path = ROOT / "configs" / "scenarios" / f"{scenario}.toml"
-    picture_file = ROOT / "docs" / f"{name}.png"
     data_port = free_port("viewer.data_port", 0)
     settings = (
         f"viewer.data_port={data_port}",
@@ -52,9 +46,3 @@ def make(name: str, scenario: str, at_s: float) -> None:
         supervisor.stop()
     picture = Image.open(io.BytesIO(png)).convert("RGB").point(lambda level: level & KEPT_BITS)
     picture.save(picture_file, optimize=True)
-    print(f"{picture_file.relative_to(ROOT)}: {picture_file.stat().st_size / 1000:.0f} kB")
-
-
-if __name__ == "__main__":
-    for name, (scenario, at_s) in PICTURES.items():
-        make(name, scenario, at_s)

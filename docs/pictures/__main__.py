@@ -1,0 +1,36 @@
+"""Makes the pictures of the documents that come from no experiment.
+
+Run from the repository by `make pictures`, which takes a few by their names: ONLY="hero viewer".
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from docs.pictures import hero, viewer
+
+DOCS = Path(__file__).parents[1]
+PICTURES: dict[str, Callable[[Path], None]] = {
+    "figures/hero.webp": hero.draw,
+    "senses.png": partial(viewer.draw, scenario="senses", at_s=7.0),
+    "viewer.png": partial(viewer.draw, scenario="side", at_s=37.0),
+}
+"""What draws each picture, by its place in docs/."""
+
+
+def main(names: list[str]) -> None:
+    """Draw pictures by their names without suffix, or all."""
+    known = {Path(place).stem: place for place in PICTURES}
+    if unknown := sorted(set(names) - set(known)):
+        sys.exit(f"no picture {unknown[0]!r}; pictures: {', '.join(known)}")
+    for name in names or known:
+        file = DOCS / known[name]
+        PICTURES[known[name]](file)
+        print(f"docs/{known[name]}: {file.stat().st_size / 1000:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
