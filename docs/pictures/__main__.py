@@ -10,15 +10,24 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from docs.pictures import hero, viewer
+from docs.pictures import gallery, guarded, hero, rollers, viewer
 
 DOCS = Path(__file__).parents[1]
 PICTURES: dict[str, Callable[[Path], None]] = {
+    "figures/convoy.png": gallery.convoy,
+    "figures/corridor.png": partial(guarded.strip, name="corridor"),
+    "figures/door.png": partial(guarded.strip, name="door"),
+    "figures/guard.png": partial(guarded.one, name="door", time_s=7.2, size=gallery.SIZE_PX),
+    "figures/hard_stop.png": partial(guarded.strip, name="hard_stop"),
     "figures/hero.webp": hero.draw,
+    "figures/places.png": gallery.places,
+    "figures/planner.png": gallery.planner,
+    "figures/rollers.png": rollers.draw,
+    "figures/sensors.png": gallery.sensors,
     "senses.png": partial(viewer.draw, scenario="senses", at_s=7.0),
     "viewer.png": partial(viewer.draw, scenario="side", at_s=37.0),
 }
-"""What draws each picture, by its place in docs/."""
+"""The function that draws each picture, by its place in docs/."""
 
 
 def main(names: list[str]) -> None:

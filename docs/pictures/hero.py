@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from mecazen.config import Scenario
 from PIL import Image
 
-from docs.pictures import oblique
-from docs.pictures.oblique import Array, Camera, Stage, at, beams
-from docs.pictures.runs import FOLLOWED, Moment, joints, record
+from docs.pictures import oblique, scene
+from docs.pictures.oblique import Array, Camera, Stage
+from docs.pictures.runs import FOLLOWED, Moment, record
 
 FROM_S, FOR_S, PER_S = 3.0, 8.0, 10
 """The part of the run that is shown, and frames per second."""
 SIZE_PX, VIEW_DEG = (600, 338), 44.0
 EYE_M, AT_M = (-2.6, -4.5, 2.3), (0.1, 0.0, 0.68)
 """Place of the camera and the point it looks at, from the middle between robot and person."""
-SHADOW_M = 0.22
 QUALITY = 80
-"""Of the compression: lines stay sharp, and the file has a third of the size of a GIF."""
+"""Quality of the compression: lines stay sharp, and the file is smaller than a GIF."""
 LEGEND = (
     ("lidar", oblique.BLUE),
     ("body tracker", oblique.ORANGE),
@@ -59,35 +57,10 @@ def frame(scenario: Scenario, moment: Moment, place: Array) -> Image.Image:
     """Draw a moment, seen from beside a place (2,) [m]."""
     base = np.append(place, 0.0)
     stage = Stage(Camera(base + EYE_M, base + AT_M, SIZE_PX, VIEW_DEG))
-    scene(stage, scenario, moment, base)
+    scene.draw(stage, scenario, moment, place.tolist())
+    scene.bones(stage, moment)
     stage.legend(LEGEND)
     return stage.picture()
-
-
-def scene(stage: Stage, scenario: Scenario, moment: Moment, base: Array) -> None:
-    """Draw ground, robot and people of a moment, and what the sensors see."""
-    robot = scenario.robot
-    hits, ends = beams(moment.latest["scan"], robot.lidar.position_m, moment.robot)
-    stage.fill(ends[stage.camera.depth(ends) > 0.3], oblique.SEEN)
-    stage.ground(base.tolist())
-    places = [body[0, :2].tolist() for body in moment.people.values()]
-    for x, y in (*places, moment.robot[:2]):
-        stage.disc(x, y, SHADOW_M, oblique.SHADE, alpha=0.6)
-    for goal in moment.follower.goal:
-        stage.outline(goal.to_planar(), robot.footprint, oblique.GREEN, 1.6)
-    things = []
-    for name, body in moment.people.items():
-        look = oblique.FOLLOWED_LOOK if name == FOLLOWED else oblique.OTHER_LOOK
-        things.append((body, partial(stage.body, body, look)))
-    turned = moment.latest["joint_states"].position[:4]
-    robot_at = at(moment.robot, 0.0, 0.0, 0.1)
-    things.append((robot_at, partial(stage.robot, robot, moment.robot, turned)))
-    stage.far_to_near(things)
-    stage.dots(hits, oblique.BLUE, 5.0)
-    for seen in moment.bones:
-        x, y, z = joints(seen.joints).T
-        known = seen.confidence or (2,) * len(x)
-        stage.bones(at(moment.bones_from, x, y, z), [sure > 0 for sure in known])
 
 
 def _smooth(places: Array) -> Array:

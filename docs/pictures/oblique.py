@@ -114,23 +114,24 @@ class Stage:
         """Fill a polygon (n, 3), unless a corner is behind the camera."""
         xy = self.camera.project(points)
         if np.isfinite(xy).all():
-            look = {"linewidth": 0.0, "zorder": self._next(), **look}
+            look = {"linewidth": 0.0, "zorder": self.next(), **look}
             self.axes.fill(xy[:, 0], xy[:, 1], color=color, **look)
 
     def line(self, points: Array, color: Any, width_px: float, **look: Any) -> None:
         """Draw a line through points (n, 3)."""
         xy = self.camera.project(points)
         look = {"solid_capstyle": "round", "solid_joinstyle": "round", **look}
-        look |= {"linewidth": PT * width_px, "zorder": self._next()}
+        look |= {"linewidth": PT * width_px, "zorder": self.next()}
         self.axes.plot(xy[:, 0], xy[:, 1], color=color, **look)
 
     def dots(self, points: Array, color: Any, size_px: float) -> None:
         """Draw points (n, 3)."""
         xy = self.camera.project(points)
         look: dict[str, Any] = {"markersize": PT * size_px, "markeredgewidth": 0}
-        self.axes.plot(xy[:, 0], xy[:, 1], ".", color=color, zorder=self._next(), **look)
+        self.axes.plot(xy[:, 0], xy[:, 1], ".", color=color, zorder=self.next(), **look)
 
-    def _next(self) -> int:
+    def next(self) -> int:
+        """Return the layer above all things so far."""
         self._order += 1
         return self._order
 
@@ -146,6 +147,10 @@ class Stage:
     def disc(self, x: float, y: float, radius: float, color: Any, **look: Any) -> None:
         """Fill a circle on the ground."""
         self.fill(_ring(Pose2D(x, y), radius, 0.0), color, **look)
+
+    def seen(self, ends: Array) -> None:
+        """Fill what a lidar looks over, up to the ends of its beams on the ground (n, 3)."""
+        self.fill(ends[self.camera.depth(ends) > 0.3], SEEN)
 
     def body(self, joints: Array, look: Sequence[str], height: float = 1.75) -> None:
         """Draw a person with joints (20, 3) [m]."""
@@ -177,7 +182,12 @@ class Stage:
         self.dots(joints[np.array(known, bool)], ORANGE, max(2.6 * width, 4.0))
 
     def box(
-        self, pose: Pose2D, size: Sequence[float], bottom: float, color: Sequence[float]
+        self,
+        pose: Pose2D,
+        size: Sequence[float],
+        bottom: float,
+        color: Sequence[float],
+        **look: Any,
     ) -> None:
         """Draw a box whose middle is at a pose, with its faces shaded."""
         xy = np.tile(_CORNERS * size[:2], (2, 1))
@@ -189,16 +199,19 @@ class Stage:
             if (self.camera.eye - polygon[0]) @ normal > 0.0:
                 shade = 0.72 + 0.28 * max(0.0, float(normal @ _LIGHT))
                 edge = [0.6 * part for part in color]
-                self.fill(polygon, [shade * c for c in color], edgecolor=edge, linewidth=0.5)
+                paint = [shade * part for part in color]
+                self.fill(polygon, paint, **{"edgecolor": edge, "linewidth": 0.5, **look})
 
-    def pillar(self, pose: Pose2D, radius: float, low: float, high: float, color: Any) -> None:
+    def pillar(
+        self, pose: Pose2D, radius: float, low: float, high: float, color: Any, top: Any = METAL
+    ) -> None:
         """Draw an upright cylinder."""
         for z in (low, high):
             self.fill(_ring(pose, radius, z), color)
         ends = at(pose, 0.0, 0.0, np.array((low, high)))
         width = 2.0 * radius * self.camera.scale(ends.mean(axis=0))
         self.line(ends, color, width, solid_capstyle="butt")
-        self.fill(_ring(pose, radius, high), METAL)
+        self.fill(_ring(pose, radius, high), top)
 
     def robot(self, robot: Robot, pose: Pose2D, turned: Sequence[float]) -> None:
         """Draw a robot whose wheels have turned by some angles [rad]."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -22,6 +23,7 @@ from mecazen.keys import (
     PEOPLE,
     SCAN,
     SKELETONS,
+    TARGET_SKELETON,
 )
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +49,8 @@ class Moment:
     """Bodies in the tracker's frame nearest to this time, in base_link."""
     bones_from: Pose2D
     """The robot's true pose when this frame was taken."""
+    watched: Any = None
+    """A copy of what watches the run."""
 
     @property
     def follower(self) -> m.FollowerState:
@@ -57,15 +61,22 @@ class Moment:
 
 
 def record(
-    scenario: str | PathLike[str] | Scenario, times: Sequence[float], **settings: Any
+    scenario: str | PathLike[str] | Scenario,
+    times: Sequence[float],
+    watch: Callable[[Simulation], object] = lambda _: None,
+    **settings: Any,
 ) -> tuple[Scenario, list[Moment]]:
-    """Simulate a scenario; return it and its moments at some times [s]."""
+    """Simulate a scenario; return it and its moments at some times [s].
+
+    `watch` returns what watches the run; each moment has a copy of it.
+    """
     poses: dict[int, Pose2D] = {}
     frames: dict[int, m.Skeletons] = {}
     found = []
     with Simulation(scenario, **settings) as sim:
         tick_s = sim.scenario.sim.tick_s
         wanted = {round(time / tick_s) for time in times}
+        watching = watch(sim)
         for _ in sim.ticks(max(times) + LATE_S):
             tick = round(sim.time_s / tick_s)
             poses[tick] = sim.state.robot
@@ -73,14 +84,23 @@ def record(
             if isinstance(seen, m.Skeletons):
                 frames[round(seen.header.stamp.ns / 1e9 / tick_s)] = seen
             if tick in wanted:
-                found.append((tick, _people(sim), {key: newest(sim, key) for key in KEPT}))
+                messages = {key: newest(sim, key) for key in KEPT}
+                found.append((tick, _people(sim), messages, copy(watching)))
         whole = sim.scenario
     moments = []
-    for tick, people, latest in found:
+    for tick, people, latest, watched in found:
         _, taken = min(((abs(at - tick), at) for at in frames), default=(0, tick))
         bones = frames[taken].skeletons if taken in frames else ()
         moments.append(
-            Moment(tick * tick_s, poses[tick], people, latest, bones, poses.get(taken, poses[tick]))
+            Moment(
+                tick * tick_s,
+                poses[tick],
+                people,
+                latest,
+                bones,
+                poses.get(taken, poses[tick]),
+                watched,
+            )
         )
     return whole, moments
 
@@ -100,6 +120,7 @@ def joints(points: Sequence[m.Point]) -> Array:
 
 
 def _people(sim: Simulation) -> dict[str, Array]:
-    people = newest(sim, PEOPLE.key)
-    persons = people.persons if isinstance(people, m.People) else ()
-    return {one.id: joints(one.joints) for one in persons if one.joints}
+    people, followed = newest(sim, PEOPLE.key), newest(sim, TARGET_SKELETON.key)
+    if isinstance(people, m.People):
+        return {one.id: joints(one.joints) for one in people.persons if one.joints}
+    return {FOLLOWED: joints(followed.joints)} if isinstance(followed, m.Skeleton) else {}

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 START_S = 30.0
 """Longer than any process is silent while all start."""
 KEPT_BITS = 0b11111100
-"""Of each colour: nobody sees the rest, and a fifth of the file is gone."""
+"""Bits of each colour that are kept: the rest is invisible and makes a fifth of the file."""
 
 
 def draw(picture_file: Path, scenario: str, at_s: float) -> None:
