@@ -20,8 +20,9 @@ BESIDE = {
 }
 """Documents of the root, and their pages."""
 SOURCE = "source"
-LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:)([^)#\s]+)(#[^)\s]*)?\)")
-"""A link within the repository: whether it is a picture, its text, path and anchor."""
+LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:)([^)#\s]+)(#[^)\s]*)?\)")
+"""A link within the repository: whether it is a picture, its text, path and anchor. Its text may
+have a picture."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -45,6 +46,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     def lead(link: re.Match[str]) -> str:
         picture, text, name, anchor = link.groups(default="")
         path = (here.parent / name).resolve()
+        text = LINK.sub(lead, text)
         if path.is_dir():
             return text
         target = os.path.relpath(_page(path), Path(page.file.src_uri).parent)
