@@ -1,4 +1,4 @@
-"""Who was where in a run, and when the camera showed the robot's person."""
+"""Places of all people in a run, and frames in which the camera shows the robot's person."""
 
 import numpy as np
 import pytest
