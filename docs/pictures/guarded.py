@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from mecazen.config import Scenario
+from mecazen.loading import load_table
+from mecazen_experiments.config import Experiment, chosen, experiment_path
+from mecazen_experiments.jobs import expand
 from PIL import Image
 
 from docs.pictures import scene
@@ -18,9 +22,11 @@ PANEL_PX, GAP_PX = (300, 260), 6
 
 
 class Situation(NamedTuple):
-    """A run, and what is shown of it."""
+    """A run of the experiment, and what is shown of it."""
 
-    settings: dict[str, Any]
+    case: str
+    driver: str
+    view: str
     times_s: tuple[float, ...]
     """Times of the panels."""
     middle_m: tuple[float, float] | None
@@ -28,67 +34,20 @@ class Situation(NamedTuple):
     width_m: float
     """Width of each panel."""
 
+    def load(self) -> Scenario:
+        """Return the scenario of the case's first seed."""
+        experiment = load_table(experiment_path("safety"), Experiment)
+        names = {"case": self.case, "driver": self.driver, "view": self.view}
+        only = [f"{axis}={name}" for axis, name in names.items()]
+        (series,) = expand(chosen(experiment, only), [experiment.first_seed])
+        return series.jobs[0].load()
 
-_BESIDE: dict[str, Any] = {
-    "follower.planner": {},
-    "follower.view": "side_right",
-    "start": {"y_m": -1.2, "yaw_deg": 90.0},
-}
+
 SITUATIONS = {
-    "hard_stop": Situation(
-        {
-            "target.path": {
-                "kind": "script",
-                "start_after_s": 1.0,
-                "steps": [
-                    {"duration_s": 0.4, "speed_m_s": 0.6},
-                    {"duration_s": 0.4, "speed_m_s": 1.2},
-                    {"duration_s": 4.0, "speed_m_s": 1.8},
-                ],
-            }
-        },
-        (4.4, 6.4, 6.8),
-        None,
-        3.2,
-    ),
-    "door": Situation(
-        {
-            **_BESIDE,
-            "target.path": {
-                "kind": "straight",
-                "speed_m_s": 0.8,
-                "length_m": 12.0,
-                "start_after_s": 1.0,
-            },
-            "world.obstacles": [
-                {"kind": "box", "size_m": [0.1, 4.0, 1.0], "position_m": [4.0, 2.5]},
-                {"kind": "box", "size_m": [0.1, 4.0, 1.0], "position_m": [4.0, -2.5]},
-            ],
-        },
-        (4.8, 7.2, 9.2),
-        (4.2, -0.2),
-        5.2,
-    ),
-    "corridor": Situation(
-        {
-            **_BESIDE,
-            "target.path": {
-                "kind": "straight",
-                "speed_m_s": 0.8,
-                "length_m": 14.0,
-                "start_after_s": 1.0,
-            },
-            "world.obstacles": [
-                {"kind": "box", "size_m": [5.0, 0.1, 1.0], "position_m": [5.5, 0.95]},
-                {"kind": "box", "size_m": [5.0, 0.1, 1.0], "position_m": [5.5, -0.95]},
-            ],
-        },
-        (2.0, 4.0, 6.0),
-        (2.6, -0.2),
-        4.8,
-    ),
+    "hard_stop": Situation("hard stop", "guard", "back", (4.4, 6.4, 6.8), None, 3.2),
+    "door": Situation("door", "planner", "side_right", (4.8, 7.2, 9.2), (4.2, -0.2), 5.2),
+    "corridor": Situation("corridor", "planner", "side_right", (2.0, 4.8, 6.8), (3.0, -0.2), 5.2),
 }
-"""Cases of configs/experiments/safety.toml, each with one speed."""
 
 
 def strip(file: Path, name: str) -> None:
@@ -111,8 +70,7 @@ def draw(name: str, times_s: Sequence[float], size: tuple[int, int]) -> list[Ima
     """Return moments of a situation, with the robot's way until then."""
     situation = SITUATIONS[name]
     ticks = range(1, round(max(times_s) / TRAIL_S) + 1)
-    settings = {"follower.standoff_m": 1.2, **situation.settings}
-    scenario, moments = record("safety", [k * TRAIL_S for k in ticks], **settings)
+    scenario, moments = record(situation.load(), [k * TRAIL_S for k in ticks])
     pictures = []
     for time in times_s:
         shown = moments[: round(time / TRAIL_S)]
