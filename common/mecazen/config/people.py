@@ -133,7 +133,7 @@ class Goal(SteadyWalk, tag="goal", kw_only=True):
     """Preferred speed."""
     goal_m: tuple[Finite, Finite]
     """In the world."""
-    via_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(max_length=100)] = ()
+    via_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(max_length=1000)] = ()
     """Places in the world that come before the goal."""
     back_and_forth: bool = False
     """Whether the walker returns to the start from there, and so on; otherwise they stop there."""

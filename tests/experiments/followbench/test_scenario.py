@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen_experiments.followbench.episodes import Density
-from mecazen_experiments.followbench.generate import generate
+from mecazen_experiments.followbench.generate import generate, tracks
 from mecazen_experiments.followbench.scenario import scenario_of
 from mecazen_experiments.safety_scores import safety
 from mecazen_experiments.watch import watch
@@ -24,6 +24,13 @@ def test_the_same_episode_is_a_scenario_with_our_robot():
     seen = watch(short)
     assert len(seen.others) == len(EPISODE.humans)
     assert not safety(seen, short).contacts_person_all
+
+
+@pytest.mark.parametrize("track", [one.name for one in tracks()])
+def test_a_track_is_the_way_of_the_target(track):
+    episode = generate(track, "back", Density(0), 3)
+    path = scenario_of(episode, 3).target.path
+    assert (*path.via_m, path.goal_m) == episode.target.goals
 
 
 def test_boxes_and_ways_are_those_of_the_episode():
