@@ -53,6 +53,17 @@ def test_what_is_above_the_robot_is_nowhere_near_it():
     assert math.isinf(gap_to_person(NEXUS, at((0.0, 0.0, 0.0)), joints[None], HEIGHT)[0])
 
 
+def test_a_limb_that_is_level_but_for_rounding_is_as_near_as_a_level_one():
+    joints = body(pose=(2.0, 0.0, math.pi))
+    heel, toe = INDEX["left_heel"], INDEX["left_foot"]
+    joints[heel, 2] = joints[toe, 2] = 0.0
+    level, nearly = joints.copy(), joints.copy()
+    nearly[heel, 2] = 5e-324
+    pose = at((0.0, joints[toe, 1], 0.0))
+    found = [gap_to_person(NEXUS, pose, one[None], HEIGHT)[0] for one in (level, nearly)]
+    assert found[1] == pytest.approx(found[0], abs=SEARCH_M)
+
+
 def test_somebody_who_is_not_there_has_no_gap():
     joints = np.full((1, 20, 3), np.nan)
     assert np.isnan(gap_to_person(NEXUS, at((0.0, 0.0, 0.0)), joints, HEIGHT)[0])
