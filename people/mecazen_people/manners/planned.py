@@ -2,7 +2,8 @@
 
 They are the pedestrians of Follow-Bench 1.0.
 They choose velocities one after the other, so each one sees the new places of those before it. A
-walker who touches something brakes.
+walker who touches something brakes. Follow-Bench's pedestrians have a new velocity at once; those
+of a body need time for it.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class Planned:
         radius: Radius of each body [m].
         manners: How they give way.
         grid: The grid of the ways.
+        acceleration: Their largest acceleration [m/s²].
     """
 
     def __init__(
@@ -49,7 +51,9 @@ class Planned:
         radius: float,
         manners: Manners,
         grid: Grid,
+        acceleration: float = math.inf,
     ) -> None:
+        self._acceleration = acceleration
         self._errands, self._radius, self._manners, self._grid = errands, radius, manners, grid
         self._walls = Walls(obstacles)
         self.states = [(one.start.x, one.start.y, 0.0, 0.0) for one in errands]
@@ -57,6 +61,7 @@ class Planned:
         self._ways = [self._way(one, one.start[:2]) for one in errands]
         self._next = [0] * len(errands)
         self._braking = [False] * len(errands)
+        self._chosen = [(0.0, 0.0)] * len(errands)
         self._since = STEP_S
         self.motions = [Motion(one.start) for one in errands]
 
@@ -65,7 +70,9 @@ class Planned:
         self._since += dt
         chooses = self._since > STEP_S - 1e-9
         for n, (last_x, last_y, *now) in enumerate(self.states):
-            vx, vy = self._choice(n, time, others) if chooses else now
+            if chooses:
+                self._chosen[n] = self._choice(n, time, others)
+            vx, vy = _approach(now, self._chosen[n], self._acceleration * dt)
             x, y = last_x + dt * vx, last_y + dt * vy
             self.states[n] = x, y, vx, vy
             self._advance(n, x, y)
@@ -131,6 +138,17 @@ class Planned:
             if (px - x) * (px - x) + (py - y) * (py - y) <= squared:
                 return True
         return any(other.gap(x, y) <= reach for other in others)
+
+
+def _approach(
+    now: Sequence[float], chosen: tuple[float, float], most: float
+) -> tuple[float, float]:
+    """Return the velocity that differs by at most `most` from now's, towards the chosen one [m/s]."""
+    dx, dy = chosen[0] - now[0], chosen[1] - now[1]
+    change = math.sqrt(dx * dx + dy * dy)
+    if change <= most:
+        return chosen
+    return now[0] + most / change * dx, now[1] + most / change * dy
 
 
 def _towards(x: float, y: float, goal: tuple[float, float], speed: float) -> tuple[float, float]:

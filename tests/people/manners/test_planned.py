@@ -80,6 +80,18 @@ def test_between_two_choices_walkers_keep_their_velocities():
     assert whole.motions[0].pose[:2] == pytest.approx(fine.motions[0].pose[:2], abs=0.02)
 
 
+def test_a_limited_acceleration_takes_a_walker_from_rest_to_speed_over_several_choices():
+    errand = Errand(Pose2D(2.0, 5.0, 0.0), ((12.0, 5.0),), plans=False)
+    grid = Grid([], (0.0, 0.0), (20.0, 20.0), 0)
+    group, dt = Planned([errand], [], RADIUS_M, "orca", grid, acceleration=3.0), STEP_S / 5
+    x = [place[0] for (place,) in walk(group, 1.0, dt=dt)]
+    speeds = [(b - a) / dt for a, b in pairwise([2.0, *x])]
+    changes = [b - a for a, b in pairwise([0.0, *speeds])]
+    assert max(changes) <= 3.0 * dt + 1e-9  # rounding
+    assert speeds[24] == pytest.approx(1.5)  # 0.5 s at 3 m/s², reached by equal changes
+    assert speeds[23] < 1.5 - 1e-9
+
+
 def test_a_walker_starts_after_the_others():
     group = walkers(((2.0, 5.0), (12.0, 5.0)), start_after=1.0)
     places = walk(group, 2.0)
