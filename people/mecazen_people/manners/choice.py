@@ -11,7 +11,6 @@ from mecazen_people.manners.helbing import Pedestrians
 from mecazen_people.manners.planned import Planned
 from mecazen_people.manners.walking import Errand, Walkers
 
-
 ACCELERATION_M_S2 = 3.0
 """Largest acceleration by ORCA and SFM: a body at 1.5 m/s stops in 0.5 s, about a step."""
 

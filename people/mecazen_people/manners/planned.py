@@ -143,7 +143,7 @@ class Planned:
 def _approach(
     now: Sequence[float], chosen: tuple[float, float], most: float
 ) -> tuple[float, float]:
-    """Return the velocity that differs by at most `most` from now's, towards the chosen one [m/s]."""
+    """Return the velocity nearest to the chosen one that differs from now's by at most `most`."""
     dx, dy = chosen[0] - now[0], chosen[1] - now[1]
     change = math.sqrt(dx * dx + dy * dy)
     if change <= most:
