@@ -14,12 +14,9 @@ from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.keys import FOLLOWER_STATE, JOINT_STATES, PEOPLE, of_robot
 from mecazen.loading import load_scenario, scenario_path
-from mecazen_follower.node import FollowerNode
-from mecazen_follower.planner.mppi import Problem
-from mecazen_follower.planner.rollout import Rollout
 from PIL import Image, ImageDraw
 
-from docs.pictures import oblique, scene
+from docs.pictures import oblique, planning, scene
 from docs.pictures.oblique import Array, Camera, Stage, at, beams
 from docs.pictures.runs import FOLLOWED, joints, newest, record
 
@@ -82,36 +79,18 @@ def _depth(image: m.Image) -> Image.Image:
     return whole.crop((left, 0, left + width, whole.height)).resize(PANEL_PX)
 
 
-class Ways:
-    """The ways between which the planner of a simulation chose last."""
-
-    def __init__(self, sim: Simulation) -> None:
-        nodes = (hosted.node for hosted in sim._run.host.hosted)
-        planner = next(n for n in nodes if isinstance(n, FollowerNode)).following.planner
-        assert planner is not None
-        self._search, planner.search = planner.search, self._keep
-        self.ways: Array = np.zeros((0, 0, 2))
-        """Places (n, steps, 2) from the robot, along odom's axes [m]."""
-        self.chosen = 0
-
-    def _keep(self, problem: Problem) -> tuple[Rollout, Any]:
-        found, costs = self._search(problem)
-        self.ways = np.stack((found.x.T, found.y.T), axis=-1).astype(float)
-        self.chosen = int(np.argmin(costs))
-        return found, costs
-
-
 def planner(file: Path) -> None:
     """Draw the ways between which the planner chooses among people."""
-    scenario, moments = record("crowd", [PLANNED_S], watch=Ways, **{"follower.planner": {}})
-    moment = moments[-1]
+    settings: dict[str, Any] = {"follower.planner": {}, "programs.follower": planning.PROGRAM}
+    scenario, (moment,) = record("crowd", [PLANNED_S], **settings)
     stage = scene.from_above(moment.robot.x + 0.6, moment.robot.y + 0.7, SIZE_PX, 5.6)
     scene.draw(stage, scenario, moment, moment.robot[:2])
-    found = moment.watched
-    for k, way in enumerate(found.ways):
+    found = moment.latest[planning.WAYS.key]
+    ways = np.stack((found.x, found.y), axis=-1).reshape(found.count, -1, 2)
+    for k, way in enumerate(ways):
         if k != found.chosen:
             _way(stage, moment.robot, way, CONSIDERED, 1.4)
-    _way(stage, moment.robot, found.ways[found.chosen], CHOSEN, 3.0)
+    _way(stage, moment.robot, ways[found.chosen], CHOSEN, 3.0)
     stage.legend((("the plan", CHOSEN), ("other ways", CONSIDERED), ("goal", oblique.GREEN)))
     stage.picture().save(file, optimize=True)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from copy import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -26,10 +25,13 @@ from mecazen.keys import (
     TARGET_SKELETON,
 )
 
+from docs.pictures.planning import WAYS
+
 Array = npt.NDArray[np.float64]
 
 FOLLOWED = "target"
-KEPT = tuple(topic.key for topic in (SCAN, FOLLOWER_STATE, GUARD_STATE, JOINT_STATES, DEPTH))
+TOPICS = SCAN, FOLLOWER_STATE, GUARD_STATE, JOINT_STATES, DEPTH, WAYS
+KEPT = tuple(topic.key for topic in TOPICS)
 LATE_S = 0.3
 """More than the latency of the camera."""
 
@@ -49,8 +51,6 @@ class Moment:
     """Bodies in the tracker's frame nearest to this time, in base_link."""
     bones_from: Pose2D
     """The robot's true pose when this frame was taken."""
-    watched: Any = None
-    """A copy of what watches the run."""
 
     @property
     def follower(self) -> m.FollowerState:
@@ -63,20 +63,15 @@ class Moment:
 def record(
     scenario: str | PathLike[str] | Scenario,
     times: Sequence[float],
-    watch: Callable[[Simulation], object] = lambda _: None,
     **settings: Any,
 ) -> tuple[Scenario, list[Moment]]:
-    """Simulate a scenario; return it and its moments at some times [s].
-
-    `watch` returns what watches the run; each moment has a copy of it.
-    """
+    """Simulate a scenario; return it and its moments at some times [s]."""
     poses: dict[int, Pose2D] = {}
     frames: dict[int, m.Skeletons] = {}
     found = []
     with Simulation(scenario, **settings) as sim:
         tick_s = sim.scenario.sim.tick_s
         wanted = {round(time / tick_s) for time in times}
-        watching = watch(sim)
         for _ in sim.ticks(max(times) + LATE_S):
             tick = round(sim.time_s / tick_s)
             poses[tick] = sim.state.robot
@@ -85,10 +80,10 @@ def record(
                 frames[round(seen.header.stamp.ns / 1e9 / tick_s)] = seen
             if tick in wanted:
                 messages = {key: newest(sim, key) for key in KEPT}
-                found.append((tick, _people(sim), messages, copy(watching)))
+                found.append((tick, _people(sim), messages))
         whole = sim.scenario
     moments = []
-    for tick, people, latest, watched in found:
+    for tick, people, latest in found:
         _, taken = min(((abs(at - tick), at) for at in frames), default=(0, tick))
         bones = frames[taken].skeletons if taken in frames else ()
         moments.append(
@@ -99,7 +94,6 @@ def record(
                 latest,
                 bones,
                 poses.get(taken, poses[tick]),
-                watched,
             )
         )
     return whole, moments
