@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
@@ -41,7 +42,9 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
 
     name: str
     means: dict[str, Interval]
-    """By score, over those runs that have it; of all walks, each counted the same."""
+    """By score, over those runs that have it; with recorded walks, over the walks.
+
+    Several seeds of a walk are not independent of each other: a walk counts by its mean."""
     runs: tuple[RunReport[T], ...] = ()
     labels: Mapping[str, str | float] = {}
     sums: dict[str, float] = {}
@@ -49,7 +52,7 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     published: dict[str, float] = {}
     limits: dict[str, float] = {}
     within_limits: bool | None = None
-    """Whether no mean is above its limit; None without limits."""
+    """Whether every interval is below its limit; None without limits."""
     d_err_ratio: float | None = None
     """Mean D_err relative to that of the case's reference."""
 
@@ -137,10 +140,10 @@ def relate(rows: Sequence[Row[T]], todo: Sequence[Series]) -> list[Row[T]]:
 
 
 def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool | None:
-    """Return whether no mean is above its limit; one that is missing is not within it."""
+    """Return whether every interval is below its limit; one that is missing is not."""
     if not limits:
         return None
-    return all(name in means and means[name].mean <= limit for name, limit in limits.items())
+    return all(name in means and means[name].high <= limit for name, limit in limits.items())
 
 
 def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[RunReport[T], ...]:
@@ -150,12 +153,14 @@ def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[RunRep
 def _row(
     kind: Kind[T], name: str, runs: tuple[RunReport[T], ...], labels: Mapping[str, str | float]
 ) -> Row[T]:
-    values: dict[str, list[float]] = {}
-    for run in runs:
+    values: dict[str, dict[str | int, list[float]]] = {}
+    for number, run in enumerate(runs):
         for score, value in kind.numbers(run.record.scores).items():
             if value is not None:
-                values.setdefault(score, []).append(value)
-    sums = {score: sum(values.pop(score, ())) for score in kind.sums}
-    least = {score: min(values.pop(score, ()), default=None) for score in kind.least}
-    means = {score: mean_interval(of) for score, of in values.items()}
+                values.setdefault(score, {}).setdefault(run.walk or number, []).append(value)
+    sums = {score: sum(chain(*values.pop(score, {}).values())) for score in kind.sums}
+    least = {
+        score: min(chain(*values.pop(score, {}).values()), default=None) for score in kind.least
+    }
+    means = {score: mean_interval([*map(fmean, of.values())]) for score, of in values.items()}
     return Row(name, means, runs, labels, sums, least)

@@ -12,7 +12,7 @@ from rich.text import Text
 from mecazen_experiments.report import Row
 from mecazen_experiments.statistics import Interval
 
-CAPTION = "means over the runs, each with its 95 % interval"
+CAPTION = "means over the runs, or over the walks, each with its 95 % interval"
 
 Column = tuple[str, str, int]
 """Heading, name of a score, and digits to show."""
@@ -44,8 +44,13 @@ def table(
         cells = (_cell(row, name, digits) for _, name, digits in columns)
         # a label is not markup, whatever it is
         rest = (of(row) for of in more.values())
-        shown.add_row(*map(Text, labels), str(len(row.runs)), *cells, *rest)
+        shown.add_row(*map(Text, labels), _count(row), *cells, *rest)
     return shown
+
+
+def _count(row: Row[Any]) -> str:
+    walks = len({run.walk for run in row.runs if run.walk})
+    return f"{len(row.runs)}\n{walks} walks" if walks > 1 else str(len(row.runs))
 
 
 def show(interval: Interval | None, digits: int) -> str:

@@ -27,10 +27,12 @@ def test_runs_without_a_score_are_not_in_its_mean():
     assert "settled_d_err_m" not in row.means
 
 
-def test_a_row_counts_the_runs_of_all_walks_the_same():
-    series = made_up.series("walks", {("a", 1): 0.1, ("a", 2): 0.1, ("b", 1): 0.4})
+def test_seeds_of_a_walk_are_not_independent_so_each_walk_counts_by_its_mean():
+    series = made_up.series("walks", {("a", 1): 0.1, ("a", 2): 0.2, ("b", 1): 0.45})
     mean = summarise(FOLLOWING, *series).means["d_err_m"]
-    assert mean.mean == pytest.approx(0.2, abs=1e-12)  # a few roundings
+    assert mean.mean == pytest.approx(0.3, abs=1e-12)  # a few roundings
+    assert mean.n == 2
+    assert (mean.low, mean.high) == pytest.approx((0.15, 0.45))
     walks = summarise_walks(FOLLOWING, *series)
     assert [(walk.name, len(walk.runs)) for walk in walks] == [("walks / a", 2), ("walks / b", 1)]
     assert summarise_walks(FOLLOWING, *made_up.series("short", {(None, 1): 0.1})) == []
@@ -40,13 +42,13 @@ def test_a_row_counts_the_runs_of_all_walks_the_same():
     ("limits", "expected"),
     [
         ({}, None),
-        ({"d_err_m": 0.2}, True),
-        ({"d_err_m": 0.19}, False),
+        ({"d_err_m": 0.3}, True),
+        ({"d_err_m": 0.29}, False),
         ({"d_err_m": 0.3, "theta_err_deg": 0.1}, False),
         ({"d_err_m": 0.3, "nees": 3.0}, False),
     ],
 )
-def test_limits_hold_where_no_mean_is_above_them_or_missing(limits, expected):
+def test_limits_hold_where_no_interval_reaches_above_them_and_no_score_is_missing(limits, expected):
     found = {
         "d_err_m": Interval(0.2, 0.1, 0.3, 5),
         "theta_err_deg": Interval(2.0, 2.0, 2.0, 5),

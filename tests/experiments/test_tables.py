@@ -1,6 +1,8 @@
 """Tables of rows: labels, and means, sums and least values of scores."""
 
 import msgspec
+from mecazen_experiments.following import FOLLOWING
+from mecazen_experiments.report import summarise
 from mecazen_experiments.tables import table
 
 from experiments import made_up
@@ -21,3 +23,11 @@ def test_a_row_shows_its_labels_and_each_score_as_it_was_summarised():
         ["[door]", "back", "2", "3", "-0.25", "", "0.150", "-"]
     )
     assert "0.100 … 0.200" in text
+
+
+def test_a_row_of_recorded_people_says_how_many_walks_it_has():
+    runs = {("a", 1): 0.1, ("a", 2): 0.2, ("b", 1): 0.4, ("b", 2): 0.4}
+    found = summarise(FOLLOWING, *made_up.series("walks", runs))
+    text = made_up.shown(table(["case"], [("D_err", "d_err_m", 3)], [found]))
+    assert "4" in text
+    assert "2 walks" in text
