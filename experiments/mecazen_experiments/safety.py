@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import msgspec
 from rich.table import Table
@@ -10,12 +11,14 @@ from rich.table import Table
 from mecazen_experiments.jobs import Job
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.safety_scores import Safety, safety
+from mecazen_experiments.statistics import most_per_hour
 from mecazen_experiments.tables import Column, table
 from mecazen_experiments.watch import watch
 
 CAPTION = (
-    "contacts: sums over the runs, those that the robot caused and all; gaps: the smallest; "
-    "others: means, each with its 95 % interval"
+    "contacts: sums over the runs, those that the robot caused and all; at most: upper limit of "
+    "the rate of those that it caused, with 95 % confidence; gaps: the smallest; others: means, "
+    "each with its 95 % interval"
 )
 COLUMNS: tuple[Column, ...] = (
     ("contacts\nperson", "contacts_person", 0),
@@ -36,6 +39,16 @@ COLUMNS: tuple[Column, ...] = (
 )
 
 
+def _at_most(row: Row[Safety]) -> str:
+    caused = ("contacts_person", "contacts_others", "contacts_world")
+    most = most_per_hour(sum(row.sums[name] for name in caused), row.sums["time_s"] / 3600.0)
+    return f"{most:.1f}"
+
+
+MORE: Mapping[str, Callable[[Row[Any]], str]] = {"caused,\nat most\n\\[1/h]": _at_most}
+"""Columns that no score has alone."""
+
+
 def _measure(job: Job) -> tuple[Safety, str]:
     scenario = job.load()
     seen = watch(scenario)
@@ -54,16 +67,17 @@ def tables(rows: Sequence[Row[Safety]]) -> list[Table]:
         *regroup(SAFETY, rows, names),
         *regroup(SAFETY, by_view, lambda row: {**names(row), "case": "all"}),
     ]
-    return [table(["situation", "driver"], COLUMNS, groups, caption=CAPTION)]
+    return [table(["situation", "driver"], COLUMNS, groups, caption=CAPTION, more=MORE)]
 
 
+SUMS = [name for name in Safety.__struct_fields__ if name.startswith("contacts_")] + ["time_s"]
 SAFETY = Kind(
     "safety",
     Record[Safety],
     _measure,
     msgspec.structs.asdict,
     tables,
-    sums=[name for name in Safety.__struct_fields__ if name.startswith("contacts_")],
+    sums=SUMS,
     least=[name for name in Safety.__struct_fields__ if name.startswith("gap_")],
 )
 """How safely the robot follows."""

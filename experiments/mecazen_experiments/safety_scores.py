@@ -60,6 +60,8 @@ class Safety(msgspec.Struct, frozen=True):
     frozen_s: float
     """Time in which the robot stands 0.5 m from its place or more, while the person walks."""
     jerk_rms_m_s3: float | None
+    time_s: float
+    """Duration of the run."""
 
 
 def safety(seen: Watched, scenario: Scenario) -> Safety:
@@ -94,6 +96,7 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
         theta_err_deg=heading,
         frozen_s=_frozen(seen, standoff, begin),
         jerk_rms_m_s3=score(seen.table, standoff).whole.jerk_rms_m_s3,
+        time_s=float(seen.table["t_s"][-1]),
     )
 
 

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import msgspec
 import numpy as np
-from scipy.stats import bootstrap
+from scipy.stats import bootstrap, chi2
 
 SEED = 1
 """Seed of the resampling: the same values give the same interval."""
@@ -23,7 +23,7 @@ class Interval(msgspec.Struct, frozen=True):
     low: float
     high: float
     n: int
-    """The number of values."""
+    """The number of independent values."""
 
 
 def mean_interval(values: Sequence[float]) -> Interval:
@@ -41,6 +41,14 @@ def mean_interval(values: Sequence[float]) -> Interval:
         (np.asarray(values),), np.mean, rng=np.random.default_rng(SEED)
     ).confidence_interval
     return Interval(mean, float(interval.low), float(interval.high), n)
+
+
+def most_per_hour(events: float, hours: float) -> float:
+    """Return the upper limit of the rate of rare events, with 95 % confidence [1/h].
+
+    That of Garwood for Poisson's distribution (Biometrika 28, 1936): 3.0 / hours after none.
+    """
+    return float(chi2.ppf(0.95, 2.0 * (events + 1.0))) / 2.0 / hours
 
 
 def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:

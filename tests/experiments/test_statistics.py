@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from mecazen_experiments.statistics import Interval, mean_interval, paired_difference
+from mecazen_experiments.statistics import (
+    Interval,
+    mean_interval,
+    most_per_hour,
+    paired_difference,
+)
 
 
 def normal(seed, n=30, mean=2.0, deviation=1.0):
@@ -39,6 +44,13 @@ def test_95_of_100_intervals_hold_the_true_mean():
 def test_the_interval_of_skewed_values_is_skewed():
     interval = mean_interval(np.random.default_rng(1).exponential(1.0, 30).tolist())
     assert interval.high - interval.mean > 1.1 * (interval.mean - interval.low)
+
+
+@pytest.mark.parametrize(("events", "most"), [(0, 2.996), (1, 4.744), (3, 7.754)])
+def test_the_limit_of_a_rate_is_that_of_the_published_table(events, most):
+    # one-sided 95 % limits of Poisson's distribution, Garwood 1936
+    assert most_per_hour(events, 1.0) == pytest.approx(most, abs=5e-4)
+    assert most_per_hour(events, 4.0) == pytest.approx(most / 4.0, abs=5e-4)
 
 
 def test_a_difference_is_taken_seed_by_seed_where_both_have_it_in_any_order():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -28,7 +28,7 @@ from mecazen_experiments.followbench.view import Place
 from mecazen_experiments.jobs import Job, Key, Series, version, with_content
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.run import file_name
-from mecazen_experiments.safety import SAFETY
+from mecazen_experiments.safety import MORE, SAFETY
 from mecazen_experiments.statistics import Interval
 from mecazen_experiments.tables import Column, table
 from mecazen_experiments.watch import watch
@@ -257,11 +257,15 @@ def _scaled(name: str, value: Interval) -> Interval:
 
 def own_tables(rows: Sequence[Row[OwnRun]]) -> list[Table]:
     """Return the same tables of our robot."""
-    return _tables(OWN_ROBOT, rows, OWN_COLUMNS, OWN_CAPTION)
+    return _tables(OWN_ROBOT, rows, OWN_COLUMNS, OWN_CAPTION, MORE)
 
 
 def _tables(
-    kind: Kind[Any], rows: Sequence[Row[Any]], columns: Sequence[Column], caption: str
+    kind: Kind[Any],
+    rows: Sequence[Row[Any]],
+    columns: Sequence[Column],
+    caption: str,
+    more: Mapping[str, Callable[[Row[Any]], str]] | None = None,
 ) -> list[Table]:
     def total(row: Row[Any]) -> dict[str, str | float]:
         return dict(zip(("follower", "in"), _total(row), strict=True))
@@ -283,7 +287,7 @@ def _tables(
         ("By class", ["follower", "class", "place"], regroup(kind, rows, by_class)),
     ]
     return [
-        table(heads, columns, some, title=title, caption=caption)
+        table(heads, columns, some, title=title, caption=caption, more=more)
         for title, heads, some in shown
         if some
     ]
