@@ -1,4 +1,4 @@
-"""Makes the pictures of the documents that come from no experiment.
+"""Makes the pictures of the documents that `make results` does not make.
 
 Run from the repository by `make pictures`, which takes a few by their names: ONLY="hero viewer".
 """
@@ -10,13 +10,15 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from docs.pictures import gallery, guarded, hero, rollers, viewer
+from docs.pictures import charts, gallery, guarded, hero, rollers, terminal, viewer
 
 DOCS = Path(__file__).parents[1]
 PICTURES: dict[str, Callable[[Path], None]] = {
+    "figures/best.png": charts.best,
     "figures/convoy.png": gallery.convoy,
     "figures/corridor.png": partial(guarded.strip, name="corridor"),
     "figures/door.png": partial(guarded.strip, name="door"),
+    "figures/engines.png": charts.engines,
     "figures/guard.png": partial(guarded.one, name="door", time_s=7.2, size=gallery.SIZE_PX),
     "figures/hard_stop.png": partial(guarded.strip, name="hard_stop"),
     "figures/hero.webp": hero.draw,
@@ -24,8 +26,10 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "figures/planner.png": gallery.planner,
     "figures/rollers.png": rollers.draw,
     "figures/sensors.png": gallery.sensors,
-    "senses.png": partial(viewer.draw, scenario="senses", at_s=7.0),
-    "viewer.png": partial(viewer.draw, scenario="side", at_s=37.0),
+    "figures/table2.png": charts.table2,
+    "figures/terminal.webp": terminal.draw,
+    "senses.png": partial(viewer.scene, scenario="senses", at_s=7.0),
+    "viewer.png": partial(viewer.views, scenario="side", at_s=37.0),
 }
 """The function that draws each picture, by its place in docs/."""
 

@@ -1,26 +1,62 @@
-"""Pictures of the viewer: scenarios as processes, in a viewer without a window."""
+"""Pictures of the viewer: its views of scenarios without its frame, and plots on white."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+from matplotlib import style
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from mecazen.config import Process
-from mecazen.loading import load_scenario
+from mecazen.keys import FOLLOWER_STATE, JOINT_STATES
+from mecazen.loading import load_scenario, scenario_path
+from mecazen.robot import WHEELS
+from mecazen_experiments.run import observe
+from mecazen_experiments.scores import deviations
+from mecazen_tools.drawing import BLUE, PALETTE, STYLE
 from mecazen_tools.processes import Supervisor, private_router
 from mecazen_viewer.rerun_process import free_port, headless_viewer, uri
 from PIL import Image
+from rerun.experimental import ViewerClient
 
-ROOT = Path(__file__).parents[2]
 START_S = 30.0
 """Longer than any process is silent while all start."""
-KEPT_BITS = 0b11111100
-"""Bits of each colour that are kept: the rest is invisible and makes a fifth of the file."""
+DROPPED_BITS = 0b11
+"""Bits of each colour that are set: they are invisible and make a fifth of the file."""
+WINDOW_PX = 2400, 1500
+SCENE, ABOVE = "following", "from above"
+SCENE_PX, ABOVE_PX, GAP_PX = (1000, 580), (494, 580), 6
+PLOTS_PX, DPI = (1500, 300), 100.0
+PLOTTED_S = 30.0
+PURPLE = PALETTE[3]
+WIDE = {"font.size": 13.0, "axes.linewidth": 1.0, "lines.linewidth": 1.6, "grid.linewidth": 0.6}
+"""Larger than in print: the picture is shown at half its size."""
 
 
-def draw(picture_file: Path, scenario: str, at_s: float) -> None:
-    """Take pictures of a scenario until the viewer shows a simulated time [s]."""
-    path = ROOT / "configs" / "scenarios" / f"{scenario}.toml"
+def scene(file: Path, scenario: str, at_s: float) -> None:
+    """Draw the scene of a scenario at a simulated time [s]."""
+    with _shown(scenario, at_s) as viewer:
+        _save(_view(viewer, SCENE, SCENE_PX), file)
+
+
+def views(file: Path, scenario: str, at_s: float) -> None:
+    """Draw both scenes of a scenario at a simulated time [s], and three of the plots."""
+    sheet = Image.new("RGB", (PLOTS_PX[0], SCENE_PX[1] + GAP_PX + PLOTS_PX[1]), "white")
+    with _shown(scenario, at_s) as viewer:
+        sheet.paste(_view(viewer, SCENE, SCENE_PX), (0, 0))
+        sheet.paste(_view(viewer, ABOVE, ABOVE_PX), (SCENE_PX[0] + GAP_PX, 0))
+    sheet.paste(_plots(scenario, at_s), (0, SCENE_PX[1] + GAP_PX))
+    _save(sheet, file)
+
+
+@contextmanager
+def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
+    """Run a scenario as processes until a viewer shows a simulated time [s]."""
+    path = scenario_path(scenario)
     data_port = free_port("viewer.data_port", 0)
     settings = (
         f"viewer.data_port={data_port}",
@@ -30,7 +66,7 @@ def draw(picture_file: Path, scenario: str, at_s: float) -> None:
     supervisor = Supervisor(path, settings)
     try:
         supervisor.start_router()
-        with headless_viewer() as viewer:
+        with headless_viewer(*WINDOW_PX) as viewer:
             for process in (*load_scenario(path, settings).process_plan, Process(("viewer",))):
                 supervisor.start(process)
             while (line := supervisor.poll(START_S)) is not None and not line.is_address:
@@ -38,11 +74,60 @@ def draw(picture_file: Path, scenario: str, at_s: float) -> None:
             viewer.open(uri(data_port))
             shown_s = 0.0
             while shown_s < at_s:
-                png = viewer.take_screenshot()
+                viewer.take_screenshot(
+                    max_size=64
+                )  # each picture lets the viewer take what has come
                 supervisor.poll(0.0)
                 for recording in viewer.get_state().recordings:
                     shown_s = (recording.current_time or 0) / 1e9
+            viewer.set_time(play_state="paused")
+            yield viewer
     finally:
         supervisor.stop()
-    picture = Image.open(io.BytesIO(png)).convert("RGB").point(lambda level: level & KEPT_BITS)
-    picture.save(picture_file, optimize=True)
+
+
+def _view(viewer: ViewerClient, name: str, size: tuple[int, int]) -> Image.Image:
+    """Return the middle of a view, as large as possible."""
+    (view,) = (view for view in viewer.get_state().views if view.name == name)
+    taken = Image.open(io.BytesIO(viewer.take_screenshot(view.view_id))).convert("RGB")
+    scale = min(taken.width / size[0], taken.height / size[1])
+    width, height = scale * size[0], scale * size[1]
+    left, top = (taken.width - width) / 2.0, (taken.height - height) / 2.0
+    return taken.resize(size, box=(left, top, left + width, top + height))
+
+
+def _plots(scenario: str, at_s: float) -> Image.Image:
+    """Return plots of the same run in one process: errors, and speeds of the wheels."""
+    loaded = load_scenario(scenario_path(scenario), (f"sim.duration_s={at_s}",))
+    run = observe(loaded, FOLLOWER_STATE, JOINT_STATES)
+    distance, _, yaw = deviations(run.table, loaded.follower.standoff)
+    states, joints = run.samples[FOLLOWER_STATE.key], run.samples[JOINT_STATES.key]
+    with style.context([*STYLE, WIDE]):
+        width, height = PLOTS_PX
+        figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        errors, angles, speeds = figure.subplots(1, 3)
+        state_s = [state.header.stamp.ns / 1e9 for state in states]
+        estimated = "as estimated"
+        errors.plot(state_s, [one.distance_error for one in states], color=PURPLE, label=estimated)
+        errors.plot(run.table["t_s"], distance, color=BLUE, label="true")
+        errors.set(title="distance error [m]", ylim=(-0.1, 0.1))
+        headings = np.degrees([one.heading_error for one in states])
+        angles.plot(state_s, headings, color=PURPLE, label=estimated)
+        angles.plot(run.table["t_s"], np.degrees(yaw), color=BLUE, label="true")
+        angles.set(title="heading error [°]", ylim=(-10.0, 10.0))
+        joint_s = [joint.header.stamp.ns / 1e9 for joint in joints]
+        for wheel, name in enumerate(WHEELS):
+            speed = [joint.velocity[wheel] for joint in joints]
+            speeds.plot(joint_s, speed, label=name.replace("_", " "), linewidth=1.0)
+        speeds.set(title="wheel speed [rad/s]", ylim=(-15.0, 25.0))
+        for axes in (errors, angles, speeds):
+            axes.set(xlim=(at_s - PLOTTED_S, at_s), xlabel="t [s]")
+            axes.legend(loc="upper left", ncols=2, fontsize="small")
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=DPI)
+    return Image.open(file).convert("RGB")
+
+
+def _save(picture: Image.Image, file: Path) -> None:
+    picture.point(lambda level: level | DROPPED_BITS).save(file, optimize=True)

@@ -10,7 +10,7 @@ from mecazen.watchdog import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 
-from docs.pictures import rollers
+from docs.pictures import charts, rollers
 from docs.pictures.__main__ import DOCS, PICTURES, main
 from docs.pictures.oblique import Camera
 
@@ -54,6 +54,18 @@ def test_what_a_camera_looks_at_is_in_the_middle_and_near_things_are_larger():
     assert camera.project(np.array((0.0, 0.0, 1.0))) == pytest.approx((320.0, 180.0))
     assert camera.scale(np.array((0.0, -2.0, 1.0))) > camera.scale(np.array((0.0, 0.0, 1.0)))
     assert np.isnan(camera.project(np.array((0.0, -9.0, 1.0)))).all()
+
+
+def test_bars_have_the_figures_and_intervals_of_table_2():
+    rows = charts.read_table((DOCS / "results.md").read_text())
+    assert len(rows) == 4
+    for cells in rows.values():
+        assert list(cells) == list(charts.VARIANTS)
+        for variant, cell in cells.items():
+            if variant.startswith("paper"):
+                assert np.isnan(cell.low)
+            else:
+                assert cell.low <= cell.value <= cell.high
 
 
 def test_forces_of_the_ground_carry_the_robot_and_push_it_to_its_left():
