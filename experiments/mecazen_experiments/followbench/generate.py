@@ -190,22 +190,41 @@ def _draw(cls: str, place: Place, density: Density, chance: np.random.Generator)
 
 
 def _apart(
-    draw: Callable[[], tuple[Point, ...]], taken: Ways, gap: float, clear: list[Point], goals: bool
+    draw: Callable[[], tuple[Point, ...]],
+    taken: Ways,
+    gap: float,
+    is_clear: Callable[[tuple[Point, ...]], bool],
 ) -> tuple[Point, ...]:
-    """Return a way that starts apart from those taken, and ends apart from them if asked.
+    """Return a clear way that starts apart from those taken.
 
     Raises:
         _Jammed: None was found.
     """
     for _ in range(TRIES):
         way = draw()
-        if (
-            all(math.dist(way[0], other[0]) >= gap for other in taken)
-            and all(math.dist(way[0], other) >= CLEAR_M for other in clear)
-            and not (goals and any(math.dist(way[-1], other[-1]) < gap for other in taken))
-        ):
+        if _away(way[0], _starts(taken), gap) and is_clear(way):
             return way
     raise _Jammed
+
+
+def _away(place: Point, others: list[Point], gap: float) -> bool:
+    """Return whether a place is a distance at least from others."""
+    return all(math.dist(place, other) >= gap for other in others)
+
+
+def _starts(ways: Ways) -> list[Point]:
+    return [way[0] for way in ways]
+
+
+def _ends(ways: Ways) -> list[Point]:
+    return [way[-1] for way in ways]
+
+
+def _shares(number: int, parts: int, chance: np.random.Generator) -> list[int]:
+    """Return how many people each part gets; all ways to share them are equally likely."""
+    bars = np.sort(chance.choice(number + parts - 1, parts - 1, replace=False))
+    shares = np.diff([-1, *bars, number + parts - 1]) - 1
+    return [int(share) for share in shares]
 
 
 def _uniform(chance: np.random.Generator, low: float, high: float) -> float:
@@ -232,8 +251,13 @@ def _open(
     """Return a crowd in the empty world: `draw` returns a way for a person, by number."""
     target = Pose2D(start_x, 15.0, 0.0)
     clear, ways = _target("Crowd", place, target), Ways()
+
+    def is_clear(way: tuple[Point, ...]) -> bool:
+        ends = _ends(ways) if goals else []
+        return _away(way[0], clear, CLEAR_M) and _away(way[-1], ends, OPEN_GAP_M)
+
     for number in range(density.humans):
-        ways.append(_apart(partial(draw, number), ways, OPEN_GAP_M, clear, goals))
+        ways.append(_apart(partial(draw, number), ways, OPEN_GAP_M, is_clear))
     return _Drawn(target, (28.0, 15.0), ways)
 
 
@@ -296,21 +320,30 @@ def _half_way(cls: str, density: Density) -> float:
 
 
 def _corridor(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people in a corridor, each from one half to the other."""
+    """Return people in a corridor, each from one half to the other.
+
+    Between a quarter and three quarters of them walk to the right. Nobody's goal is where one
+    drawn before starts.
+    """
     target = Pose2D(8.0, 5.0, 0.0)
     clear, ways, half = _target("Corridor", place, target), Ways(), _half_way("Corridor", density)
-    rightwards = int(chance.binomial(density.humans, 0.5))
+    gap = 2.0 if density.humans <= 12 else 1.4
+    fewest, most = density.humans // 4, 3 * density.humans // 4
+    rightwards = int(chance.integers(fewest, most, endpoint=True))
 
     def draw(forward: bool) -> tuple[Point, ...]:
         left, right = (
             (_uniform(chance, low, high), _uniform(chance, 5.0 - half, 5.0 + half))
-            for low, high in ((0.5, 18.0), (21.5, 36.0))
+            for low, high in ((0.5, 18.5), (21.5, 37.0))
         )
         return (left, right) if forward else (right, left)
 
+    def is_clear(way: tuple[Point, ...]) -> bool:
+        return _away(way[0], clear, CLEAR_M) and _away(way[-1], _starts(ways), gap)
+
     for number in range(density.humans):
         forward = number < rightwards
-        ways.append(_apart(partial(draw, forward), ways, 1.5, clear, goals=False))
+        ways.append(_apart(partial(draw, forward), ways, gap, is_clear))
     assert density.width is not None
     wall = round(5.0 - density.width / 2.0, 6)
     boxes = (Box(20.0, wall / 2.0, 0.0, 40.0, wall), Box(20.0, 10.0 - wall / 2.0, 0.0, 40.0, wall))
@@ -327,7 +360,11 @@ def _routes() -> Iterator[tuple[int, int]]:
 
 
 def _intersection(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people on two crossing ways, of whom two in three turn off at the crossing."""
+    """Return people on two crossing ways, of whom three in four turn off at the crossing.
+
+    Nobody's goal is where one drawn before starts; starts and goals are clear of the target's
+    start.
+    """
     target = Pose2D(8.0, 20.0, 0.0)
     clear, ways = _target("Intersection", place, target), Ways()
     half = _half_way("Intersection", density)
@@ -337,7 +374,7 @@ def _intersection(place: Place, density: Density, chance: np.random.Generator) -
         return _uniform(chance, 20.0 - half, 20.0 + half)
 
     def on_arm(arm: int) -> Point:
-        far = _uniform(chance, 25.0, 39.5)
+        far = _uniform(chance, 25.0, 37.5 if arm == 3 else 39.5)
         along, across = far if arm in {0, 3} else round(40.0 - far, 2), lateral()
         return (across, along) if arm in {0, 1} else (along, across)
 
@@ -345,8 +382,15 @@ def _intersection(place: Place, density: Density, chance: np.random.Generator) -
         start, goal = (on_arm(arm) for arm in routes[route])
         return (start, goal) if route < 4 else (start, (lateral(), lateral()), goal)
 
-    for route in np.sort(chance.integers(len(routes), size=density.humans)):
-        ways.append(_apart(partial(draw, int(route)), ways, OPEN_GAP_M, clear, goals=False))
+    def is_clear(way: tuple[Point, ...]) -> bool:
+        return _away(way[-1], _starts(ways), OPEN_GAP_M) and all(
+            _away(at, clear, 2.0) for at in (way[0], way[-1])
+        )
+
+    straight = int(chance.binomial(density.humans, 0.25))
+    shares = _shares(straight, 4, chance) + _shares(density.humans - straight, 8, chance)
+    for route in np.repeat(np.arange(len(routes)), shares):
+        ways.append(_apart(partial(draw, int(route)), ways, OPEN_GAP_M, is_clear))
     assert density.width is not None
     side = round(20.0 - density.width / 2.0, 6)
     near, far = side / 2.0, 40.0 - side / 2.0
@@ -355,26 +399,33 @@ def _intersection(place: Place, density: Density, chance: np.random.Generator) -
 
 
 def _doorway(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people on both sides of a wall, each on the way through its only door."""
+    """Return people on both sides of a wall, each on the way through its only door.
+
+    Starts are apart from starts and goals from goals, and all of them from the target's two.
+    """
+    gap = 2.0 if density.humans <= 6 else 1.5
 
     def draw(upwards: bool) -> tuple[Point, ...]:
         below, above = ((float(chance.uniform(8.0, 32.0)), y) for y in (5.0, 16.0))
         return (below, above) if upwards else (above, below)
 
-    ways: Ways = [draw(upwards=True)]  # the target's
-    target = Pose2D(*ways[0][0], math.pi / 2)
-    clear = _target("Doorway", place, target)
+    own, ways = draw(upwards=True), Ways()
+    target = Pose2D(*own[0], math.pi / 2)
+
+    def is_clear(way: tuple[Point, ...]) -> bool:
+        return _away(way[-1], _ends(ways), gap) and all(_away(at, list(own), 3.0) for at in way)
+
     upwards = int(chance.binomial(density.humans, 0.5))
     for number in range(density.humans):
         up = number < upwards
-        ways.append(_apart(partial(draw, up), ways, 1.5, clear, goals=True))
+        ways.append(_apart(partial(draw, up), ways, gap, is_clear))
     assert density.width is not None
     length = round(20.0 - density.width / 2.0, 6)
     boxes = (
         Box(length / 2.0, 10.0, 0.0, length, 0.4),
         Box(40.0 - length / 2.0, 10.0, 0.0, length, 0.4),
     )
-    return _Drawn(target, ways[0][-1], ways[1:], boxes)
+    return _Drawn(target, own[-1], ways, boxes)
 
 
 WALL_M = 0.0001
@@ -397,10 +448,12 @@ def _clutter(place: Place, density: Density, chance: np.random.Generator) -> _Dr
     end = 28.5 if place == "back" else 27.0
     boxes = _boxes(density.obstacles or 0, (target[:2], (end, end)), chance)
     clear, ways = _target("Clutter", place, target), Ways()
+
+    def is_clear(way: tuple[Point, ...]) -> bool:
+        return _away(way[0], clear, CLEAR_M)
+
     for _ in range(density.humans):
-        ways.append(
-            _apart(lambda: (_free_point(boxes, chance),), ways, CLUTTER_GAP_M, clear, goals=False)
-        )
+        ways.append(_apart(lambda: (_free_point(boxes, chance),), ways, CLUTTER_GAP_M, is_clear))
     return _Drawn(target, (end, end), [_stroll(way[0], boxes, chance) for way in ways], boxes)
 
 
