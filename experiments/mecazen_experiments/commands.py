@@ -122,7 +122,8 @@ def run(
         raise ConfigError(f"--export: there is nothing of kind = {loaded[0][0].kind!r}")
     with _session(options, "runs") as session:
         records = session.run(kind, todo)
-        rows = report.relate([report.summarise(kind, one, records) for one in todo], todo)
+        rows = [report.summarise(kind, one, records) for one in todo]
+        rows = report.relate(kind, rows, todo)
         written: list[Path] = []
         if films is not None:
             record = partial(film, folder=films.resolve())

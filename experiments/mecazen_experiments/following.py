@@ -8,10 +8,10 @@ import msgspec
 from rich.table import Table
 
 from mecazen_experiments.jobs import Job
-from mecazen_experiments.report import Kind, Record, Row
+from mecazen_experiments.report import RATIO, Kind, Record, Row, meets
 from mecazen_experiments.run import observe
 from mecazen_experiments.scores import Scores, score
-from mecazen_experiments.tables import Column, table
+from mecazen_experiments.tables import CAPTION, Column, show, table
 
 COLUMNS: tuple[Column, ...] = (
     *(
@@ -40,16 +40,23 @@ def _numbers(scores: Scores) -> Mapping[str, float | None]:
 
 
 def _ratio(row: Row[Scores]) -> str:
-    return "" if row.d_err_ratio is None else f"{row.d_err_ratio:.2f}"
+    return "" if row.d_err_ratio is None else show(row.d_err_ratio, 2)
 
 
-def _mark(row: Row[Scores]) -> str:
-    return {None: "", True: "[green]✓[/]", False: "[red]✗[/]"}[row.within_limits]
+def _limits(row: Row[Scores]) -> str:
+    found = {**row.means, **({RATIO: row.d_err_ratio} if row.d_err_ratio else {})}
+    marks = {None: "", True: "[green]✓[/] ", False: "[red]✗[/] "}
+    return ", ".join(
+        f"{marks[meets(found.get(name), limit)]}{name} ≤ {limit:g}"
+        for name, limit in row.limits.items()
+    )
 
 
 def cases(rows: Sequence[Row[Scores]]) -> list[Table]:
     """Return the table of the cases, with their references and limits."""
-    return [table(["case"], COLUMNS, rows, more={"of the\nreference": _ratio, "limits": _mark})]
+    caption = f"{CAPTION}; ✓ where all of it is within a limit of the experiment's file"
+    more = {"of the\nreference": _ratio, "limits": _limits}
+    return [table(["case"], COLUMNS, rows, caption=caption, more=more)]
 
 
 FOLLOWING = Kind("following", Record[Scores], _measure, _numbers, cases)

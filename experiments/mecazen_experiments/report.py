@@ -1,4 +1,8 @@
-"""Kinds of experiments, and their rows: the mean of each score with its interval, and every run."""
+"""Kinds of experiments, and their rows: the mean of each score with its interval, and every run.
+
+Runs of the same recorded walk are alike, and so are runs of one case and seed from several views:
+an interval is over such groups, each counted the same, not over runs.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +15,14 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import msgspec
 from rich.table import Table
 
+from mecazen_experiments.config import Case
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.statistics import Interval, mean_interval
+from mecazen_experiments.statistics import Interval, mean_interval, paired_ratio
 
 T = TypeVar("T")
+
+RATIO = "d_err_ratio"
+"""The name of D_err over that of the reference among the limits of a row."""
 
 
 class Record(msgspec.Struct, Generic[T], frozen=True):
@@ -34,7 +42,18 @@ class RunReport(msgspec.Struct, Generic[T], frozen=True):
 
     walk: str | None
     """The recorded walk that was given for it, if one was."""
+    case: str
     record: Record[T]
+
+    @property
+    def draw(self) -> str:
+        """The walk, or the seed if there is none."""
+        return self.walk or str(self.record.key.seed)
+
+    @property
+    def unit(self) -> tuple[str, str]:
+        """Its group: runs of other groups are independent of it."""
+        return self.case, self.draw
 
 
 class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
@@ -42,9 +61,7 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
 
     name: str
     means: dict[str, Interval]
-    """By score, over those runs that have it; with recorded walks, over the walks.
-
-    Several seeds of a walk are not independent of each other: a walk counts by its mean."""
+    """By score, over those independent units that have it."""
     runs: tuple[RunReport[T], ...] = ()
     labels: Mapping[str, str | float] = {}
     sums: dict[str, float] = {}
@@ -52,9 +69,14 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     published: dict[str, float] = {}
     limits: dict[str, float] = {}
     within_limits: bool | None = None
-    """Whether every interval is below its limit; None without limits."""
-    d_err_ratio: float | None = None
+    """Whether no interval reaches above its limit; None if there are no limits or no intervals."""
+    d_err_ratio: Interval | None = None
     """Mean D_err relative to that of the case's reference."""
+
+    @property
+    def units(self) -> int:
+        """The number of independent units among its runs."""
+        return len({run.unit for run in self.runs})
 
 
 def no_tables(_: Sequence[Row[Any]]) -> Sequence[Table]:
@@ -90,7 +112,7 @@ class Kind(NamedTuple, Generic[T]):
 def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -> Row[T]:
     """Return the row of a series."""
     case = series.case
-    found = _row(kind, series.row, _runs(series.jobs, records), series.labels)
+    found = _row(kind, series.row, _runs(case, series.jobs, records), series.labels)
     return msgspec.structs.replace(
         found,
         published=case.published,
@@ -104,7 +126,7 @@ def summarise_walks(
 ) -> list[Row[T]]:
     """Return a row for each recorded walk of a series; none if it was given none."""
     return [
-        _row(kind, f"{series.row} / {walk}", _runs(jobs, records), {})
+        _row(kind, f"{series.row} / {walk}", _runs(series.case, jobs, records), {})
         for walk, jobs in groupby(series.jobs, lambda job: job.walk)
         if walk
     ]
@@ -123,44 +145,75 @@ def regroup(
     ]
 
 
-def relate(rows: Sequence[Row[T]], todo: Sequence[Series]) -> list[Row[T]]:
+def relate(kind: Kind[T], rows: Sequence[Row[T]], todo: Sequence[Series]) -> list[Row[T]]:
     """Return rows with their D_err relative to that of the reference of each one's case."""
-    d_err = {row.name: row.means.get("d_err_m") for row in rows}
+
+    def by_draw(row: Row[T]) -> dict[str, float]:
+        found = _by_unit(kind, row.runs).get("d_err_m", {})
+        return {draw: fmean(values) for (_, draw), values in found.items()}
+
+    known = {row.name: row for row in rows}
     related = []
     for row, (_, case, *_) in zip(rows, todo, strict=True):
-        own, other = d_err[row.name], d_err.get(case.reference or "")
-        if own is None or other is None:
-            related.append(row)
-            continue
-        ratio, meets = own.mean / other.mean, row.within_limits
-        if case.max_ratio is not None:
-            meets = meets is not False and ratio <= case.max_ratio
-        related.append(msgspec.structs.replace(row, d_err_ratio=ratio, within_limits=meets))
+        reference = known.get(case.reference or "")
+        ratio = None if reference is None else paired_ratio(by_draw(reference), by_draw(row))
+        if ratio is not None:
+            limit = {} if case.max_ratio is None else {RATIO: case.max_ratio}
+            limits = {**row.limits, **limit}
+            meets = within({**row.means, RATIO: ratio}, limits)
+            row = msgspec.structs.replace(  # noqa: PLW2901
+                row, d_err_ratio=ratio, limits=limits, within_limits=meets
+            )
+        related.append(row)
     return related
 
 
 def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool | None:
-    """Return whether every interval is below its limit; one that is missing is not."""
-    if not limits:
-        return None
-    return all(name in means and means[name].high <= limit for name, limit in limits.items())
+    """Return whether all scores meet their limits: see `meets`; None if that is not known."""
+    found = {meets(means.get(name), limit) for name, limit in limits.items()}
+    if False in found:
+        return False
+    return None if not found or None in found else True
 
 
-def _runs(jobs: Iterable[Job], records: Mapping[Key, Record[T]]) -> tuple[RunReport[T], ...]:
-    return tuple(RunReport(job.walk, records[job.key]) for job in jobs)
+def meets(found: Interval | None, limit: float) -> bool | None:
+    """Return whether no part of an interval is above a limit.
+
+    A score that is missing does not meet it. None for a single unit, which has no interval.
+    """
+    if found is None:
+        return False
+    return None if found.n < 2 else found.high <= limit
+
+
+def _runs(
+    case: Case, jobs: Iterable[Job], records: Mapping[Key, Record[T]]
+) -> tuple[RunReport[T], ...]:
+    return tuple(RunReport(job.walk, case.name, records[job.key]) for job in jobs)
+
+
+def _by_unit(
+    kind: Kind[T], runs: Iterable[RunReport[T]]
+) -> dict[str, dict[tuple[str, str], list[float]]]:
+    """Return the values of each score, by independent unit."""
+    values: dict[str, dict[tuple[str, str], list[float]]] = {}
+    for run in runs:
+        for score, value in kind.numbers(run.record.scores).items():
+            if value is not None:
+                values.setdefault(score, {}).setdefault(run.unit, []).append(value)
+    return values
 
 
 def _row(
     kind: Kind[T], name: str, runs: tuple[RunReport[T], ...], labels: Mapping[str, str | float]
 ) -> Row[T]:
-    values: dict[str, dict[str | int, list[float]]] = {}
-    for number, run in enumerate(runs):
-        for score, value in kind.numbers(run.record.scores).items():
-            if value is not None:
-                values.setdefault(score, {}).setdefault(run.walk or number, []).append(value)
-    sums = {score: sum(chain(*values.pop(score, {}).values())) for score in kind.sums}
-    least = {
-        score: min(chain(*values.pop(score, {}).values()), default=None) for score in kind.least
+    values = _by_unit(kind, runs)
+    every = {score: [*chain(*of.values())] for score, of in values.items()}
+    sums = {score: sum(every.get(score, ())) for score in kind.sums}
+    least = {score: min(every.get(score, ()), default=None) for score in kind.least}
+    means = {
+        score: mean_interval([*map(fmean, of.values())])
+        for score, of in values.items()
+        if score not in {*kind.sums, *kind.least}
     }
-    means = {score: mean_interval([*map(fmean, of.values())]) for score, of in values.items()}
     return Row(name, means, runs, labels, sums, least)

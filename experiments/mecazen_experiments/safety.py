@@ -18,7 +18,7 @@ from mecazen_experiments.watch import watch
 CAPTION = (
     "contacts: sums over the runs, those that the robot caused and all; at most: upper limit of "
     "the rate of those that it caused, with 95 % confidence; gaps: the smallest; others: means, "
-    "each with its 95 % interval"
+    "each with its 95 % interval over the pairs of situation and seed"
 )
 COLUMNS: tuple[Column, ...] = (
     ("contacts\nperson", "contacts_person", 0),

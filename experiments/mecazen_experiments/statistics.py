@@ -51,6 +51,27 @@ def most_per_hour(events: float, hours: float) -> float:
     return float(chi2.ppf(0.95, 2.0 * (events + 1.0))) / 2.0 / hours
 
 
+def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | None:
+    """Return the mean of b over that of a, over the keys that both have; None without any.
+
+    Both are resampled together, so that what a key does to both cancels.
+    """
+    keys = sorted(a.keys() & b.keys())
+    if not keys:
+        return None
+    below, above = ([of[key] for key in keys] for of in (a, b))
+    ratio, n = fmean(above) / fmean(below), len(keys)
+    if len({b[key] / a[key] for key in keys}) == 1:
+        return Interval(ratio, ratio, ratio, n)
+    interval = bootstrap(
+        (np.asarray(above), np.asarray(below)),
+        lambda x, y, axis: np.mean(x, axis=axis) / np.mean(y, axis=axis),
+        paired=True,
+        rng=np.random.default_rng(SEED),
+    ).confidence_interval
+    return Interval(ratio, float(interval.low), float(interval.high), n)
+
+
 def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:
     """Return the mean of b - a, each by seed or episode, over those that both have.
 

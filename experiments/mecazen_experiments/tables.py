@@ -12,7 +12,7 @@ from rich.text import Text
 from mecazen_experiments.report import Row
 from mecazen_experiments.statistics import Interval
 
-CAPTION = "means over the runs, or over the walks, each with its 95 % interval"
+CAPTION = "means, each with its 95 % interval over the independent units: recorded walks, or seeds"
 
 Column = tuple[str, str, int]
 """Heading, name of a score, and digits to show."""
@@ -49,8 +49,8 @@ def table(
 
 
 def _count(row: Row[Any]) -> str:
-    walks = len({run.walk for run in row.runs if run.walk})
-    return f"{len(row.runs)}\n{walks} walks" if walks > 1 else str(len(row.runs))
+    n = len(row.runs)
+    return str(n) if row.units == n else f"{n}\n({row.units} units)"
 
 
 def show(interval: Interval | None, digits: int) -> str:

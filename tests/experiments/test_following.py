@@ -2,6 +2,7 @@
 
 import msgspec
 from mecazen_experiments.following import cases
+from mecazen_experiments.statistics import Interval
 
 from experiments import made_up
 
@@ -12,11 +13,19 @@ def test_the_table_has_means_intervals_and_marks():
     text = made_up.shown(*cases([good, bad]))
     for word in ("good [red]", "0.1000", "0.1000 … 0.1000", "1.00", "D_err [m]", "✓", "✗"):
         assert word in text
+    assert "d_err_m ≤ 0.05" in text
 
 
 def test_a_single_run_has_no_interval_and_a_ratio_to_its_reference():
-    row = msgspec.structs.replace(made_up.row("fault", 0.2), d_err_ratio=2.0)
+    row = msgspec.structs.replace(made_up.row("fault", 0.2), d_err_ratio=Interval(2.0, 2.0, 2.0, 1))
     text = made_up.shown(*cases([row]))
     assert "0.2000" in text
     assert "0.2000 … 0.2000" not in text
     assert "2.00" in text
+
+
+def test_a_single_run_is_neither_within_a_limit_nor_beyond_it():
+    text = made_up.shown(*cases([made_up.row("one", 0.1, limits={"d_err_m": 0.2})]))
+    assert "d_err_m ≤ 0.2" in text
+    assert "✓ d_err_m" not in text
+    assert "✗" not in text

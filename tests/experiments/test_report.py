@@ -6,7 +6,7 @@ import pytest
 from mecazen_experiments import budget, fuzz
 from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.kinds import KINDS
-from mecazen_experiments.report import relate, summarise, summarise_walks, within
+from mecazen_experiments.report import regroup, relate, summarise, summarise_walks, within
 from mecazen_experiments.statistics import Interval
 
 from experiments import made_up
@@ -27,15 +27,31 @@ def test_runs_without_a_score_are_not_in_its_mean():
     assert "settled_d_err_m" not in row.means
 
 
-def test_seeds_of_a_walk_are_not_independent_so_each_walk_counts_by_its_mean():
-    series = made_up.series("walks", {("a", 1): 0.1, ("a", 2): 0.2, ("b", 1): 0.45})
-    mean = summarise(FOLLOWING, *series).means["d_err_m"]
-    assert mean.mean == pytest.approx(0.3, abs=1e-12)  # a few roundings
-    assert mean.n == 2
-    assert (mean.low, mean.high) == pytest.approx((0.15, 0.45))
+def test_a_walk_is_one_unit_however_many_seeds_it_was_run_with():
+    series = made_up.series("walks", {("a", 1): 0.1, ("a", 2): 0.3, ("b", 1): 0.4})
+    row = summarise(FOLLOWING, *series)
+    assert row.means["d_err_m"].n == row.units == 2
+    assert row.means["d_err_m"].mean == pytest.approx(0.3, abs=1e-12)  # a few roundings
     walks = summarise_walks(FOLLOWING, *series)
     assert [(walk.name, len(walk.runs)) for walk in walks] == [("walks / a", 2), ("walks / b", 1)]
     assert summarise_walks(FOLLOWING, *made_up.series("short", {(None, 1): 0.1})) == []
+
+
+def test_thirty_runs_of_six_walks_have_the_interval_of_six():
+    of_walk = dict(zip("abcdef", (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), strict=True))
+    runs = {(walk, seed): value for walk, value in of_walk.items() for seed in range(5)}
+    found = summarise(FOLLOWING, *made_up.series("walks", runs)).means["d_err_m"]
+    expected = made_up.row("six", *of_walk.values()).means["d_err_m"]
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_views_of_one_case_and_seed_are_one_unit_and_cases_are_several():
+    views = [made_up.row("door", 0.1, 0.2), made_up.row("door", 0.3, 0.4)]
+    (both,) = regroup(FOLLOWING, views, lambda _: {"case": "all"})
+    assert (len(both.runs), both.units, both.means["d_err_m"].n) == (4, 2, 2)
+    cases = [made_up.row("door", 0.1, 0.2), made_up.row("crowd", 0.3, 0.4)]
+    (both,) = regroup(FOLLOWING, cases, lambda _: {"case": "all"})
+    assert (len(both.runs), both.units, both.means["d_err_m"].n) == (4, 4, 4)
 
 
 @pytest.mark.parametrize(
@@ -43,28 +59,32 @@ def test_seeds_of_a_walk_are_not_independent_so_each_walk_counts_by_its_mean():
     [
         ({}, None),
         ({"d_err_m": 0.3}, True),
-        ({"d_err_m": 0.29}, False),
+        ({"d_err_m": 0.29}, False),  # the mean, 0.2, is within it
         ({"d_err_m": 0.3, "theta_err_deg": 0.1}, False),
         ({"d_err_m": 0.3, "nees": 3.0}, False),
+        ({"lost_s": 1.0}, None),
+        ({"d_err_m": 0.3, "lost_s": 1.0}, None),
+        ({"d_err_m": 0.2, "lost_s": 1.0}, False),
     ],
 )
-def test_limits_hold_where_no_interval_reaches_above_them_and_no_score_is_missing(limits, expected):
+def test_limits_are_met_where_no_interval_reaches_above_them(limits, expected):
     found = {
         "d_err_m": Interval(0.2, 0.1, 0.3, 5),
         "theta_err_deg": Interval(2.0, 2.0, 2.0, 5),
+        "lost_s": Interval(0.0, 0.0, 0.0, 1),
     }
     assert within(found, limits) is expected
 
 
-@pytest.mark.parametrize(("max_ratio", "expected"), [(None, None), (2.5, True), (1.5, False)])
-def test_a_row_is_related_to_its_reference(max_ratio, expected):
-    clean, records = made_up.series("clean", {(None, 1): 0.1})
+@pytest.mark.parametrize(("max_ratio", "expected"), [(None, None), (2.5, True), (1.9, False)])
+def test_a_row_is_related_to_its_reference_in_pairs(max_ratio, expected):
+    clean, records = made_up.series("clean", {(None, 1): 0.1, (None, 2): 0.2})
     case = {"reference": "clean", "max_ratio": max_ratio}
-    fault, more = made_up.series("fault", {(None, 1): 0.2}, **case)
+    fault, more = made_up.series("fault", {(None, 1): 0.2, (None, 2): 0.4}, **case)
     rows = [summarise(FOLLOWING, clean, records), summarise(FOLLOWING, fault, more)]
-    first, second = relate(rows, [clean, fault])
+    first, second = relate(FOLLOWING, rows, [clean, fault])
     assert (first.d_err_ratio, first.within_limits) == (None, None)
-    assert second.d_err_ratio == pytest.approx(2.0)
+    assert second.d_err_ratio.mean == pytest.approx(2.0)
     assert second.within_limits is expected
 
 

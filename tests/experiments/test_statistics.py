@@ -7,6 +7,7 @@ from mecazen_experiments.statistics import (
     mean_interval,
     most_per_hour,
     paired_difference,
+    paired_ratio,
 )
 
 
@@ -72,3 +73,23 @@ def test_pairing_narrows_the_interval_of_what_a_seed_does_to_both():
     assert paired.low < 0.5 < paired.high
     # their deviations are 0.1 sqrt(2) and sqrt(2): a tenth, and twice that for so few values
     assert paired.high - paired.low < 0.2 * (unpaired.high - unpaired.low)
+
+
+def test_a_ratio_is_that_of_the_means_of_pairs():
+    assert paired_ratio({1: 2.0, 2: 4.0}, {1: 3.0, 2: 6.0, 3: 9.0}) == Interval(1.5, 1.5, 1.5, 2)
+    assert paired_ratio({1: 2.0}, {1: 3.0}) == Interval(1.5, 1.5, 1.5, 1)
+    assert paired_ratio({1: 2.0}, {2: 3.0}) is None
+
+
+def test_the_interval_of_a_ratio_holds_it_and_is_narrow_where_pairs_are_alike():
+    common = np.array(normal(1, mean=5.0))
+    before, after = (
+        dict(enumerate(common)),
+        dict(enumerate(2.0 * common + normal(2, deviation=0.1))),
+    )
+    ratio = paired_ratio(before, after)
+    # (2 * 5 + 2) / 5 but for the sample's own mean
+    assert ratio.low < ratio.mean < ratio.high
+    assert ratio.mean == pytest.approx(2.4, rel=0.1)
+    # the shift of 2 over the varying mean: 2 / 5 * 1 / 5 / sqrt(30) by 4 deviations
+    assert ratio.high - ratio.low < 0.06

@@ -25,9 +25,9 @@ def test_a_row_shows_its_labels_and_each_score_as_it_was_summarised():
     assert "0.100 … 0.200" in text
 
 
-def test_a_row_of_recorded_people_says_how_many_walks_it_has():
+def test_runs_that_are_not_independent_are_counted_with_their_units():
     runs = {("a", 1): 0.1, ("a", 2): 0.2, ("b", 1): 0.4, ("b", 2): 0.4}
     found = summarise(FOLLOWING, *made_up.series("walks", runs))
     text = made_up.shown(table(["case"], [("D_err", "d_err_m", 3)], [found]))
     assert "4" in text
-    assert "2 walks" in text
+    assert "(2 units)" in text
