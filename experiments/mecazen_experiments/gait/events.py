@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -42,6 +43,11 @@ class Events(NamedTuple):
         (a, b), (c, d) = self
         strikes, offs = (a + STRIKE_EARLY_S, b + STRIKE_EARLY_S), (c - OFF_LATE_S, d - OFF_LATE_S)
         return Events(strikes, offs)
+
+    def each(self, of: Callable[[Floats], Floats]) -> Events:
+        """Return what `of` returns of the times of each kind of event."""
+        (a, b), (c, d) = self
+        return Events((of(a), of(b)), (of(c), of(d)))
 
     def less(self, others: Events) -> tuple[float, float]:
         """Return how much later strikes and offs are than the nearest of others, in the mean [s].

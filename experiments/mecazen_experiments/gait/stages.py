@@ -11,6 +11,7 @@ from mecazen_experiments.capture import SEEN, Motion
 from mecazen_experiments.gait.events import Events, planted, zeni
 from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
 from mecazen_experiments.gait.path import about_path
+from mecazen_experiments.gait.rhythm import rhythm
 from mecazen_experiments.refine import refine, smooth
 from mecazen_experiments.table import Floats
 
@@ -46,7 +47,8 @@ def seen_stages(seen: Motion) -> dict[str, Stage]:
     """Return what a tracker reported of a walk, by stage; a stage is missing if nothing remains.
 
     `raw` is as reported, with the events of `filtered`: without swaps and gaps, and through a
-    low-pass. `refined` is by `refine`. Events are corrected.
+    low-pass. `refined` is by `refine`. Events are corrected, and those of `filtered` follow the
+    rhythm of the strides.
     """
     found = {"raw": Stage(seen.t, seen.joints)}
     legs_seen = np.stack([(seen.confidence[:, leg] == SEEN).all(axis=1) for leg in LEGS], axis=-1)
@@ -56,6 +58,8 @@ def seen_stages(seen: Motion) -> dict[str, Stage]:
         found[name] = Stage(seen.t, joints)
         if (walk := about_path(joints, seen.rate_hz)) is not None:
             events = zeni(seen.t, walk).corrected()
+            if name == "filtered":
+                events = events.each(rhythm(seen, walk).regular)
             of = tuple(strides(seen.t, joints, events, legs_seen))
             found[name] = Stage(seen.t, joints, events, of)
     if "filtered" in found:
