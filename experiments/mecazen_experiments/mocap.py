@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
 
+import msgspec
 from rich.table import Table
+from rich.text import Text
 
 from mecazen_experiments.capture import capture
 from mecazen_experiments.gait.export import export as write
 from mecazen_experiments.jobs import Job, Series
 from mecazen_experiments.quality import (
     MEASURED,
+    STAGES,
     Curves,
     Quality,
     all_stages,
@@ -34,7 +38,7 @@ ANGLES: tuple[Column, ...] = (
     *(
         (f"{joint} \\[°]\n{stage}", f"{stage}_{joint}_deg", 1)
         for joint in MEASURED
-        for stage in ("raw", "refined")
+        for stage in STAGES
     ),
     *((f"{joint} \\[°]\ncentred", f"refined_{joint}_centred_deg", 1) for joint in MEASURED),
     ("jitter \\[mm]\nraw", "raw_jitter_mm", 0),
@@ -63,6 +67,20 @@ PARAMETER_ERRORS: tuple[Column, ...] = (
     ("found", "found_stride_time_sd_ms", 0),
 )
 """Errors with their sign, of refined joints; but the standard deviation is of filtered ones."""
+BY_STAGE: tuple[Column, ...] = (
+    *((f"{joint}\n\\[°]", f"{joint}_deg", 1) for joint in MEASURED),
+    *((f"{joint}\ncentred", f"{joint}_centred_deg", 1) for joint in MEASURED),
+    ("jitter\n\\[mm]", "jitter_mm", 0),
+)
+LIMITS = (
+    ("speed [%]", "speed_err_percent", 2.0),
+    ("stance [points]", "stance_err_percent", 2.0),
+    ("double support [points]", "double_support_err_percent", 2.0),
+    ("step width [mm]", "step_width_err_mm", 25.0),
+    ("SD of stride time [ms]", "stride_time_sd_err_ms", 10.0),
+)
+"""How far parameters may be from the truth, from `NEAREST_M` on."""
+NEAREST_M = 1.5
 GAITS: tuple[Column, ...] = tuple(
     (f"{heading}\n{stage}", f"{stage}_{name}", digits)
     for heading, name, digits in (
@@ -87,7 +105,8 @@ def _measure(job: Job) -> tuple[Quality, str]:
 def tables(rows: Sequence[Row[Quality]]) -> list[Table]:
     """Return the angles and the gait: by view and standoff over all speeds, and by speed.
 
-    If there are several gaits, the last table has what tells them from each other.
+    If there are several gaits, the last two tables have what tells them from each other, and the
+    angles of each.
     """
     by_speed = sorted(rows, key=lambda row: row.labels[SPEED])
 
@@ -100,14 +119,42 @@ def tables(rows: Sequence[Row[Quality]]) -> list[Table]:
     ]
     heads = [VIEW, ""]
     found = [
+        _by_stage(rows),
         table(heads, ANGLES, groups, "Angles and jitter"),
         table(heads, GAIT_ERRORS, groups, "Gait"),
         table(heads, PARAMETER_ERRORS, groups, "Parameters"),
+        _within_limits(rows),
     ]
     if len({row.labels[GAIT] for row in rows}) > 1:
         by_gait = sorted(rows, key=lambda row: row.labels[GAIT])
         both = regroup(CAPTURE, by_gait, lambda row: {n: row.labels[n] for n in (VIEW, GAIT)})
         found.append(table(heads, GAITS, both, "Gaits"))
+        found.append(table(heads, ANGLES, both, "Angles by gait"))
+    return found
+
+
+def _by_stage(rows: Sequence[Row[Quality]]) -> Table:
+    """Return a table of the angles in each stage over all runs."""
+    (whole,) = regroup(CAPTURE, rows, lambda _: {VIEW: "all"})
+    lines = []
+    for stage in STAGES:
+        own = [(name, mean) for name, mean in whole.means.items() if name.startswith(f"{stage}_")]
+        means = {name.removeprefix(f"{stage}_"): mean for name, mean in own}
+        lines.append(msgspec.structs.replace(whole, name=stage, means=means))
+    return table(["stage"], BY_STAGE, lines, "Stages")
+
+
+def _within_limits(rows: Sequence[Row[Quality]]) -> Table:
+    """Return a table of the magnitudes of the errors of parameters."""
+    far = [row for row in rows if float(row.labels[STANDOFF]) >= NEAREST_M]
+    runs = [numbers(run.record.scores) for row in far for run in row.runs]
+    heads = "error", "asked", "mean magnitude", "largest", "runs within"
+    found = Table(*heads, title="Limits", caption=f"from {NEAREST_M} m on; signs do not count")
+    for title, name, limit in LIMITS:
+        known = [abs(value) for run in runs if (value := run.get(name)) is not None]
+        inside = sum(value <= limit for value in known)
+        sizes = (f"{of(known):.1f}" if known else "-" for of in (fmean, max))
+        found.add_row(Text(title), f"{limit:g}", *sizes, f"{inside} of {len(runs)}")
     return found
 
 

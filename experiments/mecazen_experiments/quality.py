@@ -158,6 +158,8 @@ def numbers(of: Quality) -> dict[str, float | None]:
             f"{name}_stride_time_sd_ms": None if sd is None else 1e3 * sd
             for name, sd in zip(("found", "true"), spreads, strict=True)
         }
+        if None not in spreads:
+            values["stride_time_sd_err_ms"] = 1e3 * (spreads[0] - spreads[1])  # type: ignore[operator]
     if of.event_errors_s is not None:
         for name, seconds in zip(("strike", "off"), of.event_errors_s, strict=True):
             values[f"{name}_err_ms"] = 1e3 * seconds
