@@ -59,8 +59,8 @@ def test_one_run_is_scored_printed_and_drawn(tmp_path, capsys):
     assert quality["seen"]["left_knee"] > 0.9
     assert quality["d_err_m"] < 0.1
     out = capsys.readouterr().out
-    tables = "Angles and jitter", "Gait", "Parameters"
-    for words in (*tables, "back", "2 m", "1 m/s", "mocap_views.png"):
+    tables = "Stages", "Angles and jitter", "Gait", "Parameters", "Limits"
+    for words in (*tables, "back", "2 m", "1 m/s", "1 of 1", "mocap_views.png"):
         assert words in out
     (walk,) = (tmp_path / "walks").iterdir()
     assert {"truth.c3d", "refined.trc", "summary.json"} <= {file.name for file in walk.iterdir()}
