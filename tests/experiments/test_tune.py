@@ -5,11 +5,13 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
+from harness import ROOT
+from mecazen.config.people import Waypoints
 from mecazen.errors import MecazenError
-from mecazen.loading import load_scenario
-from mecazen_experiments.config import Range, TunedCase, Tuning
+from mecazen.loading import load_scenario, load_table
+from mecazen_experiments.config import Experiment, Range, TunedCase, Tuning
 from mecazen_experiments.executor import RunsFailedError
-from mecazen_experiments.jobs import Job, Key
+from mecazen_experiments.jobs import Job, Key, expand
 from mecazen_experiments.report import Record
 from mecazen_experiments.tune import limits_cost, match_cost, preference, tune
 
@@ -123,3 +125,19 @@ def test_cases_share_parameters_and_have_their_own(folder, tmp_path):
     position, yaw = (settings["other"][key] for key in POSE_NOISE)
     assert yaw == pytest.approx(10.0 * position, rel=1e-3)  # of four digits each
     assert settings["one"][STANDOFF] == settings["other"][STANDOFF]
+
+
+def test_seeds_and_tracks_that_are_called_held_out_served_no_search_and_no_choice():
+    folder = ROOT / "configs/experiments"
+
+    def seeds(name):
+        found = load_table(folder / f"{name}.toml", Experiment)
+        return set(range(found.first_seed, found.first_seed + found.seeds))
+
+    for name in ("calibrate", "calibrate_equal"):
+        searched = set(load_table(folder / f"{name}.toml", Tuning).training_seeds)
+        assert not searched & (seeds("table2") | seeds("held_out"))
+    assert not seeds("held_out") & (seeds("table2") | seeds("targets"))
+    cases = load_table(folder / "held_out.toml", Experiment)
+    paths = [job.load().target.path for one in expand(cases, (1001,)) for job in one.jobs]
+    assert all(isinstance(path, Waypoints) for path in paths)  # that of Table II is a U-track
