@@ -57,7 +57,7 @@ def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> 
     """
     begins, ends = joints[:, _BEGINS], joints[:, _ENDS]
     radii, top = _RADII * height, height_of(robot)
-    # of a limb, from share `low` to `high` of its length it is no higher than the robot
+    # a limb is no higher than the robot from share `low` to share `high` of its length
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         cut = (top + radii - begins[..., 2]) / (ends[..., 2] - begins[..., 2])
     rises = ends[..., 2] > begins[..., 2]

@@ -7,7 +7,7 @@ In four steps, each of which uses what bodies and gaits are like, and nothing of
 3. Each joint's motion about that path becomes a Fourier series of the gait cycle (`cycle`): what
    does not come again in every stride is taken for the tracker's noise, as far as the reported
    deviations allow. So little is left of how strides differ, but of a precise capture all.
-4. What is wrong the same way all the time is taken off (`biases`): bones keep their lengths, the
+4. Each joint's constant error is removed (`biases`): bones keep their lengths, the
    pelvis is between the hips, the trunk is straight, ankles are above the line from heel to ball,
    feet come down to the floor, and knees do not bend backwards.
 
@@ -125,7 +125,7 @@ def smooth(seen: Motion) -> Floats | None:
 def unswapped(seen: Motion) -> Motion:
     """Return the motion with left and right as they are.
 
-    Of two hidden states the likeliest sequence is found (A. Viterbi, IEEE Trans. Inf. Theory 13,
+    The likeliest sequence of two hidden states is found (A. Viterbi, IEEE Trans. Inf. Theory 13,
     1967), once for what swaps with the knees and once for hips and arms. A left joint is to the
     left of the right one, by the median distance of the whole walk.
     """

@@ -47,7 +47,7 @@ def test_of_a_wall_the_gap_is_to_its_face_and_zero_where_they_touch():
 
 
 def test_what_is_above_the_robot_is_nowhere_near_it():
-    # somebody on their knees high above would be hit at the feet alone
+    # the feet of a body high above would be the first parts to be hit
     joints = body(pose=(0.0, 0.0, 0.0))
     joints[:, 2] += height_of(NEXUS) + 0.2
     assert math.isinf(gap_to_person(NEXUS, at((0.0, 0.0, 0.0)), joints[None], HEIGHT)[0])

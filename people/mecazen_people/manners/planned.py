@@ -2,8 +2,8 @@
 
 They are the pedestrians of Follow-Bench 1.0.
 They choose velocities one after the other, so each one sees the new places of those before it. A
-walker who touches something brakes. Follow-Bench's pedestrians have a new velocity at once; those
-of a body need time for it.
+walker who touches something brakes. In Follow-Bench a pedestrian
+changes its velocity at once; one with a body needs time.
 """
 
 from __future__ import annotations
