@@ -50,7 +50,7 @@ def table(
 
 def _count(row: Row[Any]) -> str:
     n = len(row.runs)
-    return str(n) if row.units == n else f"{n}\n({row.units} units)"
+    return str(n) if row.units == n else f"{n}\n{row.units} units"
 
 
 def show(interval: Interval | None, digits: int) -> str:

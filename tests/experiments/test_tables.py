@@ -30,4 +30,4 @@ def test_runs_that_are_not_independent_are_counted_with_their_units():
     found = summarise(FOLLOWING, *made_up.series("walks", runs))
     text = made_up.shown(table(["case"], [("D_err", "d_err_m", 3)], [found]))
     assert "4" in text
-    assert "(2 units)" in text
+    assert "2 units" in text
