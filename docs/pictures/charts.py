@@ -86,7 +86,6 @@ def _cell(text: str) -> Cell:
 
 
 def _draw_bars(axes: Axes, name: str, cells: dict[str, Cell]) -> None:
-    what, _, view = name.partition(", ")
     for at, (variant, (color, label)) in enumerate(VARIANTS.items()):
         value, low, high = cells[variant]
         axes.bar(at, value, 0.8, color=color, label=label)
@@ -96,7 +95,7 @@ def _draw_bars(axes: Axes, name: str, cells: dict[str, Cell]) -> None:
         paper = cells.get(variant.replace("ours", "paper"))
         if paper is not None and abs(value - paper.value) > MISS * paper.value:
             axes.annotate("missed", (at - 0.4, value), (0.0, 6.0), textcoords="offset points")
-    axes.set(title=f"{what}, {view}", xticks=[])
+    axes.set(title=name, xticks=[])
     axes.grid(visible=False, axis="x")
 
 
