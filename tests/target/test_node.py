@@ -186,12 +186,13 @@ def test_a_person_with_a_goal_gives_way_to_others_and_not_to_the_robot():
 def test_the_manners_of_the_scenario_are_those_of_the_person():
     straight, planned = (Target(GOAL, crowd=CrowdConfig(manners=m)) for m in ("helbing", "orca"))
     behind = Pose2D(-2.0)
-    ends = [
-        pose_of([target.tick(k, behind) for k in range(20)][-1][keys.TARGET_ODOM]).x
+    by_force, by_plan = (
+        pose_of([target.tick(k, behind) for k in range(101)][-1][keys.TARGET_ODOM]).x
         for target in (straight, planned)
-    ]
-    # by the force the speed grows over 0.5 s; else it is there after the first way-point
-    assert ends[0] < ends[1]
+    )
+    # the force brings the speed to 1 m/s over 0.5 s, a plan by 0.3 m/s in each step of 0.1 s
+    assert by_force == pytest.approx(1.0 - 0.5 * (1.0 - math.exp(-2.0)), abs=0.05)  # fluctuations
+    assert by_plan == pytest.approx(0.1 * (0.0 + 0.3 + 0.6 + 0.9 + 6 * 1.0), abs=0.01)
 
 
 def test_a_walk_that_has_ended_is_reported_and_one_without_an_end_is_not():
