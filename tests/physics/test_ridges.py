@@ -55,19 +55,22 @@ def test_a_robot_crosses_a_sill_of_10_mm_straight(nexus, yaw):
 
 def test_on_a_ramp_speed_attitude_and_work_are_those_by_hand_and_a_robot_at_rest_stays(nexus):
     ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, landing_m=0.5, position_m=(0.0, 0.0))
-    rig = Rig(nexus, Pose2D(-1.48), ramps=(ramp,), dt_s=0.002)
-    speeds = wheel_speeds(nexus, Twist2D(0.5))
-    states = [rig.advance(speeds, steps=2) for _ in range(475)]
-    up = [s for s in states if -1.0 < s.position[0] < -0.55]
-    pitches = [2.0 * math.asin(s.orientation[1]) for s in up]
-    assert np.mean(pitches) == pytest.approx(-STEEP, rel=0.01)
-    assert np.mean([s.linear[0] for s in up]) == pytest.approx(0.5, rel=0.005)
-    # what the motors do is lifting; rollers lose some where they hand over, as on level ground
-    work = sum(sum(np.multiply(s.joint_effort[:4], s.joint_velocity[:4])) for s in up) * 0.004
-    rise = up[-1].position[2] - up[0].position[2]
+    speeds, shares = wheel_speeds(nexus, Twist2D(0.5)), []
     mass, _ = masses(nexus)
-    assert rise == pytest.approx(0.08 * (up[-1].position[0] - up[0].position[0]), abs=1e-4)
-    assert work == pytest.approx(mass * GRAVITY * rise, rel=0.1)
+    for start in (-1.48, -1.47, -1.46, -1.45):
+        rig = Rig(nexus, Pose2D(start), ramps=(ramp,), dt_s=0.002)
+        states = [rig.advance(speeds, steps=2) for _ in range(475)]
+        up = [s for s in states if -1.0 < s.position[0] < -0.55]
+        pitches = [2.0 * math.asin(s.orientation[1]) for s in up]
+        assert np.mean(pitches) == pytest.approx(-STEEP, rel=0.01)
+        assert np.mean([s.linear[0] for s in up]) == pytest.approx(0.5, rel=0.005)
+        work = sum(sum(np.multiply(s.joint_effort[:4], s.joint_velocity[:4])) for s in up) * 0.004
+        rise = up[-1].position[2] - up[0].position[2]
+        assert rise == pytest.approx(0.08 * (up[-1].position[0] - up[0].position[0]), abs=1e-4)
+        shares.append(work / (mass * GRAVITY * rise))
+    # what the motors do is lifting; rollers lose some where they hand over, as on level ground,
+    # 4 % more or less in a single climb by where they are at its start
+    assert np.mean(shares) == pytest.approx(1.0, rel=0.1)
     before = rig.advance([0.0] * 4, steps=100).position
     rested = rig.advance([0.0] * 4, steps=100)
     assert rested.tilt == pytest.approx(STEEP, abs=1e-3)

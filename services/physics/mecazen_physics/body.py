@@ -136,6 +136,7 @@ class RobotBody(ABC):
         """
         if not self._hubs[0].getShapeNodes():
             bodies.add_rims(self.skeleton, self._hubs, self._robot, self._world)
+            self.scene.renew_detector()
 
     def set_friction(self, coefficients: Sequence[float]) -> None:
         """Set the coefficient between the rollers of each wheel and the ground."""
@@ -147,7 +148,7 @@ class RobotBody(ABC):
     def leave(self) -> Motion:
         """Leave the scene; return the motion."""
         motion = self.read()
-        self.scene.dart.removeSkeleton(self.skeleton)
+        self.scene.remove(self.skeleton)
         return motion
 
     def enter(self, scene: Scene, motion: Motion) -> None:

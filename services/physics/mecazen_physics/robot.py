@@ -187,7 +187,7 @@ class SimulatedRobot:
         ridges = self._ridge_contacts
         if self._ridges_in is not None:
             ridges.lift(self._ridges_in)
-            self._ridges_in.dart.removeSkeleton(ridges.skeleton)
+            self._ridges_in.remove(ridges.skeleton)
         if scene is not None:
             scene.add(ridges.skeleton, {"plane": ridges.planes})
         self._ridges_in = scene

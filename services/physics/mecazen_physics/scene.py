@@ -108,6 +108,20 @@ class Scene:
                     self.keep_apart(nodes, others)
             self._layers.setdefault(layer, []).extend(nodes)
 
+    def remove(self, skeleton: Any) -> None:
+        """Remove a skeleton."""
+        self.dart.removeSkeleton(skeleton)
+        self.renew_detector()
+
+    def renew_detector(self) -> None:
+        """Have DART find contacts in the order of the bodies, after bodies or shapes have changed.
+
+        DART takes what has left or changed out of its detector in the order of addresses in
+        memory, which differ between processes. The order of contacts depends on it, and the last
+        bit of their forces on that order. A new detector takes all bodies in their order.
+        """
+        self.dart.setCollisionDetector(dart.simulation.BULLET)
+
     def allow(self, body: Any, other: Any) -> None:
         """Let a plane and a roller collide."""
         collisions = self._solver.getCollisionOption().collisionFilter
@@ -123,11 +137,11 @@ class Scene:
             if obstacles:
                 self.add(self._obstacles, {"obstacle": self._obstacles.getBodyNodes()})
             else:
-                self.dart.removeSkeleton(self._obstacles)
+                self.remove(self._obstacles)
         if people.keys() == self._present:
             return
         for number in self._present - people.keys():
-            self.dart.removeSkeleton(self.people[number])
+            self.remove(self.people[number])
         for number in sorted(people.keys() - self._present):
             if number not in self.people:
                 self.people[number] = self._build_person(number, people[number])
