@@ -124,9 +124,16 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed, job
     assert held.runs("out.json") == undisturbed
 
 
-def test_after_ctrl_c_nothing_is_said_of_runs_that_wait_for_a_worker(held):
+def blocks_ctrl_c(pid: str) -> bool:
+    (line,) = [
+        line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if "SigBlk" in line
+    ]
+    return bool(int(line.split()[1], 16) & 1 << signal.SIGINT - 1)
+
+
+def test_ctrl_c_ends_the_command_and_no_worker_says_anything(held):
     process = held.popen("run", "short_experiment.toml", "--jobs", 2, "--runs", 10)
-    (held.path / "pid").read_text()
+    assert blocks_ctrl_c((held.path / "pid").read_text())
     os.killpg(process.pid, signal.SIGINT)
     out, errors = held.finish(process, code=130)
     assert (out, len(errors.splitlines())) == ("", 1), errors
