@@ -25,7 +25,7 @@ CONTACT_M = 0.001
 BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
 
 
-STRIKE_EARLY_S, OFF_LATE_S = 0.027, 0.030
+STRIKE_EARLY_S, OFF_LATE_S = 0.021, 0.030
 """Mean times by which `zeni` finds strikes too early and offs too late.
 
 They are those of `mecazen experiment run gait_events`, whose walks no other experiment scores.
