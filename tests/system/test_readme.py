@@ -3,7 +3,8 @@
 import re
 import tomllib
 
-from harness import ROOT, SCENARIOS
+import yaml
+from harness import ROOT, SCENARIOS, mecazen
 
 README = (ROOT / "README.md").read_text()
 
@@ -51,3 +52,8 @@ def test_every_extra_that_is_named_exists():
 def test_every_scenario_is_named():
     names = [path.stem for path in SCENARIOS.glob("*.toml")]
     assert all(f"`{name}`" in README for name in names)
+
+
+def test_the_citation_names_the_present_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert mecazen("--version").stdout.split()[-1] == citation["version"]
