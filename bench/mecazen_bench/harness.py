@@ -43,11 +43,12 @@ class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def met(self) -> bool | None:
-        """Whether the value is in its target's range; None without a target."""
+        """Whether value and quartiles are in the target's range; None without a target."""
         if not isinstance(self.goal, tuple):
             return None
         low, high = self.goal
-        return (low is None or low <= self.value) and (high is None or self.value <= high)
+        least, most = self.quartiles or (self.value, self.value)
+        return (low is None or low <= least) and (high is None or most <= high)
 
     @property
     def spread(self) -> float:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
 
 import mujoco
 from mecazen.robot import WHEEL_JOINTS, Robot
@@ -16,8 +17,14 @@ from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.gazebo_peer import Shape
 
 INTEGRATOR = "implicitfast"
-"""The only option that is not MuJoCo's default: elliptic cones or a higher impratio cost up to
-four times as much and bring no gain closer to the geometry's."""
+Settings = Literal["default", "elliptic", "elliptic, noslip"]
+OPTIONS: Mapping[Settings, Mapping[str, str]] = {
+    "default": {},
+    "elliptic": {"cone": "elliptic", "impratio": "10"},
+    "elliptic, noslip": {"cone": "elliptic", "impratio": "10", "noslip_iterations": "3"},
+}
+"""MuJoCo's options beside its integrator: its own, and those that its documents advise for wheels
+that must not slip."""
 CONTACT_TIME_CONSTANT_STEPS = 2.0
 """In steps; the shortest that MuJoCo allows: contacts as stiff as possible."""
 SERVO_GAIN = 10.0
@@ -28,9 +35,12 @@ MESH_RINGS, MESH_SEGMENTS = 33, 48
 class MujocoEngine(Engine):
     """A robot in MuJoCo."""
 
-    def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
-        super().__init__(f"MuJoCo, {shape}", robot, dt_s)
-        self._model = mujoco.MjModel.from_xml_string(mjcf(robot, dt_s, shape))
+    def __init__(
+        self, robot: Robot, dt_s: float, shape: Shape, settings: Settings = "default"
+    ) -> None:
+        name = f"MuJoCo, {shape}" + (f", {settings}" if settings != "default" else "")
+        super().__init__(name, robot, dt_s)
+        self._model = mujoco.MjModel.from_xml_string(mjcf(robot, dt_s, shape, settings))
         self._data = mujoco.MjData(self._model)
         self._wheels = [int(self._model.joint(name).qposadr[0]) for name in WHEEL_JOINTS]
 
@@ -46,12 +56,13 @@ class MujocoEngine(Engine):
         return Sample.of(position[:3], (*xyz, w), [position[index] for index in self._wheels])
 
 
-def mjcf(robot: Robot, dt_s: float, shape: Shape) -> str:
+def mjcf(robot: Robot, dt_s: float, shape: Shape, settings: Settings = "default") -> str:
     """Return the robot on flat ground as MJCF."""
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     gravity = _text([0.0, 0.0, -GRAVITY])
-    ET.SubElement(root, "option", timestep=str(dt_s), gravity=gravity, integrator=INTEGRATOR)
+    own = {"timestep": str(dt_s), "gravity": gravity, "integrator": INTEGRATOR}
+    ET.SubElement(root, "option", {**own, **OPTIONS[settings]})
     contact = ET.SubElement(ET.SubElement(root, "default"), "geom")
     contact.set("solref", f"{CONTACT_TIME_CONSTANT_STEPS * dt_s} 1")
     contact.set("friction", _text([robot.rollers.contact_friction, 0.0, 0.0]))

@@ -54,13 +54,18 @@ LATERAL: Goal = (0.965, 1.035)
 
 
 class DartEngine(Engine):
-    """Our physics; raises what `Simulation` raises."""
+    """Our physics, with or without the projection of positions; raises what `Simulation` raises."""
 
-    def __init__(self, robot: Robot, dt_s: float, rollers: Literal["near", "all"]) -> None:
-        super().__init__(f"mecazen, {rollers} rollers", robot, dt_s)
+    def __init__(
+        self, robot: Robot, dt_s: float, rollers: Literal["near", "all"], *, projects: bool = True
+    ) -> None:
+        name = f"mecazen, {rollers} rollers" + ("" if projects else ", not projected")
+        super().__init__(name, robot, dt_s)
         self._simulation = Simulation(
             [(robot, Pose2D())], PhysicsConfig(dt_s=dt_s, rollers=rollers)
         )
+        if not projects:
+            self._simulation.robots[0].body.stand = lambda: None  # type: ignore[method-assign]
         self._in_dart_ns = self._steps = 0
         scene = self._simulation.robots[0].home
         self._step, scene.step = scene.step, self._timed_step
@@ -137,10 +142,12 @@ def peers(robots: Sequence[Robot]) -> Iterator[tuple[list[Engine], list[str]]]:
     with ExitStack() as stack:
         for mecanum in robots:
             engines += [DartEngine(mecanum, dt_s, r) for dt_s, r in product(STEPS_S, ROLLERS)]
+            engines += [DartEngine(mecanum, dt_s, "near", projects=False) for dt_s in STEPS_S]
             if mujoco:
-                from mecazen_bench.mujoco_peer import MujocoEngine  # noqa: PLC0415
+                from mecazen_bench.mujoco_peer import OPTIONS, MujocoEngine  # noqa: PLC0415
 
-                engines += [MujocoEngine(mecanum, PEERS_STEP_S, s) for s in gazebo_peer.SHAPES]
+                choices = product(STEPS_S, gazebo_peer.SHAPES, OPTIONS)
+                engines += [MujocoEngine(mecanum, *choice) for choice in choices]
             if gazebo:
                 for shape in gazebo_peer.SHAPES:
                     engine = gazebo_peer.GazeboEngine(mecanum, PEERS_STEP_S, shape)

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator
 from mecazen.loading import load_table
 from mecazen_experiments.config import Experiment, experiment_path
@@ -40,10 +41,11 @@ MISS = 0.2
 BEST: dict[str, Any] = {"color": GREEN, "linewidth": 0.9, "zorder": 4.0}
 ARROW_EVERY_S, ARROW_M = 6.0, (0.7, 0.09)
 ENGINES = {"mecazen": BLUE, "MuJoCo": ORANGE, "Gazebo": GREY}
-PEERS = re.compile(r"(\w+) 1 ms (\w+), (.+)")
+PEERS = re.compile(r"nexus (\d) ms (\w+), (near rollers|all rollers|capsule|mesh)(?:, (.+))?")
 GAINS = "forward", "lateral / predicted", "yaw / predicted"
-MARKERS = {"nexus": "o", "artbul": "s"}
-COSTS_US, ERRORS = (50, 100, 200, 500, 1000), (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+MARKERS = {None: "o", "not projected": "D", "elliptic": "^", "elliptic, noslip": "v"}
+SIZES = {"1": 3.5, "5": 6.5}
+COSTS, ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 """Ticks of the logarithmic axes."""
 
 
@@ -137,34 +139,43 @@ def _draw_path(axes: Axes, table: Table) -> None:
 
 
 def engines(file: Path) -> None:
-    """Draw results/bench-peers.json: cost of a step against errors of gains and energy."""
+    """Draw `nexus` of results/bench-peers.json: cost against errors of gains and energy."""
     found = json.loads((ROOT / "results" / "bench-peers.json").read_text())
     (bench,) = found["benchmarks"]["peers"]
+    labels: dict[str, dict[str, Any]] = {}
     with style.context(STYLE):
         figure = Figure(figsize=(2.0 * COLUMN_IN, 0.9 * COLUMN_IN), layout="constrained")
         gains, energy = figure.subplots(1, 2, sharex=True)
         for name, row in bench["rows"].items():
-            match = PEERS.fullmatch(name)
-            assert match is not None, name
-            robot, engine, shape = match.groups()
+            if (match := PEERS.fullmatch(name)) is None:
+                continue
+            step, engine, shape, settings = match.groups()
             values = {key: cell["value"] for key, cell in row.items()}
             error = 100.0 * max(abs(values[gain] - 1.0) for gain in GAINS)
-            look: dict[str, Any] = {"color": ENGINES[engine], "marker": MARKERS[robot]}
-            look |= {"linestyle": "none", "markersize": 4.0}
             filled = shape in ("near rollers", "capsule")
+            look: dict[str, Any] = {"color": ENGINES[engine], "linestyle": "none"}
+            look |= {"marker": MARKERS[settings], "markersize": SIZES[step]}
             look |= {} if filled else {"markerfacecolor": "white"}
-            label = f"{robot}: {engine}, {shape}"
-            gains.plot(values["µs/step"], error, label=label, **look)
-            energy.plot(values["µs/step"], abs(values["energy %/s"]), **look)
+            cost = 1.0 / values["× real time"]
+            gains.plot(cost, error, **look)
+            energy.plot(cost, abs(values["energy %/s"]), **look)
+            if settings is None and step == "1":
+                labels[f"{engine}, {shape}"] = look
         gains.set_title("largest error of a gain [%]")
         energy.set_title("energy lost in 1 s of coasting [%]")
         for axes in (gains, energy):
-            axes.set(xscale="log", yscale="log", xlabel="processor time of a step of 1 ms [µs]")
-            for axis, ticks in ((axes.xaxis, COSTS_US), (axes.yaxis, ERRORS)):
+            axes.set(xscale="log", yscale="log", xlabel="processor time of a simulated second [s]")
+            for axis, ticks in ((axes.xaxis, COSTS), (axes.yaxis, ERRORS)):
                 low, high = axis.get_view_interval()
                 axis.set_major_locator(FixedLocator([tick for tick in ticks if low < tick < high]))
                 axis.set_major_formatter("{x:g}")
                 axis.set_minor_locator(NullLocator())
-        handles, labels = gains.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside right center")
+        plain: dict[str, Any] = {"color": GREY, "linestyle": "none"}
+        for settings, marker in MARKERS.items():
+            if settings is not None:
+                labels[settings] = {**plain, "marker": marker, "markersize": SIZES["1"]}
+        for step, size in SIZES.items():
+            labels[f"steps of {step} ms"] = {**plain, "marker": "o", "markersize": size}
+        handles = [Line2D([], [], label=label, **look) for label, look in labels.items()]
+        figure.legend(handles=handles, loc="outside right center")
     save(figure, file)

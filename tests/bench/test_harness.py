@@ -29,6 +29,12 @@ def test_a_figure_is_compared_with_its_target(goal, good, bad, text):
     assert Figure(good, "less").met is None
 
 
+def test_a_target_is_met_only_by_the_whole_interval():
+    assert Figure(1.0, (None, 1.1), (0.9, 1.1)).met is True
+    assert Figure(1.0, (None, 1.1), (0.9, 1.2)).met is False
+    assert Figure(1.0, (0.95, None), (0.9, 1.2)).met is False
+
+
 def test_rounds_become_medians_with_quartiles_and_are_interleaved():
     order, reports = [], []
 

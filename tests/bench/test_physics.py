@@ -17,6 +17,17 @@ def test_our_physics_is_smooth_and_has_the_predicted_gains(name, rollers, figure
     assert -10.0 < row["energy %/s"].value < 0.5
 
 
+def test_the_projection_takes_away_the_ripple_and_little_else(figures):
+    engines = [
+        physics.DartEngine(robot("nexus"), STEP_S, "near", projects=p) for p in (True, False)
+    ]
+    projected, plain = figures([physics.measure("Physics", engines, blocks=1)]).values()
+    assert projected["ripple % of R"].value < 1e-6
+    # DART lets wheels sink by some micrometres where rollers hand over
+    assert 0.001 < plain["ripple % of R"].value < 0.1
+    assert projected["lateral"].value == pytest.approx(plain["lateral"].value, abs=0.002)
+
+
 def test_a_step_of_1_ms_that_takes_20_us_is_50_times_real_time():
     ((subject, row),) = physics.measure("Physics", [Ideal()], blocks=2).rows.items()
     assert subject == "nexus 1 ms ideal"
