@@ -91,6 +91,15 @@ SETTINGS = {
 }
 
 
+PEOPLE_OF_LAYOUTS: dict[str, tuple[tuple[float | None, int | None], tuple[int, ...]]] = {
+    "Corridor": ((5.6, None), (4, 12, 20, 28)),
+    "Intersection": ((4.8, None), (2, 10, 18, 26)),
+    "Doorway": ((2.8, None), (2, 6, 10, 14)),
+    "Clutter": ((None, 30), (10, 20, 30, 40)),
+}
+"""Width and boxes of the layouts that are published by four levels of people, and their numbers."""
+
+
 def scenarios(manners: Manners = "orca") -> list[Scenario]:
     """Return the scenarios with people; there are layouts with `orca` only."""
     return [

@@ -17,7 +17,13 @@ from rich.table import Table
 from mecazen_experiments.config import Case
 from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import Density, Episode, read
-from mecazen_experiments.followbench.generate import SETTINGS, generate, scenarios, tracks
+from mecazen_experiments.followbench.generate import (
+    PEOPLE_OF_LAYOUTS,
+    SETTINGS,
+    generate,
+    scenarios,
+    tracks,
+)
 from mecazen_experiments.followbench.metrics import Metrics, compare, measure
 from mecazen_experiments.followbench.own import COLUMNS as OWN_COLUMNS
 from mecazen_experiments.followbench.own import OwnRun, own_run
@@ -194,6 +200,14 @@ def _measure(job: Job) -> tuple[Metrics, str]:
     return measure(record, episode.place, episode.distance), digest.hexdigest()
 
 
+LEVELS = {
+    (cls, said(Density(humans, *size))): level
+    for cls, (size, numbers) in PEOPLE_OF_LAYOUTS.items()
+    for level, humans in enumerate(numbers, start=1)
+}
+"""The level of people of a class and a density in words."""
+
+
 def _measure_own(job: Job) -> tuple[OwnRun, str]:
     _, episode = _episode(job)
     scenario = scenario_of(episode, job.key.seed)
@@ -206,7 +220,7 @@ def _kind_of(cls: Any) -> str:
 
 
 def tables(rows: Sequence[Row[Metrics]]) -> list[Table]:
-    """Return tables over all episodes, by density in the open, and by class."""
+    """Return tables over all episodes, by people in the open and in layouts, and by class."""
     found = _tables(FOLLOWBENCH, rows, COLUMNS, CAPTION)
     pairs = _pairs(rows)
     if pairs:
@@ -217,6 +231,16 @@ def tables(rows: Sequence[Row[Metrics]]) -> list[Table]:
 
 def _in_open(rows: Sequence[Row[T]]) -> list[Row[T]]:
     return [row for row in rows if _kind_of(row.labels["class"]) == "open"]
+
+
+def _by_level(row: Row[Any]) -> dict[str, str | float]:
+    labels = row.labels
+    level = LEVELS[str(labels["class"]), str(labels["density"])]
+    return {"follower": labels["follower"], "layouts, place": labels["place"], "level": level}
+
+
+def _with_level(rows: Sequence[Row[T]]) -> list[Row[T]]:
+    return [row for row in rows if (row.labels["class"], row.labels["density"]) in LEVELS]
 
 
 def _by_people(row: Row[Any]) -> dict[str, str | float]:
@@ -283,6 +307,11 @@ def _tables(
             "In the open",
             ["follower", "open, place", "density"],
             regroup(kind, _in_open(rows), _by_people),
+        ),
+        (
+            "In layouts",
+            ["follower", "layouts, place", "level"],
+            regroup(kind, _with_level(rows), _by_level),
         ),
         ("By class", ["follower", "class", "place"], regroup(kind, rows, by_class)),
     ]

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from mecazen.errors import ConfigError
 from mecazen_experiments.followbench.episodes import SAMPLE, Density, read_folder
-from mecazen_experiments.followbench.generate import generate, scenarios, tracks
+from mecazen_experiments.followbench.generate import (
+    PEOPLE_OF_LAYOUTS,
+    generate,
+    scenarios,
+    tracks,
+)
 from scipy import stats
 
 PUBLISHED = list(read_folder(SAMPLE)[0].values())
@@ -249,3 +254,14 @@ def test_a_cell_that_the_benchmark_has_not_is_refused():
         generate("Crowd", "back", Density(7), 1)
     with pytest.raises(ConfigError, match="with sfm"):
         generate("Corridor", "back", Density(4, 5.6), 1, manners="sfm")
+
+
+def test_the_published_levels_of_people_are_scenarios_of_the_benchmark():
+    known = {(one.cls, one.density) for one in scenarios()}
+    levels = {
+        (cls, Density(humans, *size))
+        for cls, (size, numbers) in PEOPLE_OF_LAYOUTS.items()
+        for humans in numbers
+    }
+    assert len(levels) == 16
+    assert levels <= known
