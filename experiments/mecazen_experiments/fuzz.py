@@ -43,6 +43,7 @@ from mecazen_experiments.gaps import gap_to_obstacle, to_outline
 from mecazen_experiments.jobs import Job, Key, fingerprint, version
 from mecazen_experiments.report import Kind, Record
 from mecazen_experiments.run import Samples, collect
+from mecazen_experiments.statistics import most_per_hour
 from mecazen_experiments.table import Floats, Poses
 
 ROLLERS = ("programs={}",)
@@ -190,11 +191,12 @@ def tell(done: Iterable[Record[Episode]]) -> str:
         return "nothing is driven yet"
     scores = [one.scores for one in done]
     touched = [str(one.key.seed) for one in done if one.scores.contacts]
+    contacts = sum(one.contacts for one in scores)
     return (
         f"{len(done)} min, {sum(one.driven_m for one in scores):.0f} m driven, held "
         f"{sum(one.held for one in scores) / len(done):.0%} of the time, least gap "
         f"{min(one.least_gap_m for one in scores):.3f} m, "
-        f"contacts {sum(one.contacts for one in scores)}"
+        f"contacts {contacts}, at most {most_per_hour(contacts, len(done) / 60.0):.1f} per hour"
     ) + (f" with seeds {', '.join(touched)}" if touched else "")
 
 
