@@ -1,5 +1,6 @@
 """A robot in the place of physics, from commands to frames and from reports to odometry."""
 
+import statistics
 import time
 from contextlib import contextmanager
 
@@ -39,6 +40,8 @@ class Running:
     def __init__(self, whole):
         self.bus = LocalBus()
         self.seen = {}
+        self.odometry_speeds = []
+        """Forward speed in each odometry message so far [m/s]."""
         self.host = Host([(name, "") for name in whole.services], self.bus, whole)
         for topic in (keys.ODOM, keys.IMU, keys.BATTERY_STATE, keys.JOINT_STATES):
             self.bus.subscribe(topic, lambda message, _, topic=topic: self.note(topic, message))
@@ -47,6 +50,8 @@ class Running:
 
     def note(self, topic, message):
         self.seen[topic] = message
+        if topic is keys.ODOM:
+            self.odometry_speeds.append(message.twist.twist.linear.x)
 
     def drive(self, duration_s, twist=None):
         for _ in range(round(duration_s / 0.01)):
@@ -80,7 +85,8 @@ def test_a_command_moves_the_wheels_and_the_odometry_follows_them():
         odometry = run.seen[keys.ODOM]
         # two cycles of the board at 0.5 m/s
         assert odometry.pose.pose.position.x == pytest.approx(rolled, abs=0.041)
-        assert odometry.twist.twist.linear.x == pytest.approx(0.5, abs=0.1)
+        # of the last second: where a busy machine reads a report late, one speed is too high or low
+        assert statistics.fmean(run.odometry_speeds[-100:]) == pytest.approx(0.5, abs=0.1)
         assert run.seen[keys.BATTERY_STATE].voltage == pytest.approx(12.0, abs=0.1)
         assert run.seen[keys.IMU].linear_acceleration.z == pytest.approx(9.81)
         assert run.seen[keys.JOINT_STATES].name[0] == "front_left_wheel_joint"
