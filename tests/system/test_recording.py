@@ -122,7 +122,7 @@ def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_pat
     running.start()
     running.wait(lambda: running.bus.call(keys.SIM_STATE, Empty()).tick > 1000)
     running.bus.call(keys.SIM_PAUSE, Empty())
-    # real time goes on without an answer that is late; a step of a paused run waits for all
+    # real time continues without a late answer; a step of a paused run waits for every answer
     held_ns = running.bus.call(keys.SIM_STEP, StepRequest(ticks=1)).clock.ns
     # Zenoh loses what a link still holds for a reader that is late when the link is closed
     running.wait(lambda: keys_at(path, held_ns) >= EVERY_TICK)
