@@ -2,13 +2,16 @@
 
 A stage of results/stages.toml is a command of `mecazen` that writes JSON. Its result file is
 results/STAGE.json. A document shows its tables between `<!-- results: STAGE -->` and
-`<!-- /results -->`, or the one of a title: `<!-- results: STAGE TITLE -->`. Tables and pictures of
-other origin have a line `<!-- by hand: REASON -->` before them.
+`<!-- /results -->`, or the one of a title: `<!-- results: STAGE TITLE -->`. With `csv` in place of
+`results` it links to files in docs/tables. Tables and pictures of other origin have a line
+`<!-- by hand: REASON -->` before them.
 """
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import os
 import re
 import shlex
@@ -31,9 +34,15 @@ from mecazen_tools.markdown import MarkdownTable
 from mecazen_bench.harness import ResultsError, machine
 
 ROOT = Path(__file__).parents[2]
+TABLES = "docs/tables"
+"""The folder of the tables that documents link to; it has no other files."""
 INPUTS = {".py", ".toml", ".cpp", ".csv"}
 """Files below an input of a stage that its result depends on; pyproject.toml is none of them."""
-BLOCK = re.compile(r"(<!-- results: (\S+)(?: ([^\n]+))? -->\n)(.*?)(<!-- /results -->)", re.DOTALL)
+BLOCK = re.compile(
+    r"(?P<begin><!-- (?P<form>results|csv): (?P<stage>\S+)(?: (?P<title>[^\n]+))? -->\n)"
+    r"(?P<shown>.*?)(?P<end><!-- /(?P=form) -->)",
+    re.DOTALL,
+)
 GRAPH = re.compile(r"<!-- graph: \w+ -->\n.*?<!-- /graph -->", re.DOTALL)
 FENCE = re.compile(r"^ *```.*?^ *```", re.DOTALL | re.MULTILINE)
 BY_HAND = re.compile(r"<!-- by hand: \S.* -->")
@@ -190,11 +199,28 @@ def _seeds(measured: Mapping[str, Any]) -> list[int]:
 
 
 def write_tables(root: Path) -> None:
-    """Write the tables of all documents from the result files."""
+    """Write the tables of all documents, and those that they link to, from the result files."""
     for path in documents(root):
         text = path.read_text()
         if (new := updated(text, root)) != text:
             files.write(path, new.encode())
+    linked = linked_tables(root)
+    (root / TABLES).mkdir(exist_ok=True)
+    for path in set((root / TABLES).iterdir()) - set(linked):
+        path.unlink()
+    for path, content in linked.items():
+        files.write(path, content)
+
+
+def linked_tables(root: Path) -> dict[Path, bytes]:
+    """Return the tables in CSV that the documents link to."""
+    return {
+        root / TABLES / _file_name(block["stage"], table): _csv(table)
+        for path in documents(root)
+        for block in BLOCK.finditer(path.read_text())
+        if block["form"] == "csv" and (result := find(block["stage"], root)) is not None
+        for table in _tables(result, block)
+    }
 
 
 def documents(root: Path) -> list[Path]:
@@ -206,19 +232,44 @@ def updated(text: str, root: Path) -> str:
     """Return a document with the tables of the result files; others stay as they are."""
 
     def block(found: re.Match[str]) -> str:
-        begin, name, title, old, end = found.groups()
-        result = find(name, root)
-        return f"{begin}{old if result is None else _shown(result, name, title)}{end}"
+        result = find(found["stage"], root)
+        shown = found["shown"] if result is None else _shown(result, found)
+        return f"{found['begin']}{shown}{found['end']}"
 
     return BLOCK.sub(block, text)
 
 
-def _shown(result: Result, name: str, title: str | None) -> str:
-    tables = [table for table in result.tables if title in (None, table.title)]
+def _shown(result: Result, block: re.Match[str]) -> str:
+    tables = _tables(result, block)
+    if block["form"] == "results":
+        shown = "\n".join(map(str, tables))
+    else:
+        folder = Path(TABLES).name
+        shown = "".join(
+            f"- [{table.title}]({folder}/{_file_name(block['stage'], table)}), {len(table.rows)} "
+            f"rows. {table.caption[:1].upper()}{table.caption[1:]}.\n"
+            for table in tables
+        )
+    return f"{shown}\n{result.origin}\n"
+
+
+def _tables(result: Result, block: re.Match[str]) -> list[MarkdownTable]:
+    """Return the tables that a block shows."""
+    tables = [table for table in result.tables if block["title"] in (None, table.title)]
     if not tables:
         titles = ", ".join(table.title for table in result.tables)
-        raise ResultsError(f"{name}: no table {title!r}; there are {titles}")
-    return "\n".join((*map(str, tables), f"{result.origin}\n"))
+        raise ResultsError(f"{block['stage']}: no table {block['title']!r}; there are {titles}")
+    return tables
+
+
+def _csv(table: MarkdownTable) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows((table.head, *table.rows))
+    return text.getvalue().encode()
+
+
+def _file_name(stage: str, table: MarkdownTable) -> str:
+    return f"{re.sub(r'[^a-z0-9]+', '-', f'{stage} {table.title}'.lower()).strip('-')}.csv"
 
 
 def problems(root: Path) -> Iterator[str]:
@@ -226,7 +277,7 @@ def problems(root: Path) -> Iterator[str]:
     known, shown = stages(root), set()
     for path in documents(root):
         text, name = path.read_text(), path.relative_to(root)
-        shown |= {found[2] for found in BLOCK.finditer(text)}
+        shown |= {found["stage"] for found in BLOCK.finditer(text)}
         if updated(text, root) != text:
             yield f"{name}: a table differs from its result file; `mecazen bench tables` writes it"
         drawn = {
@@ -237,7 +288,7 @@ def problems(root: Path) -> Iterator[str]:
         }
 
         def blank(found: re.Match[str]) -> str:
-            keep = found.re is BLOCK and find(found[2], root) is None
+            keep = found.re is BLOCK and find(found["stage"], root) is None
             return found[0] if keep else "\n" * found[0].count("\n")
 
         for pattern in (FENCE, BLOCK, GRAPH):
@@ -253,6 +304,10 @@ def problems(root: Path) -> Iterator[str]:
                     yield f"{name}:{number}: {picture} is not the figure of its result file"
                 elif file not in drawn and not marked:
                     yield f"{name}:{number}: this picture needs a line <!-- by hand: REASON -->"
+    linked = linked_tables(root)
+    there = {path: path.read_bytes() for path in (root / TABLES).glob("*")}
+    for path in sorted(path for path in {*linked, *there} if linked.get(path) != there.get(path)):
+        yield f"{path.relative_to(root)}: not of a result; `mecazen bench tables` writes it"
     for stage in sorted(set(known) ^ shown):
         where = "is shown nowhere" if stage in known else "is not in results/stages.toml"
         yield f"stage {stage} {where}"

@@ -75,6 +75,25 @@ def test_a_table_that_was_edited_by_hand_is_found(root):
     assert found.startswith("docs/walk.md: a table differs from its result file")
 
 
+def test_a_page_links_to_a_table_in_csv_and_an_edited_or_unknown_file_is_found(root):
+    document = root / "docs" / "walk.md"
+    document.write_text("Text.\n\n<!-- csv: walk Walk -->\n<!-- /csv -->\n")
+    file = root / "docs" / "tables" / "walk-walk.csv"
+    assert len(list(problems(root))) == 2  # neither the link nor the file
+    results.write_tables(root)
+    assert "- [Walk](tables/walk-walk.csv), 1 rows. So.\n\nCommit abc" in document.read_text()
+    assert file.read_text() == "case,error\ndoor,0.1\n"
+    assert list(problems(root)) == []
+    edit(file, "0.1", "0.01")
+    (file.parent / "other.csv").touch()
+    assert [found.partition(":")[0] for found in problems(root)] == [
+        "docs/tables/other.csv",
+        "docs/tables/walk-walk.csv",
+    ]
+    results.write_tables(root)
+    assert [one.name for one in file.parent.iterdir()] == ["walk-walk.csv"]
+
+
 @pytest.mark.parametrize("reason", ["", "<!-- by hand: -->\n"])
 def test_a_table_of_no_result_needs_a_reason(reason, root):
     (root / "README.md").write_text(f"Text.\n\n{reason}{TABLE.format(1)}")
