@@ -105,7 +105,7 @@ def test_estimate_goal_and_ellipses_have_no_shape_before_they_have_a_place():
 def test_a_person_whose_joints_no_service_publishes_has_a_body_all_the_same():
     entities = dict(picture().on_target_odom(odometry(Pose2D(3.0, 2.0)), 0))
     limbs = np.array(values(entities, e.BODY, "LineStrips3D:strips"))
-    assert len(limbs) == len(LIMBS)
+    assert len(limbs) == len(LIMBS) + 2  # neck and shoulders
     low, high = limbs.reshape(-1, 3).min(axis=0), limbs.reshape(-1, 3).max(axis=0)
     assert (low + high)[:2] / 2 == pytest.approx((3.0, 2.0), abs=0.1)
     assert high[2] - low[2] == pytest.approx(1.65, abs=0.1)  # from sole to the middle of the head

@@ -29,6 +29,14 @@ CLOTHES, TROUSERS, SKIN = (112, 128, 150), (70, 78, 92), (226, 180, 160)
 _LOOKS = {"trunk": CLOTHES, "arm": CLOTHES, "head": SKIN, "thigh": TROUSERS, "shank": TROUSERS}
 _BONES = [(INDEX[parent], INDEX[joint]) for joint, parent in PARENTS.items() if parent is not None]
 _ENDS = [(INDEX[limb.begin], INDEX[limb.end]) for limb in LIMBS]
+_TRUNK = next(number for number, limb in enumerate(LIMBS) if limb.name == "trunk")
+_DRAWN_TRUNK = 0.7
+"""Share of the trunk's line that is drawn, so that its round end is as high as the shoulders."""
+_FOR_LOOKS = (
+    (INDEX["neck"], INDEX["head"], 0.033, SKIN),
+    (INDEX["left_shoulder"], INDEX["right_shoulder"], 0.032, CLOTHES),
+)
+"""Neck and shoulders: ends, radius as a share of the body's height, and colour."""
 
 
 def styles(height: float) -> Iterator[Entity]:
@@ -38,6 +46,9 @@ def styles(height: float) -> Iterator[Entity]:
         for limb in LIMBS
     ]
     radii = [limb.radius * height for limb in LIMBS]
+    for _, _, radius, colour in _FOR_LOOKS:
+        colours.append(colour)
+        radii.append(radius * height)
     yield e.BODY, rr.LineStrips3D.from_fields(colors=colours, radii=radii)
     yield e.SKELETON, rr.LineStrips3D.from_fields(colors=[e.ORANGE], radii=BONE_RADIUS)
     yield e.SCAN, rr.Points3D.from_fields(colors=[e.SKY], radii=BEAM_RADIUS)
@@ -64,12 +75,19 @@ def body(skeleton: m.Skeleton) -> Entity:
 
 
 def limbs(joints: Array) -> Entity:
-    """Return a thick line for each limb of a body with these joints (20, 3) [m]."""
+    """Return a thick line for each limb of a body with these joints (20, 3) [m].
+
+    The trunk of `LIMBS` is round up to the chin and hides the neck, so it is drawn shorter, and
+    neck and shoulders are drawn as well.
+    """
     strips = [joints[[begin, end]] for begin, end in _ENDS]
     strips = [
         _sphere(strip) if limb.begin == limb.end else strip
         for strip, limb in zip(strips, LIMBS, strict=True)
     ]
+    pelvis, neck = strips[_TRUNK]
+    strips[_TRUNK] = np.array((pelvis, pelvis + _DRAWN_TRUNK * (neck - pelvis)))
+    strips += [joints[[begin, end]] for begin, end, _, _ in _FOR_LOOKS]
     return e.BODY, components.lines(strips)
 
 
