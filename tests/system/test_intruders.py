@@ -4,6 +4,7 @@
 """
 
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -40,19 +41,19 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
     running.start()
     payloads, early = PAYLOADS * scale, None
-    with open_session(config, "client", "viewer") as session:
-        intruder = Intruder(session, sample_messages(tmp_path))
-        while intruder.sent < payloads or not trajectory.complete:
-            # half of them at least while it runs
-            if intruder.sent < payloads and trajectory.done * payloads >= (
-                intruder.sent * sim.ticks // 2
-            ):
-                intruder.send(BATCH)
-            if early is None and intruder.sent >= payloads / 4:
-                early = running.memory()
-            running.supervisor.poll(0.0)  # a process that ends is an error
-            running.bus.spin_once(0.01)
-        intruder.take_answers()
+    join = partial(open_session, config, "client", "viewer")
+    intruder = Intruder(join, sample_messages(tmp_path))
+    while intruder.sent < payloads or not trajectory.complete:
+        # half of them at least while it runs
+        if intruder.sent < payloads and trajectory.done * payloads >= (
+            intruder.sent * sim.ticks // 2
+        ):
+            intruder.send(BATCH)
+        if early is None and intruder.sent >= payloads / 4:
+            early = running.memory()
+        running.supervisor.poll(0.0)  # a process that ends is an error
+        running.bus.spin_once(0.01)
+    intruder.leave()
     assert intruder.accepted == 0
     assert trajectory.rows() == simulate(load_scenario(BACK, settings), "back")[1].rows()
     late = running.memory()
