@@ -55,11 +55,11 @@ def start_driving(emulator, then="pass"):
     return process
 
 
-def drive_for(duration_s, link):
-    for _ in range(round(duration_s / 0.01)):
+def drive_for(duration_s, link, period_s=0.01):
+    for _ in range(round(duration_s / period_s)):
         link.drive(FORWARD)
         link.read()
-        time.sleep(0.01)
+        time.sleep(period_s)
 
 
 def test_a_board_that_answers_sends_all_kinds_of_reports_and_takes_the_frames():
@@ -121,6 +121,23 @@ def test_the_motors_are_stopped_when_the_driver_ends_by_an_exception(then):
         process.communicate(timeout=20)
         until(lambda: not any(emulator.firmware.goal))
         assert emulator.firmware.stopped_after_s < MOST_S
+
+
+@pytest.mark.parametrize("period_s", [0.05, 0.001])  # written at once, or by a thread
+def test_without_the_process_that_outlives_it_the_driver_stops_the_motors_and_ends(period_s):
+    with emulated() as emulator:
+        link = open_link(config(emulator), ROBOT)
+        try:
+            link.drive(FORWARD)
+            until(lambda: any(emulator.firmware.goal))
+            link._keeper.kill()
+            link._keeper.wait()
+            with pytest.raises(HardwareError, match=r"in an emergency was killed; start again$"):
+                drive_for(10.0, link, period_s)
+            assert any(emulator.firmware.goal)  # the board keeps its last command
+        finally:
+            link.close()
+        until(lambda: not any(emulator.firmware.goal))
 
 
 def test_a_port_that_is_not_there_is_named_with_those_that_are():

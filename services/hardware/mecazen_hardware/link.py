@@ -142,10 +142,7 @@ class Link:
             HardwareError: The port has gone.
         """
         self._refuse_failure()
-        with self._output:
-            self._waiting = None
-            time.sleep(max(self._wait_s, 0.0))
-            self._write(frame, sign)
+        self._send(frame, sign)
 
     def poll(self) -> None:
         """Ask a board for its next reports, if it sends none by itself.
@@ -158,14 +155,14 @@ class Link:
                 self._write(frame)
 
     def close(self) -> None:
-        """Stop the motors, and close the port."""
+        """Stop the motors, whatever has failed, and close the port."""
         if self._closing:
             return
         try:
-            if self._failure is None:
-                self.stop()
+            for frame in self.board.stop():
+                self._send(frame, keeper.STOP)
         except HardwareError:
-            pass  # the port has just gone; who closes does so for a better reason
+            pass  # the port has gone; who closes does so for a better reason
         finally:
             with self._output:
                 self._closing = True
@@ -183,17 +180,28 @@ class Link:
         """Time until the board can take a frame [s]."""
         return self._written_s + self.board.SPACING_S - time.monotonic()
 
+    def _send(self, frame: bytes, sign: bytes) -> None:
+        """Write a frame as soon as the board can take one, in the place of any that waits."""
+        with self._output:
+            self._waiting = None
+            time.sleep(max(self._wait_s, 0.0))
+            self._write(frame, sign)
+
     def _write(self, frame: bytes, sign: bytes = b"") -> None:
-        """Write a frame, and let the keeper know; the caller holds the output."""
+        """Write a frame, and let the keeper know; the caller holds the output.
+
+        Without a keeper only frames that stop the motors are written.
+        """
         self._waiting = None
         if self._heartbeat is not None and sign:
             try:
                 os.write(self._heartbeat, sign)
             except BrokenPipeError:
-                raise HardwareError(
-                    f"{self.port.name}: the process that stops the motors in an emergency was "
-                    "killed; start again"
-                ) from None
+                if sign != keeper.STOP:
+                    raise HardwareError(
+                        f"{self.port.name}: the process that stops the motors in an emergency was "
+                        "killed; start again"
+                    ) from None
         if self.port.write(frame):
             self.sent += 1
         else:
