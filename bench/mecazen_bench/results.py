@@ -9,6 +9,7 @@ results/STAGE.json. A document shows its tables between `<!-- results: STAGE -->
 
 from __future__ import annotations
 
+import ast
 import csv
 import hashlib
 import io
@@ -18,9 +19,11 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tokenize
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from string import Template
@@ -121,8 +124,27 @@ def inputs_sha256(stage: Stage, root: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(read):
         if file.suffix in INPUTS and file.name != "pyproject.toml":
-            digest.update(f"{file.relative_to(root)} {_sha256(file)}\n".encode())
+            text = file.read_text()
+            content = _code(text) if file.suffix == ".py" else text
+            sha256 = hashlib.sha256(content.encode()).hexdigest()
+            digest.update(f"{file.relative_to(root)} {sha256}\n".encode())
     return digest.hexdigest()
+
+
+@cache  # stages share most of their inputs
+def _code(text: str) -> str:
+    """Return Python without docstrings, comments and blank lines, which change no result."""
+    lines = text.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
+    statements = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr)]
+    for node in statements:
+        if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            for row in range(node.lineno, (node.end_lineno or 0) + 1):
+                lines[row - 1] = ""
+    return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
 def run(

@@ -143,6 +143,16 @@ def test_a_result_is_stale_once_code_that_its_project_needs_has_changed(root):
     assert check(["bench", "check", "--release"]).exit_code == 1
 
 
+def test_words_about_code_make_no_result_stale(root):
+    stage, code = results.stages(root)["walk"], root / "common" / "code.py"
+    code.write_text('def a():\n    return "x # y"\n')
+    before = results.inputs_sha256(stage, root)
+    code.write_text('"""A module."""\n\ndef a():\n    """Say."""\n    return "x # y"  # so\n')
+    assert results.inputs_sha256(stage, root) == before
+    code.write_text('def a():\n    return "x # z"\n')
+    assert results.inputs_sha256(stage, root) != before
+
+
 def test_only_stages_that_are_not_up_to_date_run(root, monkeypatch):
     ran, said = [], []
     monkeypatch.setattr(results, "_run", lambda _, name, *__: ran.append(name))
