@@ -137,6 +137,22 @@ def test_a_node_begins_anew_with_each_run_and_with_a_service_that_it_depends_on(
     assert steps == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (6, 0.01)]
 
 
+class ToyOfLegs(Toy):
+    """Takes legs, which no node of the scenario publishes, as well."""
+
+    ROW = replace(Toy.ROW, inputs=(*INPUTS, latest(keys.LEGS)))
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "real_time"])
+def test_a_sample_that_no_node_publishes_begins_no_run(rig, mode):
+    rig = rig(ToyOfLegs, mode)
+    put_odom(rig, 4)
+    assert rig.put(keys.LEGS, m.Observation(), rig.at(8, run=77)) == []
+    rig.put(keys.OBSERVATION, m.Observation(), 4)
+    put_odom(rig, 5)
+    assert [event[0] for event in rig.node.events[2:]] == [4, 5]
+
+
 def test_its_health_has_the_nodes_words_and_what_its_inputs_have_missed(rig):
     rig = rig(mode="real_time")
     for tick in (0, 1, 2, 8, 9, 100):

@@ -335,8 +335,11 @@ class Host:
         elif self.world is None and stamp.run not in self._ended:
             # another process may have begun a new run, and answered, before this process
             self._early.append((slots, message, stamp))
-            # only a message of a node announces a run: no empty sample, no open topic
-            if message is not None and not topic.open:
+            # only a message of a node announces a run: no empty sample, no open topic, and no
+            # topic without a publisher in the scenario, unless it triggers steps
+            need = slots[0].need
+            is_of_node = self._giver(need) or any(slot.need.rule == "every" for slot in slots)
+            if message is not None and not topic.open and is_of_node:
                 self.next_run = stamp
 
     def _receive(self, slots: Iterable[Slot], message: Message | None, stamp: Stamp) -> None:
